@@ -84,7 +84,10 @@ MAY_IMPORT = {
         STDLIB | {"numpy", "matplotlib"},
     ),
     "testing": ({"simulation", "runtime", "virtual", "master", "cia301", "commissioning"}, STDLIB | {"pytest"}),
-    "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime", "check", "personality"}, STDLIB),
+    "scaffold": (
+        {"od", "cia402", "profiles", "controllers", "master", "runtime", "check", "personality", "host.files"},
+        STDLIB,
+    ),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "gateway": ({"cia301", "host"}, STDLIB),
     "conformance": ({"od", "bus", "host", "cia301", "cia402", "virtual"}, STDLIB),

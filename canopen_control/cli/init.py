@@ -6,7 +6,8 @@ ratio, dimensions) are filled with guesses and marked as such (`guesses` in bus.
 a run, such as a drive that would not stop when the master is lost, is marked in bus.yml as a PROBLEM, and printed.
 Before you use real drives, run `preflight`.
 
-Exit codes: 0 success, the files are written; 2 wrong usage, not an EDS, or no robot can be built from it.
+Exit codes: 0 success, the files are written; 1 the disk is full, nothing is written; 2 wrong usage, not an EDS, or no
+robot can be built from it.
 """
 
 from __future__ import annotations

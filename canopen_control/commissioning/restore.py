@@ -35,8 +35,8 @@ from canopen_control.commissioning.parameter_set import (
     same_value,
     value_text,
 )
-from canopen_control.errors import CanopenError, ConfigError, DriveError, SdoTimeout
-from canopen_control.host.files import state_dir, write_whole
+from canopen_control.errors import CanopenError, ConfigError, DiskFull, DriveError, SdoTimeout
+from canopen_control.host.files import space_advice, state_dir, write_whole
 from canopen_control.od.codec import encode
 from canopen_control.od.pdos import COMMUNICATION, MAPPING, pdo_of
 
@@ -381,9 +381,11 @@ class KeptParameters:
             with self.path.open("rb") as file:
                 os.fsync(file.fileno())
         except (OSError, CanopenError) as error:
+            full = space_advice(self.path, error) if isinstance(error, OSError) else ""
+            advice = full or ("" if isinstance(error, DiskFull) else "; set XDG_STATE_HOME to a writable folder")
             raise ConfigError(
-                f"{session}: its values cannot be saved in {self.path}, so nothing was written to the node: {error}; "
-                "set XDG_STATE_HOME to a writable folder"
+                f"{session}: its values cannot be saved in {self.path}, so nothing was written to the node: "
+                f"{error}{advice}"
             ) from None
 
     def forget(self) -> None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 #: errors that end a write in progress: no space, quota or size limit, a broken disk
 FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO))
+NO_SPACE: Final = frozenset((errno.ENOSPC, errno.EDQUOT))
 
 
 def make_private(path: str | Path) -> None:
@@ -71,8 +72,17 @@ def failed(path: str | Path, error: OSError, remains: str) -> CanopenError:
     """Return the DiskFull or ConfigError to raise for an OSError during a write to `path`."""
     reason = error.strerror or str(error)
     if error.errno in FULL:
-        return DiskFull(str(path), reason, remains)
+        return DiskFull(str(path), reason, f"{remains}{space_advice(path, error)}")
     return ConfigError(f"{path} cannot be written: {reason}")
+
+
+def space_advice(path: str | Path, error: OSError) -> str:
+    """Return advice that names the full file system of `path`, such as "; free some space on ..."; "" if not full."""
+    if error.errno not in NO_SPACE:
+        return ""
+    place = Path(os.path.realpath(path))
+    mount = next(folder for folder in (place, *place.parents) if os.path.ismount(folder) or folder == folder.parent)
+    return f"; free some space on the file system {mount}"
 
 
 LIMIT: Final = 10_000_000
@@ -98,7 +108,7 @@ class LogFile:
 
     @contextlib.contextmanager
     def opened_for(self, argv: Sequence[str]) -> Iterator[BinaryIO]:
-        """Open the log for a child and write a start line; raise ConfigError if it cannot be written."""
+        """Open the log for a child and write a start line; raise ConfigError or DiskFull if that fails."""
         try:
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             if self.path.exists() and self.path.stat().st_size > self._limit:
@@ -110,9 +120,10 @@ class LogFile:
             file.write(f"--- {time.strftime('%Y-%m-%d %H:%M:%S')} {command}\n".encode(errors="replace"))
             self._start = file.tell()
         except OSError as error:
-            raise ConfigError(
-                f"cannot write the log {self.path}: {error.strerror}; set XDG_STATE_HOME to a folder that you own"
-            ) from error
+            title = f"cannot write the log {self.path}"
+            if advice := space_advice(self.path, error):
+                raise DiskFull(title, error.strerror or str(error), f"nothing was started{advice}") from error
+            raise ConfigError(f"{title}: {error.strerror}; set XDG_STATE_HOME to a writable folder") from error
         with file:
             yield file
 

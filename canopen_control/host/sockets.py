@@ -8,8 +8,8 @@ A socket file outlives its process. It is stale if a connection to it is refused
 under a lock, so that of several processes that start at once exactly one listens. Client and server check each other's
 user id.
 
-Errors: ConfigError for what the user can repair, SocketInUse for a name in use; OSErrors of a connection are raised as
-they are.
+Errors: ConfigError for what the user can repair, DiskFull without space, SocketInUse for a name in use; OSErrors of a
+connection are raised as they are.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ import threading
 import time
 from pathlib import Path
 
-from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.errors import CanopenError, ConfigError, DiskFull
 
 TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
@@ -80,11 +80,21 @@ def private_folder(path: Path) -> Path:
             path.mkdir(mode=0o700)
         status = os.lstat(path)
     except OSError as error:
-        raise ConfigError(f"cannot create {path}: {error.strerror}; {_OWN_FOLDER}") from error
+        raise _not_created(path, error) from error
     problem = _distrust(status)
     if problem:
         raise ConfigError(f"{path} cannot be used for sockets: {problem}")
     return path
+
+
+def _not_created(path: Path, error: OSError) -> CanopenError:
+    """Return the error of a folder or socket that cannot be created, with the full file system if there is one."""
+    from canopen_control.host.files import space_advice  # rarely needed
+
+    reason = error.strerror or str(error)
+    if advice := space_advice(path, error):
+        return DiskFull(f"cannot create {path}", reason, f"nothing was started{advice}")
+    return ConfigError(f"cannot create {path}: {reason}; {_OWN_FOLDER}")
 
 
 def _distrust(status: os.stat_result) -> str:
@@ -210,9 +220,10 @@ def open_lock(path: Path) -> int:
     try:
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
     except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise _not_created(path, error) from error
         reason = "it is a symbolic link" if error.errno == errno.ELOOP else error.strerror or str(error)
-        advice = "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
-        raise ConfigError(f"{path} cannot be a lock: {reason}; {advice}, and try again") from error
+        raise ConfigError(f"{path} cannot be a lock: {reason}; remove it, and try again") from error
     if not stat.S_ISREG(os.fstat(fd).st_mode):
         os.close(fd)
         raise ConfigError(f"{path} cannot be a lock: it is not a file; remove it, and try again")
@@ -232,8 +243,9 @@ def claim(path: Path, timeout: float = 0.0) -> int:
         owner = os.pread(fd, 16, 0).decode(errors="replace").strip()
         os.close(fd)
         raise SocketInUse(path, int(owner) if owner.isdecimal() else 0) from None
-    os.truncate(fd, 0)
-    os.write(fd, f"{os.getpid()}\n".encode())
+    with contextlib.suppress(OSError):  # disk full: the lock holds, but its owner is unknown
+        os.truncate(fd, 0)
+        os.write(fd, f"{os.getpid()}\n".encode())
     return fd
 
 
@@ -271,6 +283,8 @@ def _bind_private(sock: socket.socket, path: Path) -> None:
         previous = os.umask(0o077)
         try:
             sock.bind(str(path))
+        except OSError as error:
+            raise _not_created(path, error) from error
         finally:
             os.umask(previous)
 

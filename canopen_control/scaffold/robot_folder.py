@@ -1,12 +1,14 @@
-"""Generator of a robot's folder: files are written to a temporary folder, checked like `check`, and copied.
+"""Generator of a robot's folder: files are written to a temporary folder, checked like `check`, and moved.
 
-An existing folder is changed only on request, and then only the generated files are replaced. Errors that the check
+The temporary folder is beside the robot's, so that a full disk leaves nothing: the complete files are only renamed. An
+existing folder is changed only on request, and then only the generated files are replaced. Errors that the check
 finds, and reasons why a drive cannot be moved, are reported and written into bus.yml as comments.
 """
 
 from __future__ import annotations
 
-import shutil
+import contextlib
+import os
 import tempfile
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -18,6 +20,7 @@ from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.cia402.objects import INTERPOLATION_TIME_PERIOD
 from canopen_control.controllers.broadcasters import QUANTITIES
 from canopen_control.errors import RobotConfigError
+from canopen_control.host.files import telling
 from canopen_control.master.budget import HIGH
 from canopen_control.od.issues import Severity
 from canopen_control.profiles.device_type import Profile
@@ -372,21 +375,34 @@ class Written:
 
 
 def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Written:
-    """Write the folder of a robot into `parent`; RobotConfigError if it exists or is not writable."""
+    """Write the folder of a robot into `parent`; ConfigError if it exists or is not writable, DiskFull if full."""
     folder = parent / robot.name
     refuse_existing(folder, force=force)
     robot = _with_distinct_files(robot)
-    with tempfile.TemporaryDirectory(prefix="canopen-control-") as temporary_root:
-        temporary = Path(temporary_root) / robot.name
+    with telling(folder, "nothing was written"), _folder_beside(folder) as temporary_root:
+        temporary = temporary_root / robot.name
         robot, warnings = _make_checked(robot, temporary)
         names = tuple(sorted(path.name for path in temporary.iterdir()))
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
+        if folder.exists():
             for name in names:
-                shutil.copyfile(temporary / name, folder / name)
-        except OSError as error:
-            raise RobotConfigError(f"{folder} cannot be written: {error.strerror}") from error
+                os.replace(temporary / name, folder / name)
+        else:
+            temporary.rename(folder)
     return Written(robot, folder, names, warnings, robot.problems)
+
+
+@contextlib.contextmanager
+def _folder_beside(folder: Path) -> Iterator[Path]:
+    """Context of a temporary folder in the parent of `folder`; parents created for it are removed if they are empty."""
+    created = [place for place in folder.parents if not place.exists()]
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as temporary:
+            yield Path(temporary)
+    finally:
+        for place in created:
+            with contextlib.suppress(OSError):
+                place.rmdir()
 
 
 def refuse_existing(folder: Path, *, force: bool) -> None:
@@ -447,9 +463,10 @@ def _make(robot: NewRobot, folder: Path) -> None:
         (folder / name).write_text(text, encoding="utf-8")
     for path, name in robot.eds_names.items():
         try:
-            shutil.copyfile(path, folder / name)
+            data = path.read_bytes()
         except OSError as error:
             raise RobotConfigError(f"{path} cannot be copied: {error.strerror}") from error
+        (folder / name).write_bytes(data)
 
 
 def _check(folder: Path) -> tuple[list[str], tuple[str, ...], bool]:

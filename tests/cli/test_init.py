@@ -1,6 +1,8 @@
 """The verb init: what it makes and says, and how it answers what cannot be."""
 
 import contextlib
+import errno
+import os
 import re
 from pathlib import Path
 from typing import ClassVar
@@ -103,6 +105,38 @@ def test_a_folder_that_is_there_is_kept(capsys):
     assert "--force" in refused(capsys, "fresh", *TMCM, "--node-id", "3")
     assert main(["init", "fresh", *TMCM, "--node-id", "3", "--force"]) == 0
     assert Path("fresh/bus.yml").read_text() != "mine"
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """Let the disk be full when the EDS is copied, which is written last."""
+    write = Path.write_bytes
+
+    def fill(path, data):
+        write(path, data[:100])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr(Path, "write_bytes", fill)
+
+
+@pytest.mark.usefixtures("full_disk")
+@pytest.mark.parametrize("name", ["fresh", "cells/north/fresh"])
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(here, capsys, name):
+    assert main(["init", name, *TMCM, "--node-id", "3"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(
+        f"canopen-control: {name}: No space left on device; nothing was written; free some space on "
+    )
+    assert error.count("\n") == 1
+    assert list(here.rglob("*")) == []
+
+
+def test_a_full_disk_leaves_a_folder_as_it_was(here, capsys, request):
+    assert main(["init", "fresh", *TMCM, "--node-id", "3"]) == 0
+    before = {path: path.read_bytes() for path in here.rglob("*") if path.is_file()}
+    request.getfixturevalue("full_disk")
+    assert main(["init", "fresh", *TMCM, "--node-id", "4", "--force"]) == 1
+    assert {path: path.read_bytes() for path in here.rglob("*") if path.is_file()} == before
 
 
 # --- from a bus ---

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from canopen_control.errors import ConfigError, DiskFull
-from canopen_control.host.files import LogFile, state_dir, telling, write_whole
+from canopen_control.host import files
+from canopen_control.host.files import LogFile, space_advice, state_dir, telling, write_whole
 
 
 def test_a_file_is_replaced_as_a_whole_and_keeps_its_mode(tmp_path):
@@ -161,6 +162,26 @@ def test_a_folder_that_cannot_be_written_is_a_sentence(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match=r"cannot write the log .*File exists; set XDG_STATE_HOME"):
         start(LogFile(tmp_path / "file", "drive-3"))
+
+
+def test_a_log_on_a_full_disk_names_the_file_system_and_no_other_folder(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os.path, "ismount", lambda path: Path(path) == tmp_path)
+    monkeypatch.setattr(files, "make_private", full)
+    with pytest.raises(DiskFull) as caught:
+        start(LogFile(tmp_path / "state" / "robby", "drive-3"))
+    log = tmp_path / "state" / "robby" / "drive-3.log"
+    assert str(caught.value) == (
+        f"cannot write the log {log}: No space left on device; nothing was started; "
+        f"free some space on the file system {tmp_path}"
+    )
+
+
+def test_only_a_full_file_system_is_named(tmp_path):
+    assert space_advice(tmp_path, OSError(errno.EDQUOT, "")).startswith("; free some space on the file system /")
+    assert space_advice(tmp_path, OSError(errno.EACCES, "")) == ""
 
 
 def test_logs_live_in_the_state_folder(monkeypatch):

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import pathlib
 import socket
 import stat
 import struct
@@ -14,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.host import python
 
-from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.errors import CanopenError, ConfigError, DiskFull
 from canopen_control.host import sockets
 from canopen_control.host.sockets import (
     SocketInUse,
@@ -273,6 +275,38 @@ def test_a_listener_that_cannot_be_bound_leaves_nothing(run_folder, monkeypatch)
     with pytest.raises(OSError, match="no room"):
         listen(socket_path("bus", "b"))
     assert list_sockets("bus") == []
+
+
+def full(*_args, **_options):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("owner", [(socket.socket, "bind"), (sockets.os, "open")], ids=["socket", "lock"])
+def test_without_space_it_names_the_file_system(run_folder, monkeypatch, owner):
+    path = socket_path("bus", "b")
+    monkeypatch.setattr(*owner, full)
+    said = (
+        rf"cannot create {path}.*: No space left on device; nothing was started; free some space on the file system /"
+    )
+    with pytest.raises(DiskFull, match=said):
+        listen(path)
+
+
+def test_a_folder_without_space_names_the_file_system(temp, monkeypatch):
+    monkeypatch.setattr(pathlib.Path, "mkdir", full)
+    with pytest.raises(DiskFull, match=r"cannot create .*/canopen_control.*; free some space on the file system /"):
+        runtime_dir()
+
+
+def test_a_claim_holds_without_space_for_the_process_id(tmp_path, monkeypatch):
+    path = tmp_path / "master.lock"
+    with monkeypatch.context() as patched:
+        patched.setattr(sockets.os, "write", full)
+        held = sockets.claim(path)
+    with pytest.raises(SocketInUse) as caught:
+        sockets.claim(path)
+    assert caught.value.pid == 0
+    os.close(held)
 
 
 def test_closing_twice_does_not_remove_a_successor(run_folder):
