@@ -112,6 +112,7 @@ FACTORS: Final = ("wheel_separation_multiplier", "left_wheel_radius_multiplier",
 _SOURCE: Final = "calibrate"
 _RATE: Final = 50.0  # maximum rate of odometry in Hz
 _SILENT_S: Final = 1.0  # time after which a silent robot counts as lost
+_LONGEST_GAP_S: Final = 0.5  # between two commands: the default of cmd_vel_timeout
 _BEGIN_S: Final = 3.0  # timeout of the first odometry, which follows the first twist
 _REST_S: Final = 3.0  # time allowed for a base to stop before its values are set
 _ENDING: Final = ("stopping", "stopped")
@@ -165,6 +166,7 @@ class BaseLink:
 
     def __init__(self, robot: RobotClient, controller_name: str | None = None) -> None:
         self._robot = robot
+        self._sent_s = 0.0
         self.controller = choose_base(robot.ask(ListControllers()), controller_name).name
 
     def wheel_values(self) -> WheelValues:
@@ -233,6 +235,7 @@ class BaseLink:
                     pose = odometry.x, odometry.y, odometry.heading
                     starts = starts or (pose, state.true_pose)
                     twist = path.twist(pose, state.time)
+                    self._require_renewed()
                     self._twist(*twist)
                     if path.done:
                         return Driven(relative(pose, starts[0]), _true_motion(starts[1], state.true_pose))
@@ -263,11 +266,18 @@ class BaseLink:
         self._twist(0.0, 0.0)
         return None
 
+    def _require_renewed(self) -> None:
+        """Raise ControlError if the last command has ended by its timeout, so that `fg` does not move the base."""
+        silent_s = time.monotonic() - self._sent_s
+        if silent_s > _LONGEST_GAP_S:
+            raise ControlError(f"no command was sent for {silent_s:.1f} s; this program was suspended, or is too slow")
+
     def _twist(self, linear: float, angular: float) -> None:
         request = TwistController(
             controller=self.controller, linear=linear, angular=angular, source=_SOURCE, dead_man=True
         )
         self._robot.ask(request, _SILENT_S)
+        self._sent_s = time.monotonic()
 
     @contextlib.contextmanager
     def _watching(self) -> Iterator[None]:

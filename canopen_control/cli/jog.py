@@ -7,7 +7,8 @@ any key ends the motion. It stops when you release the key, at Ctrl-C, at a limi
 own supervision when this program is killed. This is not an emergency stop (ISO 13850): have one in reach, and keep the
 shaft free.
 
-Exit codes: 0 success; 1 the drive failed or has a fault, or nothing turned; 2 wrong usage, wrong EDS or node.
+Exit codes: 0 success; 1 the drive failed or has a fault, nothing turned, or jog was suspended (Ctrl-Z); 2 wrong usage,
+wrong EDS or node; 130 interrupted by SIGINT or SIGTERM.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ The base stops when no key arrives: --release seconds after a held key was relea
 only tapped (a terminal cannot report it earlier), and at once with space, k or any other key, when the terminal loses
 the focus, and at the end of the program. This is not an emergency stop (ISO 13850).
 
-Exit codes: 0 quit by the user; 1 the robot or the terminal is gone; 2 wrong usage, or no robot, or no suitable
-controller.
+Exit codes: 0 quit by the user; 1 the robot or the terminal is gone, or teleop was suspended; 2 wrong usage, no robot,
+or no suitable controller.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from canopen_control.cli.support.jog_run import Keyboard
 from canopen_control.client import RobotClient
 from canopen_control.client.teleop_keys import HELP, SIDEWAYS_HELP, KeyDecoder, Teleop, Velocities
 from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.host.signals import SuspensionWatch
 from canopen_control.rpc.messages.robot import CommandController, GetStatus, ListControllers, Subscribe, TwistController
 from canopen_control.rpc.messages.state import RobotEvent
 
@@ -109,8 +110,9 @@ def run(args: argparse.Namespace) -> int:
             args.speed or speed, args.turn or turn, first=args.tap, repeat=args.release, sideways=target.sideways
         )
         screen = Screen(target)
+        suspension = stack.enter_context(SuspensionWatch())
         try:
-            _drive(keyboard, teleop, target, screen)
+            _drive(keyboard, teleop, target, screen, suspension)
         except KeyboardInterrupt:
             pass  # a signal from elsewhere: the terminal's own Ctrl-C is a key
         finally:
@@ -118,12 +120,15 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _drive(keyboard: Keyboard, teleop: Teleop, target: TeleopTarget, screen: Screen) -> None:
-    """Send the velocities that the user commands with keys, until the user quits."""
+def _drive(
+    keyboard: Keyboard, teleop: Teleop, target: TeleopTarget, screen: Screen, suspension: SuspensionWatch
+) -> None:
+    """Send the velocities that the user commands with keys, until the user quits; CanopenError after a suspension."""
     decoder, sender = KeyDecoder(), Sender(target)
     while not (teleop.ended or keyboard.ended):
         screen.show(teleop, sender.refusal)
         data = keyboard.read(_wait(decoder, teleop))
+        suspension.require_unsuspended()
         now = time.monotonic_ns()
         for key in decoder.feed(data, now) if data else decoder.tick(now):
             teleop.key(key, now)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import signal
 import sys
 from dataclasses import asdict
 from functools import partial
@@ -36,7 +37,7 @@ from canopen_control.cli.support.open_session import (
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import parse_node_id, robot_on
 from canopen_control.commissioning.jobs import TUNE
-from canopen_control.commissioning.jog_motion import JogKind
+from canopen_control.commissioning.jog_motion import JogEnd, JogKind
 from canopen_control.commissioning.quantity import JogScale, parse_quantity
 from canopen_control.commissioning.scope_capture import refuse_without_pictures
 from canopen_control.commissioning.tune_gains import (
@@ -139,7 +140,8 @@ def run(args: argparse.Namespace) -> int:
         else:
             drive, scale, plan = stack.enter_context(_bare_drive(args, request, options, show))
         run = excite(drive, plan, scale, _EFFORT_UNIT if drive.alone else None)
-        with on_signals(SIGNALS, run.leave):
+        suspended = partial(run.leave, JogEnd.SUSPENDED)
+        with on_signals(SIGNALS, run.leave), on_signals((signal.SIGCONT,), suspended):
             record = run.run()
     if record.lost:
         print(

@@ -42,7 +42,9 @@ class JogEnd(Enum):
 
     NONE = ""
     REQUESTED = "ended by a key"
+    INTERRUPTED = "interrupted by a signal"
     TERMINAL_CLOSED = "the terminal was closed"
+    SUSPENDED = "this program was suspended"
     OVER = "duration elapsed"
     THERE = "target position reached"
     TRAVEL = "the travel limit is reached"
@@ -52,8 +54,8 @@ class JogEnd(Enum):
 
     @property
     def failed(self) -> bool:
-        """Whether the jog was ended by a limit of speed or current, or by the state of the drive."""
-        return self in (JogEnd.SPEED, JogEnd.CURRENT, JogEnd.STATE)
+        """Whether the jog was ended by a suspension, by a limit of speed or current, or by the state of the drive."""
+        return self in (JogEnd.SUSPENDED, JogEnd.SPEED, JogEnd.CURRENT, JogEnd.STATE)
 
 
 @dataclass(frozen=True, slots=True)

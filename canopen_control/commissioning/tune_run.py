@@ -224,7 +224,7 @@ class TuneRun:
         self._current = DriveCurrent(drive)
         self._sender = AxisCommand(drive, kind.value, _SOURCE)
         self._sample: StateSample | None = None
-        self._page_closed = self._has_torque = False
+        self._left, self._has_torque = JogEnd.NONE, False
         self._report = progress
         self._torque_index = torque_index
         self._torque: float | None = None
@@ -246,9 +246,9 @@ class TuneRun:
             )
         return record
 
-    def leave(self) -> None:
-        """Request the end of the run: the drive is stopped and disabled, without a result."""
-        self._page_closed = True
+    def leave(self, why: JogEnd = JogEnd.INTERRUPTED) -> None:
+        """Request the end of the run with a reason: the drive is stopped and disabled, without a result."""
+        self._left = why
 
     def _begin(self, client: RobotClient) -> tuple[TuneMotion, TuneRecord]:
         """Choose the mode and enable the drive; return the motion, whose time starts now, and an empty record."""
@@ -291,8 +291,8 @@ class TuneRun:
             self._report(motion.elapsed)
             if time.monotonic() - last_sample > _SILENCE_S:
                 motion.end(JogEnd.STATE)
-            if self._page_closed:
-                motion.end(JogEnd.REQUESTED)
+            if self._left is not JogEnd.NONE:
+                motion.end(self._left)
             self._command(client, motion)
         self._keep_torque(record)
 

@@ -7,6 +7,9 @@ import contextlib
 import os
 import signal
 import sys
+import time
+
+from canopen_control.errors import CanopenError
 
 TYPE_CHECKING = False  # the command line imports this before all else
 if TYPE_CHECKING:
@@ -30,6 +33,47 @@ def on_signals(numbers: Iterable[signal.Signals], call: Callable[[], object]) ->
         for number, handler in before.items():
             # None: the handler was not set by Python, and Python cannot restore it
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+LONGEST_SUSPENSION_S = 0.5  #: the default of `cmd_vel_timeout`, the shortest timeout of a command
+
+
+class SuspensionWatch:
+    """Watch for a suspension of this process, by Ctrl-Z or SIGSTOP, that is longer than `LONGEST_SUSPENSION_S`.
+
+    A context manager for the main thread of a program that sends commands repeatedly: the robot has ended a command
+    that was not renewed, and the program must not continue the motion when it is resumed. `renew` is called with each
+    command; `seconds` is the time in s from the last call to the end of a long suspension, 0.0 without one.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._renewed_s = time.monotonic()
+        self._handler = contextlib.ExitStack()
+
+    def __enter__(self) -> SuspensionWatch:
+        self._handler.enter_context(on_signals((signal.SIGCONT,), self._resumed))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._handler.close()
+
+    def renew(self) -> None:
+        self._renewed_s = time.monotonic()
+
+    def require_unsuspended(self) -> None:
+        """Count as `renew`; raise CanopenError after a long suspension."""
+        if self.seconds:
+            raise CanopenError(
+                f"this program was suspended for {self.seconds:.1f} s, so its command has ended; start it again to "
+                "move the robot"
+            )
+        self.renew()
+
+    def _resumed(self) -> None:
+        away = time.monotonic() - self._renewed_s
+        if away > LONGEST_SUSPENSION_S:
+            self.seconds = away
 
 
 def interrupt() -> None:

@@ -4,6 +4,7 @@ import pytest
 from support.floor import BASE, QUICK, BenchClient, FloorBench
 from support.robots import FORWARD
 
+from canopen_control.calibration import base_link
 from canopen_control.calibration.base_link import FACTORS, BaseLink, choose_base
 from canopen_control.calibration.umbmark import Direction, SquarePath
 from canopen_control.errors import ConfigError, ControlError, RemoteError
@@ -74,6 +75,20 @@ def test_whatever_stops_the_robot_ends_the_drive_with_a_sentence_and_the_base_st
         link.drive(path())
     bench.run(1500)
     assert [bench.speed(node_id) for node_id in bench.drives] == pytest.approx([0] * len(bench.drives), abs=1)
+
+
+def test_a_program_that_was_suspended_does_not_drive_on(floor, monkeypatch):
+    _, client, link = floor("suspended")
+    now = [0.0]
+    monkeypatch.setattr(base_link.time, "monotonic", lambda: now[0])
+
+    def suspend(count):
+        now[0] += 5.0 if count == 60 else 0.01
+
+    client.on_state = suspend
+    with pytest.raises(ControlError, match=r"no command was sent for 5\.0 s; this program was suspended"):
+        link.drive(path())
+    assert client.twists[-1] == (0.0, 0.0)
 
 
 def test_a_robot_that_tells_nothing_ends_it(floor):

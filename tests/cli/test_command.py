@@ -1,9 +1,11 @@
 import pytest
 from support.host import eventually
 from support.lockstep import lockstep
+from support.suspension import suspend_after
 
 from canopen_control import Robot
 from canopen_control.cli.main import main
+from canopen_control.rpc.messages.robot import CommandController
 
 FORWARD = "robby_forward_controller"
 
@@ -24,6 +26,16 @@ def test_once_sends_it_once_and_leaves_the_end_to_the_controller(mock_robot):
     assert main(["command", FORWARD, "2", "3", "--once"]) == 0
     mock_robot.status()
     assert mock_robot.status().commander == "command"
+
+
+def test_a_suspended_command_moves_nothing_when_it_is_resumed(mock_robot, monkeypatch, capsys):
+    asked = suspend_after(monkeypatch, CommandController, 3)
+    assert main(["command", FORWARD, "2", "3", "--for", "60"]) == 1
+    assert [each.values for each in asked] == [[2.0, 3.0]] * 3 + [[0.0, 0.0]]
+    assert capsys.readouterr().err == (
+        "canopen-control: this program was suspended for 3.0 s, so its command has ended; "
+        "start it again to move the robot\n"
+    )
 
 
 @pytest.mark.parametrize(

@@ -14,11 +14,14 @@ from support.jogbench import NODE_ID, jog_bench
 from support.mockrobot import running
 from support.onbus import TMCM
 from support.processes import DriveProbe, seconds_until
+from support.suspension import suspend_after
 from support.terminal import in_background, typed
 
 from canopen_control.cia402.state import State
 from canopen_control.cli.main import main
 from canopen_control.client import find_robots
+from canopen_control.host.signals import LONGEST_SUSPENSION_S
+from canopen_control.rpc.messages.robot import CommandController
 
 TURN = 65536  # counts of the generic drive
 DEAD_MAN_S = 0.5
@@ -146,6 +149,23 @@ def test_a_drive_that_its_robot_commands_is_left_to_it(private_folders, no_termi
 
 
 # -- it stops, whatever happens
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "why"),
+    [
+        (signal.SIGINT, 130, "interrupted by a signal"),
+        (signal.SIGTERM, 130, "interrupted by a signal"),
+        (signal.SIGHUP, 0, "the terminal was closed"),
+        (signal.SIGCONT, 1, "this program was suspended"),
+    ],
+)
+def test_a_signal_without_a_terminal_ends_it_and_is_told(bench, no_terminal, monkeypatch, capsys, number, code, why):
+    asked = suspend_after(monkeypatch, CommandController, 2, LONGEST_SUSPENSION_S + 0.1, number)
+    assert bench.jog("--velocity", "60rpm", "--for", "60") == code
+    assert capsys.readouterr().out.endswith(f"{why}: stopped and disabled\n")
+    assert not any(value for each in asked[2:] for value in each.values)
+    assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
 
 
 @contextlib.contextmanager

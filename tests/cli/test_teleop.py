@@ -5,12 +5,14 @@ import time
 import pytest
 from support.host import eventually
 from support.mockrobot import running
+from support.suspension import suspend_after
 from support.terminal import in_background, typed
 
 from canopen_control.cli.main import main
 from canopen_control.cli.teleop import ZEROS, Sender, choose, sides
 from canopen_control.client.teleop_keys import Velocities
 from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.rpc.messages.robot import CommandController
 from canopen_control.rpc.messages.state import ControllerReading
 
 BASE, FORWARD = "robby_base_controller", "robby_forward_controller"
@@ -80,6 +82,14 @@ def test_a_tapped_key_stops_by_itself(terminal, mock_robot):
 
     with in_background(user, terminal.close):
         assert main(["teleop", "--tap", "0.3"]) == 0
+
+
+def test_a_suspended_teleop_moves_nothing_when_it_is_resumed(terminal, mock_robot, monkeypatch, capsys):
+    asked = suspend_after(monkeypatch, CommandController, 3)
+    with in_background(lambda: terminal.write(b"i"), terminal.close):
+        assert main(["teleop", "--tap", "60"]) == 1
+    assert [each.values for each in asked] == [[5.0, 5.0]] * 3 + [[0.0, 0.0]] * ZEROS
+    assert "this program was suspended for 3.0 s, so its command has ended" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -2,16 +2,19 @@ import cmath
 import json
 import math
 import os
+import signal
 import sys
 
 import pytest
 from support.jogbench import jog_bench
 from support.onbus import GENERIC, TMCM
+from support.suspension import suspend_after
 from support.tuneplant import COULOMB, COUNTS, INERTIA, VISCOUS, loaded
 
 from canopen_control.cia402.state import State
 from canopen_control.cli.main import main
 from canopen_control.commissioning.tune_gains import CascadeGains, PlantModel, phase_margin
+from canopen_control.rpc.messages.robot import CommandController
 
 TURN = 65536
 TRUE_PLANT = PlantModel(INERTIA, VISCOUS, COULOMB, 0.0, 0.0, 1.0)  # of the motor, which `tune` is not told
@@ -54,6 +57,17 @@ def test_a_step_is_measured_and_leaves_the_drive_off(bench, no_terminal, capsys,
     rows = file.read_text().splitlines()
     assert rows[0] == "time_s,command,position_rad,velocity_rad_s,torque_permille"
     assert len(rows) > 100
+
+
+@pytest.mark.parametrize(
+    ("number", "why"),
+    [(signal.SIGINT, "interrupted by a signal"), (signal.SIGCONT, "this program was suspended")],
+)
+def test_a_signal_ends_the_run_without_a_result(bench, no_terminal, monkeypatch, capsys, number, why):
+    suspend_after(monkeypatch, CommandController, 3, 0.2, number)
+    assert bench.verb("tune", "--step", "30rpm", "--for", "5", "--yes") == 1
+    assert f"{why}: stopped and disabled; an incomplete run has no result" in capsys.readouterr().err
+    assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
 
 
 @pytest.mark.rest

@@ -7,7 +7,16 @@ import time
 
 import pytest
 
-from canopen_control.host.signals import ProcessSignals, block_for_exec, interrupt, on_signals
+from canopen_control.errors import CanopenError
+from canopen_control.host import signals
+from canopen_control.host.signals import (
+    LONGEST_SUSPENSION_S,
+    ProcessSignals,
+    SuspensionWatch,
+    block_for_exec,
+    interrupt,
+    on_signals,
+)
 
 
 def test_it_calls_within_the_block_and_is_as_before_afterwards():
@@ -21,6 +30,28 @@ def test_it_calls_within_the_block_and_is_as_before_afterwards():
 def test_a_signal_can_end_as_ctrl_c_does():
     with pytest.raises(KeyboardInterrupt), on_signals((signal.SIGUSR1,), interrupt):
         os.kill(os.getpid(), signal.SIGUSR1)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(signals.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_a_suspension_that_is_longer_than_a_command_may_last_is_a_sentence(clock):
+    before = signal.getsignal(signal.SIGCONT)
+    with SuspensionWatch() as watch:
+        clock[0] += 60.0  # a busy machine, or a program that waits
+        watch.require_unsuspended()
+        clock[0] += LONGEST_SUSPENSION_S
+        signal.raise_signal(signal.SIGCONT)
+        watch.require_unsuspended()
+        clock[0] += 12.34
+        signal.raise_signal(signal.SIGCONT)
+        with pytest.raises(CanopenError, match=r"this program was suspended for 12\.3 s, so its command has ended"):
+            watch.require_unsuspended()
+    assert signal.getsignal(signal.SIGCONT) == before
 
 
 @pytest.fixture

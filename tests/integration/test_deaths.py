@@ -226,6 +226,19 @@ def test_a_client_that_dies_takes_its_command_with_it_unless_it_was_once(stage, 
         assert all(each.power == "OPERATION_ENABLED" for each in probes)
 
 
+def test_a_suspended_client_moves_nothing_when_it_is_resumed(stage, turning):
+    robot, probes = turning("stopped")
+    command = next(each for each in stage.programs if each.arguments[0] == "command")
+    command.send(signal.SIGSTOP)
+    seconds_until(lambda: standing(probes), 5)  # by command_timeout
+    command.send(signal.SIGCONT)
+    assert command.wait() == 1
+    assert "this program was suspended for" in command.err
+    assert command.err.count("\n") == 1
+    assert standing(probes)
+    assert robot.end() == 0, robot
+
+
 def test_the_bus_outlives_a_robot_that_is_not_alone_on_it(stage):
     """The hub belongs to nobody: who else is on the bus keeps it."""
     robot = stage.robby("shared")

@@ -18,7 +18,7 @@ from canopen_control.cli.support.arguments import seconds
 from canopen_control.cli.support.output import print_result
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError, RemoteError
-from canopen_control.host.signals import on_signals
+from canopen_control.host.signals import SuspensionWatch, on_signals
 from canopen_control.rpc.messages.robot import ListControllers
 
 if TYPE_CHECKING:
@@ -53,18 +53,24 @@ def send(args: argparse.Namespace, command: Command, zeros: Command | None) -> i
     Without `zeros` the command ends when the connection is closed.
     """
     stopped = threading.Event()
-    with on_signals((signal.SIGTERM,), stopped.set), RobotClient.connect(args.name) as robot:
-        _begin(robot, command, stopped)
+    with (
+        on_signals((signal.SIGTERM,), stopped.set),
+        SuspensionWatch() as suspension,
+        RobotClient.connect(args.name) as robot,
+    ):
+        _begin(robot, command, stopped, suspension)
         sent = 1
         end = None if args.seconds is None else time.monotonic() + args.seconds
+        commands = () if args.once else _repeat(robot, command, end, stopped, suspension)
         try:
-            for sent in () if args.once else _repeat(robot, command, end, stopped):  # noqa: B007 - the last one counts
+            for sent in commands:  # noqa: B007 - the last one counts
                 pass
         except KeyboardInterrupt:
             pass  # the usual end of the verb
         finally:
             if zeros is not None and not args.once:
-                with _ignore_disabled_drives():
+                # after a suspension the robot may have closed the connection, which has ended the command
+                with contextlib.suppress(RemoteError) if suspension.seconds else _ignore_disabled_drives():
                     robot.ask(zeros)
     print_result(args, {"controller": args.controller, "sent": sent, "once": args.once})
     return 0
@@ -80,10 +86,11 @@ def _ignore_disabled_drives() -> Iterator[None]:
             raise
 
 
-def _begin(robot: RobotClient, command: Command, stopped: threading.Event) -> None:
+def _begin(robot: RobotClient, command: Command, stopped: threading.Event, suspension: SuspensionWatch) -> None:
     """Send the first command, repeatedly while drives are being enabled, for at most `ENABLING_S`."""
     end = time.monotonic() + ENABLING_S
     while True:
+        suspension.require_unsuspended()
         try:
             robot.ask(command)
         except RemoteError as error:
@@ -93,12 +100,16 @@ def _begin(robot: RobotClient, command: Command, stopped: threading.Event) -> No
             return
 
 
-def _repeat(robot: RobotClient, command: Command, end: float | None, stopped: threading.Event) -> Iterator[int]:
-    """Send the command every `PERIOD_S`; yield the number of commands sent so far."""
+def _repeat(
+    robot: RobotClient, command: Command, end: float | None, stopped: threading.Event, suspension: SuspensionWatch
+) -> Iterator[int]:
+    """Send the command every `PERIOD_S`; yield the number of commands sent so far. CanopenError after a suspension."""
     sent = 1
     while not stopped.is_set():
         delay = PERIOD_S if end is None else min(PERIOD_S, end - time.monotonic())
-        if delay <= 0 or stopped.wait(delay):
+        ended = delay <= 0 or stopped.wait(delay)
+        suspension.require_unsuspended()
+        if ended:
             return
         try:
             robot.ask(command)

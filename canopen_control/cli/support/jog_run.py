@@ -14,6 +14,7 @@ import signal
 import sys
 import termios
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.client import RobotClient
@@ -30,7 +31,7 @@ from canopen_control.commissioning.driven_axis import (
 )
 from canopen_control.commissioning.jog_motion import HELP, JogEnd, JogKind, JogMotion
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.host.signals import on_signals
+from canopen_control.host.signals import INTERRUPTED, SuspensionWatch, on_signals
 from canopen_control.rpc.messages.robot import AxisRequest, Subscribe
 from canopen_control.rpc.messages.state import StateSample
 
@@ -53,17 +54,16 @@ if TYPE_CHECKING:
 _FOCUS_ON: Final = "\x1b[?1004h"
 _FOCUS_OFF: Final = "\x1b[?1004l"
 _CHUNK: Final = 1024
-_ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
 class Keyboard:
     """Context manager that reads keys from standard input; ConfigError if this is not a terminal.
 
-    `ended` is True when no more input can arrive: after end of file, SIGTERM or SIGHUP.
+    `ended` is True when no more input can arrive: after end of file, SIGTERM (`terminated`) or SIGHUP.
     """
 
     def __init__(self) -> None:
-        self.ended = False
+        self.ended = self.terminated = False
         self._fd = -1
         self._saved: list[Any] = []
         self._signals = contextlib.ExitStack()
@@ -73,7 +73,8 @@ class Keyboard:
             raise ConfigError("standard input is not a terminal, so there are no keys; run this in a terminal")
         self._fd = sys.stdin.fileno()
         self._saved = termios.tcgetattr(self._fd)
-        self._signals.enter_context(on_signals(_ENDING, self._end))
+        self._signals.enter_context(on_signals((signal.SIGHUP,), self._end))
+        self._signals.enter_context(on_signals((signal.SIGTERM,), self._terminate))
         changed = termios.tcgetattr(self._fd)
         changed[0] &= ~(termios.IXON | termios.ICRNL)
         changed[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG | termios.IEXTEN)
@@ -103,6 +104,9 @@ class Keyboard:
     def _end(self) -> None:
         self.ended = True
 
+    def _terminate(self) -> None:
+        self.ended = self.terminated = True
+
     def _write_terminal(self, sequence: str) -> None:
         """Print a control sequence if standard output is a terminal."""
         with contextlib.suppress(OSError, ValueError):
@@ -113,6 +117,10 @@ class Keyboard:
 
 _SOURCE: Final = "jog"
 _RATE_HZ: Final = 50.0
+_ENDING: Final = {
+    JogEnd.INTERRUPTED: (signal.SIGINT, signal.SIGTERM),
+    JogEnd.TERMINAL_CLOSED: (signal.SIGHUP,),
+}
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -134,17 +142,20 @@ class JogRun:
         self._sender = AxisCommand(drive, kind.value, _SOURCE)
         self._sample: StateSample | None = None
         self._current = DriveCurrent(drive)
-        self._terminal_closed = False
+        self._suspension = SuspensionWatch()
+        self._left = JogEnd.NONE  # by a signal, without a terminal
         self.ended = JogEnd.NONE
         self.travelled = 0.0  # rad
 
     def run(self) -> int:
-        """Run the jog from enabling to disabling; return 1 if it failed, CanopenError if the drive caused a failure."""
+        """Run the jog from enabling to disabling; return the exit code, CanopenError if the drive caused a failure."""
         with contextlib.ExitStack() as stack:
             client = stack.enter_context(RobotClient.connect(self._drive.robot))
             keyboard = stack.enter_context(Keyboard()) if sys.stdin.isatty() else None
             if keyboard is None:
-                stack.enter_context(on_signals(SIGNALS, self._leave))
+                for end, numbers in _ENDING.items():
+                    stack.enter_context(on_signals(numbers, partial(self._leave, end)))
+            stack.enter_context(self._suspension)
             try:
                 motion = self._begin(client)
                 self._move(client, keyboard, motion)
@@ -157,14 +168,16 @@ class JogRun:
             raise CanopenError(f"{self._drive.title}: {ended_words(self._sample, self._drive)}")
         if motion.ended.failed:
             return 1
+        if motion.ended is JogEnd.INTERRUPTED:
+            return INTERRUPTED
         # a jog that a lost terminal ended may have been too short for a new position
         text = None if motion.ended is JogEnd.TERMINAL_CLOSED else motion.nothing_turned(self._scale.resolution)
         if text is not None:
             raise CanopenError(f"{self._drive.title}: {text}")
         return 0
 
-    def _leave(self) -> None:
-        self._terminal_closed = True
+    def _leave(self, why: JogEnd) -> None:
+        self._left = why
 
     def _begin(self, client: RobotClient) -> JogMotion:
         """Set the mode of operation, enable the drive, and return the motion, which starts now."""
@@ -183,15 +196,26 @@ class JogRun:
     def _move(self, client: RobotClient, keyboard: Keyboard | None, motion: JogMotion) -> None:
         decoder, line = KeyDecoder(), _Line()
         while motion.ended is JogEnd.NONE:
+            self._suspension.renew()
             now = time.monotonic_ns()
             self._take_keys(keyboard, decoder, motion, now)
+            if (end := self._outside_end(keyboard)) is not JogEnd.NONE:
+                motion.end(end)
+            if end is JogEnd.SUSPENDED:
+                break  # the robot has ended the command: send no other
             motion.tick(time.monotonic_ns())
             self._check_sample(client, motion)
-            if self._terminal_closed or (keyboard is not None and keyboard.ended):
-                motion.end(JogEnd.TERMINAL_CLOSED)
             self._command(client, motion)
             if self._sample is not None:
                 line.show(lambda: self._words(motion))
+
+    def _outside_end(self, keyboard: Keyboard | None) -> JogEnd:
+        """Return the reason to end the jog that is neither a key nor the drive: a signal, or a lost terminal."""
+        if self._suspension.seconds:
+            return JogEnd.SUSPENDED
+        if keyboard is None or not keyboard.ended:
+            return self._left
+        return JogEnd.INTERRUPTED if keyboard.terminated else JogEnd.TERMINAL_CLOSED
 
     def _take_keys(self, keyboard: Keyboard | None, decoder: KeyDecoder, motion: JogMotion, now: int) -> None:
         if keyboard is None:

@@ -55,6 +55,7 @@ def test_signals_are_the_end_and_the_handlers_come_back(terminal, number):
         os.kill(os.getpid(), number)
         assert keyboard.read(1.0) == b""
         assert keyboard.ended
+        assert keyboard.terminated is (number == signal.SIGTERM)
     assert signal.getsignal(number) == before
 
 
