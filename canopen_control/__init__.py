@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from canopen_control.errors import CanopenError
     from canopen_control.frame import CanFrame, frames_of, pack_records
     from canopen_control.hardware.interfaces import CommandInterface, ReturnType, StateInterface
-    from canopen_control.host.running_robots import find_robots
+    from canopen_control.host.sockets import find_robots
     from canopen_control.od.eds import EdsFile, read_eds
     from canopen_control.od.issues import Issue
     from canopen_control.od.model import ObjectDictionary
@@ -75,7 +75,7 @@ _NAMES_OF = {
     "errors": ("CanopenError",),
     "frame": ("CanFrame", "frames_of", "pack_records"),
     "hardware.interfaces": ("CommandInterface", "ReturnType", "StateInterface"),
-    "host.running_robots": ("find_robots",),
+    "host.sockets": ("find_robots",),
     "od.eds": ("EdsFile", "read_eds"),
     "od.issues": ("Issue",),
     "od.model": ("ObjectDictionary",),

@@ -31,7 +31,7 @@ from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a fi
 from canopen_control.yamlfile.reader import load
 
 if TYPE_CHECKING:
-    from canopen_control.yamlfile.problems import Problems
+    from canopen_control.yamlfile.node import Problems
 
 
 _FOLDER: Final = "personalities"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.frame import EXTENDED_FLAG, RECORD, RECORD_SIZE, REMOTE_FLAG
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     Waiting = tuple[int, int, int, bytes]  # priority, sender, bits, record: the lowest one is sent first
 
@@ -146,24 +146,18 @@ def _on_wire(record: bytes) -> tuple[int, int]:
     return priority(can_id), frame_bits(can_id, data[:length])
 
 
-def _never(_sender: int, _record: bytes) -> bool:
-    return False
-
-
 class PacedWire:
     """Emulated bus at `bitrate` bit/s; senders are numbers, and for equal identifiers the lower number wins.
 
-    `queues` contains the waiting frames of each sender. `disturbed(sender, record)` is called at the last bit of a
-    frame; if it returns True the frame is sent again. `due_ns` is the end of the frame on the wire, None if the wire is
-    idle.
+    `queues` contains the waiting frames of each sender. `on_wire` is the frame on the wire (priority, sender, bits and
+    record), `due_ns` its end; both are None if the wire is idle.
     """
 
     def __init__(self, bitrate: int) -> None:
         self.bitrate = bitrate
         self.bits = 0
-        self.disturbed: Callable[[int, bytes], bool] = _never
         self.queues: dict[int, deque[Waiting]] = {}
-        self._on_wire: Waiting | None = None
+        self.on_wire: Waiting | None = None
         self._done_ns = 0
         self.due_ns: int | None = None
         self._window_start = 0
@@ -188,7 +182,7 @@ class PacedWire:
                 record = records[at : at + RECORD_SIZE]
                 rank, bits = _on_wire(record)
                 queue.append((rank, sender, bits, record))
-        if self._on_wire is None:
+        if self.on_wire is None:
             self._begin(now if now > self._done_ns else self._done_ns)
 
     def forget(self, sender: int) -> int:
@@ -196,38 +190,32 @@ class PacedWire:
         return len(self.queues.pop(sender, ()))
 
     def drain(self) -> Iterator[tuple[int, bytes]]:
-        """Yield sender and raw record of all waiting frames in the order of arbitration, without delay."""
-        while self._on_wire is not None:
-            _, sender, _, record = self._on_wire
+        """Yield the sender and the raw record of all waiting frames in the order of arbitration, without delay."""
+        while self.on_wire is not None:
+            _, sender, _, record = self.on_wire
             yield sender, record
             self._begin(self._done_ns)
 
-    def finish(self) -> Waiting | None:
-        """Complete the frame on the wire and start the next frame; return priority, sender, bits and record.
-
-        The result is None if the frame was disturbed or the wire was idle.
-        """
-        done = self._on_wire
-        if done is not None and self.disturbed is not _never and self.disturbed(done[1], done[3]):
+    def repeat(self) -> None:
+        """Send the frame on the wire, which was disturbed, again before the waiting frames of its sender."""
+        if (done := self.on_wire) is not None:
             self.queues.setdefault(done[1], deque()).appendleft(done)
             self._begin(self._done_ns)
-            return None
-        return self.end()
 
     def end(self) -> Waiting | None:
-        """Complete the frame on the wire undisturbed and start the next; return the same values as `finish`."""
-        done = self._on_wire
+        """Complete the frame on the wire and start the next frame; return the completed frame, None on an idle wire."""
+        done = self.on_wire
         if self.queues:
             if done is not None:
                 self._begin(self._done_ns)
         else:
-            self._on_wire = self.due_ns = None
+            self.on_wire = self.due_ns = None
         return done
 
     def advance(self, now: int) -> Iterator[tuple[int, bytes]]:
-        """Yield sender and raw record of each frame whose last bit has been sent by `now`."""
-        while self._on_wire is not None and self._done_ns <= now:
-            if (passed := self.finish()) is not None:
+        """Yield the sender and the raw record of each frame whose last bit has been sent by `now`."""
+        while self.on_wire is not None and self._done_ns <= now:
+            if (passed := self.end()) is not None:
                 yield passed[1], passed[3]
 
     def next_deadline(self) -> int | None:
@@ -241,7 +229,7 @@ class PacedWire:
     def _begin(self, now: int) -> None:
         queues = self.queues
         if not queues:
-            self._on_wire = self.due_ns = None
+            self.on_wire = self.due_ns = None
             return
         if len(queues) == 1:
             [(sender, queue)] = queues.items()
@@ -253,7 +241,7 @@ class PacedWire:
             queue.popleft()
         if not queue:
             del queues[sender]
-        self._on_wire, bits = first, first[2]
+        self.on_wire, bits = first, first[2]
         self.due_ns = self._done_ns = now - (-bits * NS_PER_S // self.bitrate)
         if now - self._window_start >= LOAD_WINDOW_NS:
             self._roll(now)

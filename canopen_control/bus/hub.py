@@ -71,7 +71,7 @@ class Hub:
         """Load and start the control server; connections made before this call have waited in the kernel."""
         if self._control is None and self._control_listener.fileno() >= 0:
             self._reactor.remove_reader(self._control_listener)  # a failed import is not repeated
-            from canopen_control.rpc.quick_import import import_msgspec
+            from canopen_control.rpc.quick_verbs import import_msgspec
 
             import_msgspec()
             from canopen_control.bus.hubcontrol import HubControl

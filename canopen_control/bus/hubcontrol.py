@@ -9,7 +9,7 @@ import os
 from typing import TYPE_CHECKING, Final, NoReturn, TypeVar
 
 from canopen_control.bus import error_frames
-from canopen_control.bus.wire_faults import DropRule
+from canopen_control.bus.frame_router import DropRule
 from canopen_control.errors import ConfigError
 from canopen_control.frame import RECORD_SIZE
 from canopen_control.host.sockets import socket_path

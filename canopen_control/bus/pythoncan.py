@@ -1,4 +1,4 @@
-"""Port for any python-can adapter, including ``virtual:``.
+"""What uses python-can: a port for any of its adapters, including ``virtual:``, and a bounded reader of BLF recordings.
 
 python-can's adapters may block in both directions and most have no descriptor. One thread therefore reads and another
 one writes, except on ``virtual:``, which only uses queues. Received frames wait in memory behind a wake-up descriptor.
@@ -8,6 +8,10 @@ pyusb raise others. A failing adapter is reported as DOWN once and used again; i
 reopened until that succeeds, and then reported as UP. Frames to be sent meanwhile are lost and counted, because old
 commands must not arrive later. If a call of a driver never returns, its thread is abandoned and the port closes without
 it.
+
+python-can trusts every length in a BLF file: a header may claim gigabytes, an object may claim to be shorter than its
+header (which would be read again for ever), and a container may unpack to a thousand times its size. `BlfReader` bounds
+what is read and unpacked, and reports errors of the file.
 """
 
 from __future__ import annotations
@@ -15,11 +19,15 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib.util
+import os
+import struct
 import threading
 import time
-from typing import TYPE_CHECKING, Any, Final
+import zlib
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
 import can
+from can.io import blf
 
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
@@ -39,7 +47,7 @@ from canopen_control.errors import BusClosed, BusError, ConfigError, InterfaceNo
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, RECORD, RECORD_SIZE, REMOTE_FLAG, CanFrame, frames_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator
 
 
 _POLL_S: Final = 0.05  # maximum delay until the reader notices that the port was closed
@@ -451,3 +459,74 @@ def open_python_can(
         raise BusError(f"bus {channel}: python-can cannot open it: {_reason(error)}; {advice}") from error
     virtual = interface == "virtual"
     return PythonCanPort(channel, bus, writer=not virtual, reopen=None if virtual else bus_of)
+
+
+LARGEST_CONTAINER: Final = 64 << 20  # bytes; common writers use 128 KiB
+_SIZE_AT: Final = 8  # offset of the object length in its header
+_SIZE: Final = struct.Struct("<L")
+_SIGNATURE: Final = b"LOBJ"
+_PADDING: Final = 8  # maximum padding in bytes before the next object
+
+
+class BlfReader(can.BLFReader):
+    """Reader of the messages in an open BLF file; EOFError if truncated, ValueError if it is not a BLF file."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._size = os.fstat(file.fileno()).st_size
+        super().__init__(_Within(file, self._size))  # type: ignore[arg-type] # as much of a file as is needed
+
+    def __iter__(self) -> Iterator[can.Message]:  # type: ignore[override] # a generator too
+        header = blf.OBJ_HEADER_BASE_STRUCT
+        while head := self.file.read(header.size):
+            signature, _, _, length, kind = header.unpack(head)
+            if signature != _SIGNATURE or length < header.size:
+                raise ValueError("an object has no valid signature or length")
+            if length - header.size > self._size - self.file.tell():
+                self.file.read(self._size)  # all is read: the caller detects the truncation
+                raise EOFError
+            data = self.file.read(length - header.size)
+            self.file.read(length % 4)  # padding
+            if kind == blf.LOG_CONTAINER and (content := _unpacked(data)) is not None:
+                yield from self._parse_container(content)
+        self.stop()
+
+    def _parse_container(self, data: bytes) -> Iterator[can.Message]:
+        _refuse_standstill(self._tail + data)
+        yield from super()._parse_container(data)
+
+
+class _Within:
+    """Wrapper of an open file whose `read` never allocates more than the file contains."""
+
+    def __init__(self, file: BinaryIO, size: int) -> None:
+        self._file, self._size = file, size
+        self.tell, self.close = file.tell, file.close
+
+    def read(self, count: int) -> bytes:
+        """Return up to `count` bytes, or b"" for a negative count."""
+        return self._file.read(max(0, min(count, self._size - self._file.tell())))
+
+
+def _unpacked(data: bytes) -> bytes | None:
+    """Return the content of a container; None for an unknown compression, ValueError if too large."""
+    method, _ = blf.LOG_CONTAINER_STRUCT.unpack_from(data)
+    packed = data[blf.LOG_CONTAINER_STRUCT.size :]
+    if method == blf.NO_COMPRESSION:
+        return packed
+    if method != blf.ZLIB_DEFLATE:
+        return None
+    unpacker = zlib.decompressobj()
+    content = unpacker.decompress(packed, LARGEST_CONTAINER)
+    if unpacker.unconsumed_tail:
+        raise ValueError(f"a container unpacks to more than {LARGEST_CONTAINER >> 20} MiB")
+    return content
+
+
+def _refuse_standstill(data: bytes) -> None:
+    """Raise ValueError for an object shorter than its header, at which a reader would loop forever."""
+    at = 0
+    while (at := data.find(_SIGNATURE, at, at + _PADDING)) >= 0 and at + _SIZE_AT + _SIZE.size <= len(data):
+        (length,) = _SIZE.unpack_from(data, at + _SIZE_AT)
+        if length < blf.OBJ_HEADER_BASE_STRUCT.size:
+            raise ValueError("an object is shorter than its header")
+        at += length

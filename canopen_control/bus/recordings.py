@@ -1,10 +1,13 @@
-"""Recordings of a bus in common formats: .log (candump), .asc and .blf (Vector), .trc (PEAK).
+"""Recordings of a bus in common formats: .log (candump), .asc and .blf (Vector), .trc (PEAK), and their replay.
 
 Written files read back identically, frame for frame; frames that a format cannot represent are omitted and counted.
 candump's format is written and PEAK's format read here, the others by python-can. Its sqlite format is not offered,
 because it loses frames at the end. Text formats may be compressed, with .gz at the end of the name.
 
 A truncated recording (disk full, power lost) is read up to the truncation, and this is reported.
+
+A replay keeps the original timing: its deadlines are absolute, so that a late frame does not delay the next one. Error
+frames are skipped, because nodes cannot send them.
 """
 
 from __future__ import annotations
@@ -13,8 +16,11 @@ import contextlib
 import datetime
 import math
 import re
+import select
 import struct
+import time
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, TextIO
 
@@ -31,14 +37,16 @@ from canopen_control.bus.error_frames import (
     TX_WARNING,
 )
 from canopen_control.errors import ConfigError
-from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, frames_of
+from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, frames_of, pack_records
 from canopen_control.host.files import failed, make_private
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from types import TracebackType
 
     import can
+
+    from canopen_control.bus.port import Port
 
 
 # PEAK's trace format, versions 1.0 to 2.1; python-can's writer creates 2.1. A line is a table row; the version, or the
@@ -279,7 +287,7 @@ def _asc_reader(file: Any) -> Any:  # noqa: ANN401 - python-can's readers have n
 
 
 def _blf_reader(file: Any) -> Any:  # noqa: ANN401 - as above
-    from canopen_control.bus.blf import BlfReader
+    from canopen_control.bus.pythoncan import BlfReader
 
     return BlfReader(file)
 
@@ -498,3 +506,60 @@ def _open_packed(path: Path, mode: str) -> TextIO:
     file: Any = gzip.open(path, mode, encoding="utf-8", errors="replace")  # noqa: SIM115 - the caller closes it
     text: TextIO = file
     return text
+
+
+_LAST_FRAMES_S = 2.0
+_TRY_S = 0.1
+
+
+@dataclass(slots=True)
+class PlayReport:
+    """Result of a replay; `errors` is the number of skipped error frames, `late_max` the maximum delay in s."""
+
+    frames: int = 0
+    errors: int = 0
+    late_max: float = 0.0
+
+
+def play(
+    frames: Iterable[RecordedFrame],
+    port: Port,
+    played: PlayReport,
+    *,
+    speed: float = 1.0,
+    clock: Callable[[], int] = time.monotonic_ns,
+    sleep: Callable[[float], None] = time.sleep,
+) -> None:
+    """Send `frames` at `speed` times the recorded rate; `played` counts them, even if the call is interrupted.
+
+    A time before the previous one (the clock was set back) counts as no delay. BusClosed when the bus is gone.
+    """
+    begin, newest = clock(), 0
+    first: int | None = None
+    for recorded in frames:
+        if recorded.frame.is_error:
+            played.errors += 1
+            continue
+        first = recorded.time_ns if first is None else first
+        newest = max(newest, recorded.time_ns - first)
+        send_at = begin + round(newest / speed)
+        late = clock() - send_at
+        if late < 0:
+            sleep(-late / _NS)
+            late = clock() - send_at
+        played.late_max = max(played.late_max, late / _NS)
+        port.receive()  # received frames are discarded
+        port.send(pack_records([recorded.frame]))
+        _flush(port, 0.0)
+        played.frames += 1
+    _flush(port, _LAST_FRAMES_S)
+
+
+def _flush(port: Port, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while port.wants_write:
+        port.flush()
+        remaining = end - time.monotonic()
+        if remaining <= 0.0:
+            return
+        select.select([], [port.fileno()], [], min(remaining, _TRY_S))

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.runtime.sync_choice import SyncChoice
     from canopen_control.urdf.description import UrdfDescription
-    from canopen_control.yamlfile.problems import Problem
+    from canopen_control.yamlfile.node import Problem
 
 
 _SLOW_RAMP_S: Final = 60.0  # a ramp that is a warning rather than a note

@@ -150,9 +150,6 @@ class Scale:
         """Return the unwrapped count of a finite position; see `PositionUnwrapper.raw_of` for the int32."""
         return round(position * self.pos_to_dev + self.offset_pos_to_dev)
 
-    def position_from_device(self, count: int) -> float:
-        return count * self.pos_from_dev + self.offset_pos_from_dev
-
     def velocity_from_device(self, raw: int) -> float:
         return raw * self.vel_from_dev
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.output import print_result
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import AxisRequest
 
@@ -33,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--joint", metavar="NAME", help="for a node with several axes: the axis that moves this joint")
     parser.add_argument("--method", type=int, help="with `home`: homing method (default: the value of 0x6098)")
-    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    add_robot_name(parser)
     parser.set_defaults(usage=parser.error)
 
 

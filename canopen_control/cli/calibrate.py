@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import number, whole_number
 from canopen_control.cli.support.output import json_alone, print_result
+from canopen_control.cli.support.parsers import add_robot_name
 
 if TYPE_CHECKING:
     import argparse
@@ -55,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--controller", metavar="NAME", help="controller to calibrate (default: the only active diff drive controller)"
     )
-    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    add_robot_name(parser)
     parser.add_argument("--side", type=_length, default=1.0, metavar="M", help="side of the square in m (default: 1)")
     parser.add_argument(
         "--speed", type=_speed, default=0.2, metavar="V", help="speed along the sides in m/s (default: 0.2)"

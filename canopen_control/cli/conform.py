@@ -31,9 +31,8 @@ from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.support.target import LABEL, find_eds, parse_node_id, robot_on
 from canopen_control.conformance.check import CheckTouch
 from canopen_control.conformance.checked_node import CheckedNode, MotionBounds, NotApplicable
-from canopen_control.conformance.html_report import html_page
 from canopen_control.conformance.master_run import DEFAULT_S, MasterRun
-from canopen_control.conformance.report import changed_verdicts, junit, report_lines
+from canopen_control.conformance.report import changed_verdicts, html_page, junit, report_lines
 from canopen_control.conformance.run import choose, run_checks
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusError, ConfigError, RemoteProtocolError

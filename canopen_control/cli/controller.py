@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.output import Table, json_text, print_result
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.robot import (
@@ -71,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for action in (switch, steps["activate"], steps["deactivate"]):
         action.add_argument("--best-effort", action="store_true", help="do what is possible and skip the rest")
     for action in (*lists, *steps.values(), switch):
-        action.add_argument("--name", help="the robot (default: the only one that runs)")
+        add_robot_name(action)
 
 
 def run(args: argparse.Namespace) -> int:

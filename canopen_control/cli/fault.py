@@ -11,21 +11,19 @@ Exit codes: 0 done; 1 the drive refused it, or does not answer; 2 wrong usage, n
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.channel import parse_channel
-from canopen_control.cli.support.known_nodes import KnownNode, ask_nodes, find_node
-from canopen_control.cli.support.output import json_text
-from canopen_control.client.drive_client import DriveClient, signal_values
-from canopen_control.errors import CanopenError, ConfigError, RemoteError
-from canopen_control.host.sockets import drive_name, list_sockets
+from canopen_control.cli.support.known_nodes import connect_to, drive_of
+from canopen_control.cli.support.output import json_text, print_entry
+from canopen_control.client.drive_client import signal_values
+from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.drive import ListFaults, SetSignals, SwitchFault
 from canopen_control.virtual.fault_table import FAULTS, find_fault
 
 if TYPE_CHECKING:
     import argparse
 
+    from canopen_control.client.drive_client import DriveClient
     from canopen_control.virtual.fault_table import Fault
 
 
@@ -35,7 +33,6 @@ EXAMPLE = """canopen-control fault list
          canopen-control fault io_module di0=1,ai0=16384
          canopen-control fault 3 --can local:robby"""
 
-_WIDTH = 110
 _ON_THE_BUS = ("cut", "uncut", "drop", "delay", "error-frame", "restart", "bitrate", "clear")
 _BUS_FAULTS = (
     f"Faults of the bus ({', '.join(_ON_THE_BUS)}, bus-off): canopen-control bus fault CHANNEL ... (see its --help)"
@@ -96,58 +93,12 @@ def _list(args: argparse.Namespace) -> int:
     return 0
 
 
-def print_entry(name: str, text: str) -> None:
-    """Print an entry of a list of faults or quirks: name and indented text."""
-    print(name)
-    print(textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    "))
-
-
 def _sentence(does: str) -> str:
     """Return the effect of a fault or quirk as a sentence."""
     return f"I{does[1:]}" if does.startswith("its ") else f"The drive {does}"
 
 
 # -- one drive
-
-
-def drive_of(word: str, can: str | None) -> tuple[str, int]:
-    """Return channel and node id of the drive that a user names; ConfigError lists the valid names."""
-    nodes, silent = ask_nodes(can)
-    node = find_node(word, nodes)
-    if node is not None:
-        return node.channel, node.node_id
-    choices = _alternatives(nodes, silent, can)
-    node_id = _node_id(word, choices)
-    if can is None:
-        raise ConfigError(f"no node {word!r}{choices}" if choices else _WHICH_BUS)
-    return str(parse_channel(can)), node_id
-
-
-def _alternatives(nodes: list[KnownNode], silent: dict[str, CanopenError], can: str | None) -> str:
-    """Return the end of an error message: the existing nodes or an error, or "" if no robot runs."""
-    if nodes:
-        scope = "of a running robot" if can is None else f"on {can}"
-        choices = f" {scope}; there are: {', '.join(map(str, nodes))}"
-        return f"{choices}; for another bus: --can CHANNEL" if can is None else choices
-    if silent:
-        why = "; ".join(f"the robot {robot!r} does not list its nodes: {error}" for robot, error in silent.items())
-        return f" is known: {why}; with --can CHANNEL a drive is reached by its node id, without the robot"
-    return ""
-
-
-_WHICH_BUS = "no robot runs, so name the bus of the drive with --can CHANNEL, as in --can local:robby"
-
-
-def _node_id(text: str, choices: str) -> int:
-    try:
-        node_id = int(text, 0)
-    except ValueError:
-        raise ConfigError(
-            f"no node {text!r}{choices or ' is known: no robot runs there; a node id is 1 to 127'}"
-        ) from None
-    if not 1 <= node_id <= 127:
-        raise ConfigError(f"{text!r} is not a node id: 1 to 127, or list")
-    return node_id
 
 
 def _set(args: argparse.Namespace, client: DriveClient, node_id: int) -> int:
@@ -167,31 +118,6 @@ def _check(name: str) -> Fault:
     if name in _ON_THE_BUS:
         raise ConfigError(f"{name} is a fault of the bus, not of a drive: canopen-control bus fault CHANNEL {name} ...")
     return find_fault(name)
-
-
-def connect_to(channel: str, node_id: int) -> DriveClient:
-    """Connect to the control socket of a virtual drive; RemoteError lists the drives that run instead."""
-    try:
-        return DriveClient.connect(channel, node_id)
-    except RemoteError as error:
-        if error.kind != "BusClosed":
-            raise
-        buses = _running_drives(drive_name(channel, node_id).rpartition("-")[0])
-        raise RemoteError(error.kind, f"no virtual drive with node id {node_id} runs on {channel}; {buses}") from error
-
-
-def _running_drives(bus: str) -> str:
-    """Return a text with the node ids of the virtual drives on a bus, or on all buses if it has none."""
-    drives: dict[str, list[int]] = {}
-    for other, _, number in (name.rpartition("-") for name in list_sockets("drive")):
-        if number.isdecimal():
-            drives.setdefault(other, []).append(int(number))
-    if bus in drives:
-        return f"there are: {', '.join(map(str, sorted(drives[bus])))}"
-    if not drives:
-        return "no virtual drive runs; start one with: canopen-control drive"
-    elsewhere = "; ".join(f"{', '.join(map(str, sorted(ids)))} on the bus {name}" for name, ids in drives.items())
-    return f"there are: {elsewhere}"
 
 
 def _report(args: argparse.Namespace, active: list[str], node_id: int) -> int:

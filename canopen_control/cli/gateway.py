@@ -21,9 +21,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import EXPECTED_STATE
-from canopen_control.cli.nmt import ROBOT_TIMEOUTS, TIMEOUT_S, command_robot
 from canopen_control.cli.support.arguments import whole_number
-from canopen_control.cli.support.target import BusTarget, RobotTarget, add_target_arguments, robot_on
+from canopen_control.cli.support.target import (
+    NMT_TIMEOUT_S,
+    ROBOT_TIMEOUTS,
+    BusTarget,
+    RobotTarget,
+    add_target_arguments,
+    robot_on,
+)
 from canopen_control.client import RobotClient
 from canopen_control.errors import BusClosed, BusError, CanopenError, ConfigError
 from canopen_control.frame import BROADCAST
@@ -169,8 +175,8 @@ class RobotNetwork:
         """Send an NMT command through the robot; GatewayRefusal 204 if the nodes do not confirm it."""
         all_nodes = node_id == BROADCAST
         sessions = self._target.sessions if all_nodes else [self._node(node_id)]
-        timeout = ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
-        if sessions and (waiting := command_robot(self._target, command, sessions, timeout, all_nodes=all_nodes)[0]):
+        timeout = ROBOT_TIMEOUTS.get(command, NMT_TIMEOUT_S)
+        if sessions and (waiting := self._target.command(command, sessions, timeout, all_nodes=all_nodes)[0]):
             names = ", ".join(map(str, waiting))
             expected = EXPECTED_STATE[command].name.replace("_", " ")
             raise GatewayRefusal(WRONG_NMT_STATE, f"{names}: {expected} is not shown within {timeout:g} s")

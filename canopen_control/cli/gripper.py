@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cli.support.arguments import finite
 from canopen_control.cli.support.commands import find_controller
 from canopen_control.cli.support.output import json_text
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.gripper import MoveGripper
 
@@ -39,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="velocity limit in rad/s or m/s (default: as the controller)",
     )
     parser.add_argument("--controller", help="controller name (default: the only active one)")
-    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    add_robot_name(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -133,7 +133,7 @@ def _dispatch(arguments: list[str]) -> int:
         parser.print_help()
         return 2
     if verb in _REQUESTING:
-        from canopen_control.rpc.quick_import import import_msgspec  # --help needs none of it
+        from canopen_control.rpc.quick_verbs import import_msgspec  # --help needs none of it
 
         import_msgspec()
     args = parser_of(verb).parse_args(arguments[1:])

@@ -15,6 +15,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ FRAME_RATE = "500"  # Hz: changes are drawn within 2 ms, while the robot is idle
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     group = parser.add_mutually_exclusive_group()
-    group.add_argument("--name", help="the robot (default: the only one that runs)")
+    add_robot_name(group)
     group.add_argument("--can", metavar="CHANNEL", help="only listen, on this channel (can0, local:NAME, ...)")
     parser.add_argument(
         "--config", metavar="ROBOT", help="with --can: use the names of this robot, a folder or a bundled robot"

@@ -10,35 +10,33 @@ Exit codes: 0 confirmed, or sent to nodes without heartbeat; 1 a node shows anot
 from __future__ import annotations
 
 import sys
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import COMMAND_NAMES, EXPECTED_STATE, RESETS, NmtCommand, NmtConfirmed, NmtState
 from canopen_control.cli.support.arguments import timeout_seconds
 from canopen_control.cli.support.output import json_text
-from canopen_control.cli.support.target import LABEL, RobotTarget, add_target_arguments, parse_node_id
+from canopen_control.cli.support.target import (
+    ALL,
+    LABEL,
+    NMT_TIMEOUT_S,
+    RESET_TIMEOUT_S,
+    ROBOT_TIMEOUTS,
+    RobotTarget,
+    add_target_arguments,
+    parse_node_id,
+)
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError
 from canopen_control.frame import BROADCAST
 from canopen_control.master.direct import DirectBus
-from canopen_control.rpc.messages.robot import GetStatus, NmtRequest
 
 if TYPE_CHECKING:
     import argparse
 
-    from canopen_control.commissioning.node_session import NodeSession
-    from canopen_control.rpc.messages.state import NodeReading
-
 
 EXAMPLE = """canopen-control nmt preop left_drive
          canopen-control nmt reset-node all --can can0"""
-
-ALL = "all"
-TIMEOUT_S = 1.5  # longest heartbeat period that is awaited
-RESET_TIMEOUT_S = 5.0
-BOOT_TIMEOUT_S = 10.0  # `start` through a robot configures the node first
-POLL_S = 0.05
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -77,7 +75,7 @@ class NmtResult:
 
 
 def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_id: int) -> int:
-    timeout = args.wait or (RESET_TIMEOUT_S if command in RESETS and node_id else TIMEOUT_S)
+    timeout = args.wait or (RESET_TIMEOUT_S if command in RESETS and node_id else NMT_TIMEOUT_S)
     outcomes = []
     for result in bus.command(command, node_id, timeout):
         node = f"node {result.node_id}"
@@ -95,8 +93,8 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
     nodes_asked = target.sessions if args.node == ALL else [target.session(args.node)]
     if not nodes_asked:
         raise ConfigError(f"robot {target.robot.robot} has no nodes: it runs on mock hardware or in a simulation")
-    timeout = args.wait or ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
-    waiting, nodes = command_robot(target, command, nodes_asked, timeout, all_nodes=args.node == ALL)
+    timeout = args.wait or ROBOT_TIMEOUTS.get(command, NMT_TIMEOUT_S)
+    waiting, nodes = target.command(command, nodes_asked, timeout, all_nodes=args.node == ALL)
     outcomes = []
     for requested in nodes_asked:
         node = nodes[requested.name]
@@ -104,23 +102,6 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
         state = EXPECTED_STATE[command].name if confirmed else node.nmt_state
         outcomes.append(NmtResult(requested.node_id, str(requested), state, confirmed, node.error))
     return _report(args, outcomes, timeout)
-
-
-def command_robot(
-    target: RobotTarget, command: NmtCommand, sessions: list[NodeSession], timeout: float, *, all_nodes: bool
-) -> tuple[list[NodeSession], dict[str, NodeReading]]:
-    """Send an NMT command through a robot; return the nodes that did not confirm it, and the last readings of all."""
-    begin = time.monotonic()
-    name = next(name for name, known in COMMAND_NAMES.items() if known is command)
-    target.robot.ask(NmtRequest(command=name, node=ALL if all_nodes else str(sessions[0].node_id)))
-    waiting = sessions
-    while True:
-        time.sleep(POLL_S)
-        nodes = target.robot.ask(GetStatus()).nodes
-        elapsed = time.monotonic() - begin
-        waiting = [requested for requested in waiting if not _shows(nodes[requested.name], command, elapsed)]
-        if not waiting or elapsed >= timeout:
-            return waiting, nodes
 
 
 def _report(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float) -> int:
@@ -136,22 +117,6 @@ def _report(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float)
         else:
             _complain(result.label, result.state, args.command, timeout, result.error)
     return 1 if any(outcome.confirmed is False for outcome in outcomes) else 0
-
-
-ROBOT_TIMEOUTS = {
-    NmtCommand.START: BOOT_TIMEOUT_S,
-    NmtCommand.RESET_NODE: RESET_TIMEOUT_S,
-    NmtCommand.RESET_COMMUNICATION: RESET_TIMEOUT_S,
-}
-
-
-def _shows(node: NodeReading, command: NmtCommand, elapsed: float) -> bool:
-    """Whether a node has reached the state commanded, `elapsed` s after the command."""
-    if command is NmtCommand.START and not node.ready:  # the robot must also have configured the node
-        return False
-    # CiA 301 7.3.2: after a reset a node enters PRE-OPERATIONAL by itself
-    expected = NmtState.PRE_OPERATIONAL if command in RESETS else EXPECTED_STATE[command]
-    return node.nmt_state == expected.name and node.age is not None and node.age <= elapsed
 
 
 def _words(name: str) -> str:

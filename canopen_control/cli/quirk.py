@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.fault import connect_to, drive_of, print_entry
-from canopen_control.cli.support.output import json_text
+from canopen_control.cli.support.known_nodes import connect_to, drive_of
+from canopen_control.cli.support.output import json_text, print_entry
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.drive import GetDriveState, SwitchQuirk
 from canopen_control.virtual.quirks import QUIRKS, parse_quirk

@@ -22,6 +22,7 @@ from canopen_control.bus.recordings import FORMATS, RecordingWriter, format_of
 from canopen_control.cli.support.arguments import add_duration
 from canopen_control.cli.support.bus_description import choose_bus
 from canopen_control.cli.support.output import Progress, json_text
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.cli.support.target import robot_on
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.client.robot_client import outpaced, stream_rate
@@ -155,7 +156,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="HZ",
         help="with --bag: samples of the state per second (default: as controllers publish)",
     )
-    parser.add_argument("--name", help="the running robot (default: the only one)")
+    add_robot_name(parser)
     parser.add_argument("--bus", metavar="NAME", help="bus of a robot with several buses")
     add_duration(parser, "end after S seconds", former="--duration", dest="duration")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable, Iterator
 
-    from canopen_control.bus.play import PlayReport
-    from canopen_control.bus.recordings import RecordedFrame
+    from canopen_control.bus.recordings import PlayReport, RecordedFrame
     from canopen_control.cli.support.bus_description import Source
     from canopen_control.host.reactor import Reactor
     from canopen_control.rpc.messages.robot import Description
@@ -153,8 +152,8 @@ def _print_new_bus(channel: str) -> None:
 
 
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
-    """Play the recording and print the result, even after Ctrl-C; return the exit code."""
-    from canopen_control.bus.play import PlayReport, play
+    """Play the recording and print the result, also after Ctrl-C; return the exit code."""
+    from canopen_control.bus.recordings import PlayReport, play
     from canopen_control.cli.support.bus_description import report_gaps
 
     port, played, interrupted = open_port(channel, label=LABEL), PlayReport(), False

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import add_duration, number
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.files import write_whole
 
@@ -42,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--list", action="store_true", help="list the flight recordings, the newest last")
     parser.add_argument("--json", action="store_true", help="print the same facts as JSON, write no page")
     add_duration(parser, "watch the running robot for S seconds", former="--duration", dest="duration", read=_watching)
-    parser.add_argument("--name", help="the robot (default: the only one)")
+    add_robot_name(parser)
     parser.add_argument(
         "--config", metavar="ROBOT", help="use the names in this robot's files for a recording of frames"
     )
@@ -138,7 +139,7 @@ def _newest(name: str | None) -> Path:
 
 
 def _watched(args: argparse.Namespace) -> FlightFile:
-    from canopen_control.trace.report_live import watch
+    from canopen_control.trace.report_build import watch
 
     file = watch(args.name, args.duration)
     if not file.states:

@@ -149,12 +149,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         former="--duration",
         dest="duration",
     )
-    parser.add_argument(
-        "--ros-args",
-        nargs=argparse.REMAINDER,
-        metavar="...",
-        help="with --ros, as the last option: parameters, remappings and files for the bridge, as for any ROS program",
-    )
+    add_ros_arguments(parser)
 
 
 def _add_timing_arguments(parser: argparse.ArgumentParser) -> None:
@@ -244,10 +239,8 @@ def find_files(args: argparse.Namespace) -> RobotFiles:
     )
 
 
-def add_kind_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that select real drives or mock hardware, and the active controllers."""
-    parser.add_argument("--real", action="store_true", help="use real drives; start no virtual drives")
-    parser.add_argument("--mock", action="store_true", help="use mock hardware: no drives and no bus")
+def add_controller_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare --controller."""
     parser.add_argument(
         "--controller",
         action="append",
@@ -255,6 +248,23 @@ def add_kind_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="activate this controller (default: the first)",
     )
+
+
+def add_ros_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare --ros-args, the last option."""
+    parser.add_argument(
+        "--ros-args",
+        nargs=argparse.REMAINDER,
+        metavar="...",
+        help="with --ros, as the last option: parameters, remappings and files for the bridge, as for any ROS program",
+    )
+
+
+def add_kind_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that select real drives or mock hardware, and the active controllers."""
+    parser.add_argument("--real", action="store_true", help="use real drives; start no virtual drives")
+    parser.add_argument("--mock", action="store_true", help="use mock hardware: no drives and no bus")
+    add_controller_argument(parser)
 
 
 def run(args: argparse.Namespace) -> int:

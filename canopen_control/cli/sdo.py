@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cli.support.arguments import timeout_seconds
 from canopen_control.cli.support.output import REDRAW_S, Progress, json_text, print_result
 from canopen_control.cli.support.target import add_target_arguments, open_target
-from canopen_control.client.periodic_call import periodic_call
+from canopen_control.client.robot_client import periodic_call
 from canopen_control.commissioning.node_session import is_abort
 from canopen_control.commissioning.object_rows import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.errors import CanopenError, ConfigError

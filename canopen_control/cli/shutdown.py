@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.output import print_result
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.robot import Shutdown, Subscribe
@@ -22,7 +23,7 @@ TIMEOUT_S = 30.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    add_robot_name(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -47,7 +47,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.run import add_file_arguments, bridge_arguments, find_files, names_robot, world_of
+from canopen_control.cli.run import (
+    add_controller_argument,
+    add_file_arguments,
+    add_ros_arguments,
+    bridge_arguments,
+    find_files,
+    names_robot,
+    world_of,
+)
 from canopen_control.cli.support.arguments import add_new_name, number, whole_number
 from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import ConfigError, nearest
@@ -98,13 +106,7 @@ def _duration(text: str) -> int:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_file_arguments(parser, channel=None)
-    parser.add_argument(
-        "--controller",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="activate this controller (default: the first)",
-    )
+    add_controller_argument(parser)
     parser.add_argument(
         "--for", dest="length", type=_duration, metavar="T", help="simulated time, such as 1h or 30s (default: 1min)"
     )
@@ -172,12 +174,7 @@ def _add_serving(parser: argparse.ArgumentParser) -> None:
         "--ros", action="store_true", help="same as --serve, and start the ROS 2 bridge, which publishes /clock"
     )
     parser.add_argument("--namespace", metavar="NS", help="with --ros: namespace of all ROS names and frames")
-    parser.add_argument(
-        "--ros-args",
-        nargs=argparse.REMAINDER,
-        metavar="...",
-        help="with --ros, as the last option: parameters, remappings and files for the bridge, as for any ROS program",
-    )
+    add_ros_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -374,7 +371,7 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Scenar
 def _recorded(args: argparse.Namespace, setup: RobotSetup) -> Scenario:
     """Return the scenario of a recording, and write it to the file --out if given."""
     from canopen_control.cli.support.simulation_recording import recorded_scenario
-    from canopen_control.simulation.campaign_files import write_text
+    from canopen_control.simulation.campaign import write_text
     from canopen_control.simulation.scenario_steps import scenario_text
 
     scenario = recorded_scenario(Path(args.recording), setup)

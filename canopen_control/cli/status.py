@@ -15,9 +15,8 @@ from types import SimpleNamespace
 from canopen_control.cli.support.output import ENDS, Table, is_printed, json_line, json_text, painted, with_token
 from canopen_control.errors import RemoteError
 from canopen_control.host.lineclient import LineClient
-from canopen_control.host.running_robots import select_robot
-from canopen_control.host.sockets import socket_path
-from canopen_control.rpc.state_name import state_name
+from canopen_control.host.sockets import select_robot, socket_path
+from canopen_control.rpc.quick_verbs import state_name
 from canopen_control.version import PURE, TO_COMPILE, __version__
 
 TYPE_CHECKING = False  # the module typing takes longer to import than this one
@@ -158,9 +157,11 @@ _UNITS = {"PP": "rad", "CSP": "rad", "PV": "rad/s", "CSV": "rad/s", "TQ": "Nm", 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
+    from canopen_control.cli.support.parsers import add_robot_name
+
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
     parser.add_argument("--watch", action="store_true", help="print a live table until Ctrl-C")
-    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    add_robot_name(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -220,8 +221,8 @@ def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNames
                 return SimpleNamespace(**result) if isinstance(result, dict) else None
 
 
-def _object_in(line: bytes | None, late: str) -> dict[str, Any]:
-    """Return the JSON object in a line, or {}; RemoteError with the text `late` if `line` is None."""
+def _object_in(line: bytes | None, late: str) -> dict[str, object]:
+    """Return the JSON object in a line, {} if there is none; RemoteError with the text `late` if `line` is None."""
     if line is None:
         raise RemoteError("Timeout", late)
     try:
@@ -243,14 +244,14 @@ def _with_attributes(status: Any) -> Any:  # noqa: ANN401 - a Status but for its
     return status
 
 
-def _node_of(document: dict[str, Any]) -> SimpleNamespace:
+def _node_of(document: dict[str, object]) -> SimpleNamespace:
     node = SimpleNamespace(age=document["age_s"], **document)
     node.sdo = SimpleNamespace(**node.sdo)
     node.axes = [SimpleNamespace(state=axis["cia402_state"], **axis) for axis in node.axes]
     return node
 
 
-def _joint_of(document: dict[str, Any]) -> SimpleNamespace:
+def _joint_of(document: dict[str, object]) -> SimpleNamespace:
     joint = SimpleNamespace(**document)
     joint.tracking = joint.tracking and SimpleNamespace(**joint.tracking)
     return joint

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypedDict
 from canopen_control.cli.support.output import print_result
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError
-from canopen_control.host.running_robots import find_robots
+from canopen_control.host.sockets import find_robots
 from canopen_control.rpc.messages.robot import GetStatus, Release, Stop
 
 if TYPE_CHECKING:

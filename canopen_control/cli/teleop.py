@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.cli.support.arguments import number, seconds
 from canopen_control.cli.support.jog_run import Keyboard
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
 from canopen_control.client.teleop_keys import HELP, SIDEWAYS_HELP, KeyDecoder, Teleop, Velocities
 from canopen_control.errors import ConfigError, RemoteError
@@ -87,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="duration of the motion after a held key in s (default: 0.25)",
     )
     group = parser.add_mutually_exclusive_group()
-    group.add_argument("--name", help="the robot (default: the only one that runs)")
+    add_robot_name(group)
     group.add_argument("--topic", help="publish to this ROS topic instead, such as /cmd_vel")
     parser.add_argument("--stamped", action="store_true", help="with --topic: TwistStamped instead of Twist")
     parser.add_argument("--frame-id", metavar="F", default="", help="with --stamped: frame id of the header")

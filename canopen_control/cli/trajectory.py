@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cli.support.arguments import add_duration, number, seconds
 from canopen_control.cli.support.commands import find_controller
 from canopen_control.cli.support.output import Progress, json_text, print_result
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
 from canopen_control.client.robot_client import HEARTBEAT_S
 from canopen_control.client.trajectory_file import read_trajectory, read_waypoints, write_trajectory
@@ -159,7 +160,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     cancel = actions.add_parser("cancel", help="cancel the running trajectory: the joints brake")
     for action in (play, record, cancel):
         action.add_argument("--controller", help="controller name (default: the only active one)")
-        action.add_argument("--name", help="the robot (default: the only one that runs)")
+        add_robot_name(action)
 
 
 def run(args: argparse.Namespace) -> int:

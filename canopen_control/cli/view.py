@@ -14,6 +14,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import whole_number
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.errors import CanopenError
 from canopen_control.view import require_view
 
@@ -29,7 +30,7 @@ NICENESS = 5  # the robot has priority
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    add_robot_name(parser)
     parser.add_argument("--teleop", action="store_true", help="add buttons that drive the robot while they are held")
     parser.add_argument(
         "--host", default="127.0.0.1", metavar="ADDRESS", help="address to listen on (default: this computer only)"

@@ -5,6 +5,6 @@ with RobotClient.connect() as robot:
 """
 
 from canopen_control.client.robot_client import RobotClient
-from canopen_control.host.running_robots import find_robots, select_robot
+from canopen_control.host.sockets import find_robots, select_robot
 
 __all__ = ["RobotClient", "find_robots", "select_robot"]

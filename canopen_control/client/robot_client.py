@@ -1,28 +1,51 @@
-"""Client of a running robot: events, rate of the state samples, and trajectories of any length."""
+"""Client of a running robot: its events, the rate of its samples, trajectories of any length, repeated calls."""
 
 from __future__ import annotations
 
 import contextlib
 import math
+import threading
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.client.periodic_call import periodic_call
 from canopen_control.errors import RemoteError
 from canopen_control.host.lineclient import LineClient
-from canopen_control.host.running_robots import select_robot
-from canopen_control.host.sockets import socket_path
+from canopen_control.host.sockets import select_robot, socket_path
 from canopen_control.rpc.client import Client
 from canopen_control.rpc.messages.robot import ROBOT, STREAM_RATE, RobotHello, RobotPush, SdoPiece, SdoWrite, Subscribe
 from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.rpc.messages.trajectory import TrajectoryData, TrajectoryHeartbeat
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from types import TracebackType
     from typing import Self
 
     from canopen_control.rpc.messages.samples import TrajectoryPoint
     from canopen_control.rpc.messages.state import ControllerReading, CycleTimes
+
+
+@contextlib.contextmanager
+def periodic_call(
+    function: Callable[[], object], period_s: float, *, name: str, join_s: float | None = None
+) -> Iterator[None]:
+    """Context in which the thread `name` calls `function` every `period_s`, first after one period.
+
+    The exit waits for a running call, for `join_s` at most (None: without limit). An exception of `function` ends the
+    calls.
+    """
+    ended = threading.Event()
+
+    def run() -> None:
+        while not ended.wait(period_s):
+            function()
+
+    thread = threading.Thread(target=run, name=name, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join(join_s)
 
 
 # Messages that a robot sends to its subscribers: events one after the other, and state samples at a rate.

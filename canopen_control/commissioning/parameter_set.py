@@ -31,8 +31,7 @@ from canopen_control.od.eds import parse_eds, read_eds
 from canopen_control.od.eds_values import format_value, parse_number
 from canopen_control.od.model import SCALAR_CODES, DataType
 from canopen_control.od.pdos import COUNT, MAPPING, is_cob_id
-from canopen_control.profiles.device_type import profile_of
-from canopen_control.profiles.profile_tables import profile_signals
+from canopen_control.profiles import profile_of, profile_signals
 from canopen_control.version import __version__
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from canopen_control.cia301.nmt import NmtCommand
-from canopen_control.client.periodic_call import periodic_call
+from canopen_control.client.robot_client import periodic_call
 from canopen_control.commissioning.identity import FIELDS
 from canopen_control.commissioning.jobs import ProgramDate
 from canopen_control.commissioning.node_session import is_abort

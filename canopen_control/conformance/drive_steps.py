@@ -1,21 +1,29 @@
-"""Steps of drive checks: reading, commands of the power state machine, modes, option codes (CiA 402-2)."""
+"""Steps of drive checks: reading, power state machine, modes, option codes, bounded motions (CiA 402-2).
+
+Every motion is bounded. The speed is given by `--speed`, or is one per cent of 0x607F; the distance is given by
+`--distance`, or is half a revolution by 0x6092 and 0x608F. A motion that goes further than `_BEYOND` times the
+distance fails its check, which disables the drive. At the end of a check the shaft returns to its start position.
+"""
 
 from __future__ import annotations
 
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING, NamedTuple
 
+from canopen_control.cia301.pdo import parse_mapping_entry
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
-from canopen_control.cia402.state import State, decode_statusword
+from canopen_control.cia402.state import TARGET_REACHED, State, decode_statusword
 from canopen_control.conformance.check import expect
 from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
+from canopen_control.conformance.pdo_checks import RPDO, CountedSync, pdo_records, present_values, reconfigured
 from canopen_control.errors import RemoteProtocolError, SdoAbort
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from canopen_control.conformance.checked_node import CheckedNode
+    from canopen_control.conformance.pdo_checks import PdoRecord
 
 
 DRIVES = 402  # low word of 0x1000
@@ -175,3 +183,274 @@ def option(node: CheckedNode, index: int, value: int) -> Iterator[None]:
         except SdoAbort as error:
             raise NotApplicable(f"0x{index:04X} refuses {value}: 0x{error.code:08X}") from None
         yield
+
+
+_BEYOND = 4
+_SHARE = 100  # the default speed is 0x607F divided by this
+RAMP_S = 0.1  # time from standstill to the speed of a motion
+PERIOD_MS = 20  # period of SYNC and set-points in the cyclic modes
+_MS_INDEX = 0xFD  # 0x60C2:02 = -3: milliseconds
+NEW_SET_POINT, IMMEDIATELY, RELATIVE = 0x10, 0x20, 0x40  # bits of the controlword in PP; the first starts homing, too
+ENABLE = 0x0F
+
+
+class CheckMotion(NamedTuple):
+    """Motion of one check, in user units; `distance` is negative if only that direction is free."""
+
+    start: int
+    distance: int
+    speed: int
+    ramp: int
+
+    @property
+    def velocity(self) -> int:
+        """Speed with the sign of the distance."""
+        return self.speed if self.distance > 0 else -self.speed
+
+
+def _present(node: CheckedNode, index: int, subindex: int = 0) -> int:
+    """Read an optional number; 0 if the device does not have the object."""
+    try:
+        return node.number(index, subindex)
+    except NotApplicable:
+        return 0
+
+
+def _half_turn(node: CheckedNode) -> int:
+    feed, turns = _present(node, o.FEED_CONSTANT, 1), _present(node, o.FEED_CONSTANT, 2) or 1
+    if not feed:
+        feed = _present(node, o.POSITION_ENCODER_RESOLUTION, 1)
+        turns = _present(node, o.POSITION_ENCODER_RESOLUTION, 2) or 1
+    return feed // turns // 2
+
+
+def motion_of(node: CheckedNode) -> CheckMotion:
+    """Return the bounds of motions; raise NotApplicable if neither options nor objects define them."""
+    most = _present(node, o.MAX_PROFILE_VELOCITY)
+    speed = node.bounds.speed or most // _SHARE
+    speed = min(speed, most) if most else speed
+    distance = node.bounds.distance or _half_turn(node)
+    if not speed or not distance:
+        raise NotApplicable("the objects give no bounds of a motion; give --speed and --distance")
+    start = signed(node, o.POSITION_ACTUAL)
+    try:
+        low, high = (signed(node, o.SOFTWARE_POSITION_LIMIT, subindex) for subindex in (1, 2))
+    except NotApplicable:
+        low = high = 0
+    if low < high and start + 2 * distance > high:
+        if start - 2 * distance < low:
+            raise NotApplicable("0x607D leaves no room; give a smaller --distance")
+        distance = -distance
+    return CheckMotion(start, distance, speed, max(round(speed / RAMP_S), 1))
+
+
+@contextmanager
+def moving(
+    node: CheckedNode, mode: int, state: State = OE, *, deceleration_share: float = 1.0
+) -> Iterator[CheckMotion]:
+    """Context with the drive in `mode` and ramps of `RAMP_S`; on exit the drive returns to its start position.
+
+    `deceleration_share` is the ratio of 0x6084 to 0x6083.
+    """
+    is_drive(node)
+    motion = motion_of(node)
+    values = (
+        (o.PROFILE_VELOCITY, motion.speed),
+        (o.PROFILE_ACCELERATION, motion.ramp),
+        (o.PROFILE_DECELERATION, round(motion.ramp * deceleration_share)),
+        (o.QUICK_STOP_DECELERATION, motion.ramp),
+        (o.TARGET_VELOCITY, 0),
+        (o.TARGET_POSITION, motion.start & 0xFFFFFFFF),
+    )
+    with ExitStack() as stack:
+        for index, value in values:
+            with suppress(NotApplicable):
+                stack.enter_context(node.kept(index))
+                node.put(index, 0, value, 4)
+        with drive_at(node, state, mode):
+            try:
+                yield motion
+            finally:
+                with suppress(RemoteProtocolError):
+                    _return(node, motion)
+
+
+def _return(node: CheckedNode, motion: CheckMotion) -> None:
+    """Stop the shaft, and return to the start position if the drive supports PP."""
+    if node.has(o.TARGET_VELOCITY):
+        node.put(o.TARGET_VELOCITY, 0, 0, 4)
+    control(node, ENABLE)
+    node.listen(2 * RAMP_S)
+    if not node.number(o.SUPPORTED_DRIVE_MODES) & 1:
+        return
+    node.put(o.MODES_OF_OPERATION, 0, OperationMode.PP, 1)
+    node.put(o.TARGET_POSITION, 0, motion.start & 0xFFFFFFFF, 4)
+    node.listen(0.05)
+    control(node, ENABLE | NEW_SET_POINT | IMMEDIATELY)
+    node.listen(0.05)
+    control(node, ENABLE)
+    for _ in range(100):
+        if statusword(node) & TARGET_REACHED:
+            break
+        node.listen(0.05)
+
+
+# -- observation
+
+
+class DriveSample(NamedTuple):
+    """State of the drive at the time `seconds` of the reactor."""
+
+    seconds: float
+    position: int
+    velocity: int
+    word: int
+
+
+def sample(node: CheckedNode, motion: CheckMotion) -> DriveSample:
+    """Read the state of the drive; raise CheckFailed if the shaft has moved too far."""
+    seconds = node.reactor.now() / 1e9
+    position = signed(node, o.POSITION_ACTUAL)
+    moved = abs(position - motion.start)
+    if moved > _BEYOND * abs(motion.distance):
+        raise CheckFailed(f"the shaft moved by {moved}", f"at most {_BEYOND * abs(motion.distance)}")
+    return DriveSample(seconds, position, signed(node, o.VELOCITY_ACTUAL), statusword(node))
+
+
+def until(
+    node: CheckedNode, motion: CheckMotion, holds: Callable[[DriveSample], bool], seconds: float, expected: str
+) -> list[DriveSample]:
+    """Return the samples up to the first one that fulfils `holds`; raise CheckFailed after the timeout."""
+    samples = [sample(node, motion)]
+    while not holds(samples[-1]):
+        last = samples[-1]
+        if last.seconds - samples[0].seconds > seconds:
+            observed = f"position {last.position}, velocity {last.velocity}, statusword 0x{last.word:04X}"
+            raise CheckFailed(f"{observed} after {seconds:g} s", expected)
+        node.listen(STEP_S)
+        samples.append(sample(node, motion))
+    return samples
+
+
+def watch(node: CheckedNode, motion: CheckMotion, seconds: float) -> list[DriveSample]:
+    """Return the samples of the next `seconds`."""
+    samples = [sample(node, motion)]
+    while samples[-1].seconds - samples[0].seconds < seconds:
+        node.listen(STEP_S)
+        samples.append(sample(node, motion))
+    return samples
+
+
+def window(node: CheckedNode, motion: CheckMotion) -> int:
+    """Return the position window 0x6067, but at least a hundredth of the motion's distance."""
+    value = _present(node, o.POSITION_WINDOW)
+    return max(0 if value == 0xFFFFFFFF else value, abs(motion.distance) // 100, 2)
+
+
+# -- modes
+
+
+def turn(node: CheckedNode, motion: CheckMotion, velocity: int) -> list[DriveSample]:
+    """Command a velocity in PV and return the samples until the shaft has reached it."""
+    node.put(o.TARGET_VELOCITY, 0, velocity & 0xFFFFFFFF, 4)
+    return until(node, motion, lambda one: fast(one, velocity), 5 * RAMP_S, f"velocity {velocity}")
+
+
+def fast(one: DriveSample, velocity: int, share: float = 0.9) -> bool:
+    """Whether the shaft has reached a share of a velocity, in the same direction."""
+    return one.velocity * velocity > 0 and abs(one.velocity) >= share * abs(velocity)
+
+
+def still(one: DriveSample, velocity: int) -> bool:
+    """Whether the shaft is slower than a tenth of a velocity."""
+    return abs(one.velocity) <= 0.1 * abs(velocity)
+
+
+def set_point(node: CheckedNode, target: int, bits: int = 0) -> None:
+    """Command a PP set-point and reset bit 4; raise CheckFailed unless bit 12 acknowledges it."""
+    control(node, ENABLE | bits)
+    node.put(o.TARGET_POSITION, 0, target & 0xFFFFFFFF, 4)
+    control(node, ENABLE | NEW_SET_POINT | bits)
+    for _ in range(20):
+        if statusword(node) & 0x1000:
+            break
+        node.listen(STEP_S)
+    else:
+        raise CheckFailed(f"statusword 0x{statusword(node):04X}", "bit 12 = 1: the set-point is acknowledged")
+    control(node, ENABLE | bits)
+
+
+class Stream:
+    """Sender of set-points of one object in an RPDO, one per SYNC; `next_sync` is the time of the next SYNC in ns."""
+
+    def __init__(self, node: CheckedNode, record: PdoRecord, index: int) -> None:
+        self._node, self._record = node, record
+        self._sync = CountedSync(node)
+        self._image, shift = int.from_bytes(present_values(node, record), "little"), 0
+        self._places: dict[int, tuple[int, int]] = {}
+        for entry in record.entries:
+            mapped, _, bits = parse_mapping_entry(entry)
+            self._places[mapped] = shift, bits
+            shift += bits
+        self._index = index
+        self.next_sync = node.reactor.now()
+        self.value = 0
+        self.fill(o.CONTROLWORD, ENABLE)
+
+    def fill(self, index: int, value: int) -> None:
+        """Set the value of an object in later frames, if the RPDO maps the object."""
+        if index in self._places:
+            shift, bits = self._places[index]
+            mask = (1 << bits) - 1
+            self._image = self._image & ~(mask << shift) | (value & mask) << shift
+
+    def send(self, value: int) -> None:
+        self.value = value
+        self.fill(self._index, value)
+        self._node.send(self._record.can_id, self._image.to_bytes(self._record.length, "little"))
+
+    def sync(self, late_ms: float = 0.0) -> None:
+        """Send the next SYNC at its time, or `late_ms` later."""
+        self.next_sync += PERIOD_MS * 1_000_000
+        wait = self.next_sync + round(late_ms * 1e6) - self._node.reactor.now()
+        if wait > 0:
+            self._node.listen(wait / 1e9)
+        self._sync.send()
+
+    def cycles(self, count: int, step: int) -> None:
+        """Send `count` set-points, each `step` after the previous one and followed by a SYNC."""
+        for _ in range(count):
+            self.send(self.value + step)
+            self.sync()
+
+
+@contextmanager
+def streaming(node: CheckedNode, mode: int, index: int) -> Iterator[tuple[CheckMotion, Stream]]:
+    """Context with the drive enabled in a cyclic mode; `Stream` sends set-points of an object by RPDO and SYNC."""
+    is_drive(node)
+    records = (
+        record
+        for record in pdo_records(node, RPDO)
+        if index in {parse_mapping_entry(entry)[0] for entry in record.entries}
+    )
+    record = next(records, None)
+    if record is None:
+        raise NotApplicable(f"no RPDO maps 0x{index:04X}")
+    with ExitStack() as stack:
+        with suppress(NotApplicable):
+            stack.enter_context(node.kept(o.INTERPOLATION_TIME_PERIOD, 1))
+            stack.enter_context(node.kept(o.INTERPOLATION_TIME_PERIOD, 2))
+            node.put(o.INTERPOLATION_TIME_PERIOD, 2, _MS_INDEX, 1)
+            node.put(o.INTERPOLATION_TIME_PERIOD, 1, PERIOD_MS, 1)
+        stack.enter_context(reconfigured(node, record, {2: 1}))
+        motion = stack.enter_context(moving(node, mode))
+        stream = Stream(node, record, index)
+        stream.fill(o.MODES_OF_OPERATION, mode)
+        stream.value = motion.start if index == o.TARGET_POSITION else 0
+        stream.cycles(5, 0)
+        yield motion, stream
+
+
+def step_of(motion: CheckMotion) -> int:
+    """Return the distance per cycle at a velocity of half the motion's distance per second."""
+    return int(motion.distance * PERIOD_MS / 2000) or 1

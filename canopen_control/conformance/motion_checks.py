@@ -1,6 +1,6 @@
 """Checks of a drive with motion: modes of operation, ramps, halt, quick stop, homing, limits (CiA 402-2).
 
-All checks need `--motion` and a shaft that is free to turn. `motion_steps` bounds every motion and returns the shaft.
+All checks need `--motion` and a shaft that is free to turn. `drive_steps` bounds every motion and returns the shaft.
 """
 
 from __future__ import annotations
@@ -15,34 +15,32 @@ from canopen_control.cia402.state import HALT_BIT, INTERNAL_LIMIT, TARGET_REACHE
 from canopen_control.conformance.check import CheckLevel, CheckList, CheckTouch, expect
 from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
 from canopen_control.conformance.drive_steps import (
+    ENABLE,
     FAULT,
+    IMMEDIATELY,
+    NEW_SET_POINT,
     OE,
     ON,
+    PERIOD_MS,
     QSA,
+    RAMP_S,
+    RELATIVE,
     SOD,
     control,
     drive_at,
     expect_bits,
+    fast,
     is_drive,
+    moving,
     option,
     reaches,
     reset_fault,
+    sample,
     set_mode,
+    set_point,
     signed,
     statusword,
     stays,
-)
-from canopen_control.conformance.motion_steps import (
-    ENABLE,
-    IMMEDIATELY,
-    NEW_SET_POINT,
-    PERIOD_MS,
-    RAMP_S,
-    RELATIVE,
-    fast,
-    moving,
-    sample,
-    set_point,
     step_of,
     still,
     streaming,
@@ -58,7 +56,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canopen_control.conformance.checked_node import CheckedNode
-    from canopen_control.conformance.motion_steps import CheckMotion, DriveSample
+    from canopen_control.conformance.drive_steps import CheckMotion, DriveSample
 
 
 MOTION_CHECKS = CheckList("402")

@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING
 from canopen_control.conformance.check import Check, CheckLevel, CheckTouch, upload_request
 from canopen_control.conformance.checked_node import ANSWER, REQUEST, CheckFailed, NotApplicable
 from canopen_control.conformance.drive_checks import DRIVE_CHECKS
-from canopen_control.conformance.eds_checks import EDS_CHECKS
-from canopen_control.conformance.manager_checks import MANAGER_CHECKS
 from canopen_control.conformance.message_checks import MESSAGE_CHECKS
 from canopen_control.conformance.motion_checks import MOTION_CHECKS
-from canopen_control.conformance.nmt_checks import LSS_CHECKS, NMT_CHECKS
+from canopen_control.conformance.nmt_checks import LSS_CHECKS, MANAGER_CHECKS, NMT_CHECKS
 from canopen_control.conformance.pdo_checks import PDO_CHECKS
 from canopen_control.conformance.sdo_block_checks import BLOCK_CHECKS
-from canopen_control.conformance.sdo_checks import SDO_CHECKS
+from canopen_control.conformance.sdo_checks import EDS_CHECKS, SDO_CHECKS
 from canopen_control.errors import BusError, CanopenError, ConfigError, RemoteProtocolError, SdoTimeout
 
 if TYPE_CHECKING:

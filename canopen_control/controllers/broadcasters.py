@@ -32,7 +32,7 @@ from canopen_control.rpc.messages.samples import (
     RangeSample,
     WrenchSample,
 )
-from canopen_control.yamlfile.convert import derived, setting
+from canopen_control.yamlfile.convert import derived, section, setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -95,10 +95,8 @@ class BatteryParams(CommonParams):
     batteries: tuple[str, ...] = setting(
         (), help="names of `<sensor>`, `<gpio>` or `<joint>` parts that have at least `battery_voltage`"
     )
-    interfaces: dict[str, bool] = setting(
-        key="interfaces",
-        section=True,
-        factory=dict,
+    interfaces: dict[str, bool] = section(
+        "interfaces",
         help="`.BATTERY.battery_temperature` and so on; true: also read that state interface (`battery_current`, "
         "`battery_charge`, `battery_percentage`, `battery_power_supply_status`, `..._health`, "
         "`battery_present`)",
@@ -161,8 +159,7 @@ def read_params(params: Params, name: str) -> BatteryParams:
 def _with_batteries(batteries: tuple[str, ...]) -> type[BatteryParams]:
     """Return a parameter class that has a section of `BatteryFacts` for each battery."""
     fields: list[tuple[str, Any, Any]] = [
-        (f"battery_{index}", BatteryFacts, setting(BatteryFacts(), key=battery, section=True))
-        for index, battery in enumerate(batteries)
+        (f"battery_{index}", BatteryFacts, section(battery, BatteryFacts())) for index, battery in enumerate(batteries)
     ]
     return cast(
         "type[BatteryParams]", dataclasses.make_dataclass("BatteryParams", fields, bases=(BatteryParams,), frozen=True)
@@ -242,22 +239,16 @@ class ForceTorqueParams(SensorParams):
     no value. Forces in N and torques in Nm are published as (value + offset) * multiplier.
     """
 
-    interface_names: dict[str, str] = setting(
-        key="interface_names",
-        section=True,
-        factory=dict,
+    interface_names: dict[str, str] = section(
+        "interface_names",
         help="`.force.x` to `.torque.z`: full names of state interfaces, instead of `sensor_name`",
     )
-    offset: dict[str, float] = setting(
-        key="offset",
-        section=True,
-        factory=dict,
+    offset: dict[str, float] = section(
+        "offset",
         help="`.force.x` to `.torque.z`: offset in N or Nm, added to the value",
     )
-    multiplier: dict[str, float] = setting(
-        key="multiplier",
-        section=True,
-        factory=dict,
+    multiplier: dict[str, float] = section(
+        "multiplier",
         help="`.force.x` to `.torque.z`: factor, applied after the offset; absent: 1.0",
     )
 
@@ -304,13 +295,11 @@ class PoseParams(CommonParams):
 
     frame_id: str = setting("", help="frame in which the pose is given")
     pose_name: str = setting("", help="`<sensor>` of the description with `position.x` to `orientation.w`")
-    interface_names: dict[str, str] = setting(
-        key="interface_names",
-        section=True,
-        factory=dict,
+    interface_names: dict[str, str] = section(
+        "interface_names",
         help="`.position.x` to `.orientation.w`: full names of state interfaces, instead of `pose_name`",
     )
-    tf: PoseTransform = setting(PoseTransform(), key="tf", section=True)
+    tf: PoseTransform = section("tf", PoseTransform())
 
     @property
     def names(self) -> list[str]:

@@ -18,8 +18,7 @@ from canopen_control.controllers.params import Params, flattened, like, scalar_n
 from canopen_control.errors import ControlError, RobotConfigError, nearest
 from canopen_control.rpc.messages.parameters import MANAGER
 from canopen_control.yamlfile.convert import convert, setting
-from canopen_control.yamlfile.node import Node
-from canopen_control.yamlfile.problems import LINE_END, Problems
+from canopen_control.yamlfile.node import LINE_END, Node, Problems
 from canopen_control.yamlfile.reader import read as read_tree
 from canopen_control.yamlfile.reader import read_text, tree
 

@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import ControllerState, DriveGeometry
-from canopen_control.controllers.diff_drive_params import DiffDriveParams, SwitchedLimits, read_params
+from canopen_control.controllers.base_params import DiffDriveParams, SwitchedLimits, read_params
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose, RollingMean
 from canopen_control.errors import RobotConfigError

@@ -1,4 +1,4 @@
-"""GpioCommandController: commands the outputs of <gpio> parts by name, and publishes inputs and outputs.
+"""Controllers of devices beside the joints: GpioCommandController, and the services of one CANopen node or drive.
 
 Rules (gpio_controllers, Jazzy): a command sets some of the command interfaces, the others keep their values; the
 commanded values are written again in every update, nothing before the first command; without command interfaces the
@@ -7,6 +7,11 @@ refused as a whole. When commands end (deactivation, stop, disconnected client, 
 output changes to its safe value at once, which is that of the hardware unless the parameters set another; outputs
 listed in `kept_outputs` do not change. The next command starts from these values. The commands to outputs of a lost
 node end without affecting other nodes.
+
+Rules of the services (canopen_ros2_controllers): the parameter is `joint`; topics and services have the controller's
+name. Upstream passes each request through interfaces that a hardware component polls in its cycle. Here the controllers
+claim no interfaces: they offer the services that every node of the bus has, with the same answers and safety checks. So
+they are started beside the controller that moves the joint, and work whether they are active or not.
 """
 
 from __future__ import annotations
@@ -18,11 +23,12 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, StateCopy
 from canopen_control.controllers.command_timeout import ENDLESS, MOVING, timeout_ns, unlimited_warning
 from canopen_control.controllers.params import CommonParams, refuse_all
-from canopen_control.errors import ControlError, nearest
+from canopen_control.errors import ControlError, RobotConfigError, nearest
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.rpc.messages.samples import GpioSample
+from canopen_control.rpc.messages.state import DRIVE_SERVICES, NODE_SERVICES
 from canopen_control.urdf.joint_element import POSITION
-from canopen_control.yamlfile.convert import setting
+from canopen_control.yamlfile.convert import section, setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -47,23 +53,17 @@ class GpioParams(CommonParams):
     """
 
     gpios: tuple[str, ...] = setting((), help="names of `<gpio>` parts of the description")
-    command_interfaces: dict[str, tuple[str, ...]] = setting(
-        key="command_interfaces",
-        section=True,
-        factory=dict,
+    command_interfaces: dict[str, tuple[str, ...]] = section(
+        "command_interfaces",
         help="`.GPIO.interfaces`: command interfaces, which are the outputs; none: the controller only publishes "
         "states",
     )
-    state_interfaces: dict[str, tuple[str, ...]] = setting(
-        key="state_interfaces",
-        section=True,
-        factory=dict,
+    state_interfaces: dict[str, tuple[str, ...]] = section(
+        "state_interfaces",
         help="`.GPIO.interfaces`: state interfaces to publish; none: all state interfaces of the GPIO",
     )
-    safe_values: dict[str, float] = setting(
-        key="safe_values",
-        section=True,
-        factory=dict,
+    safe_values: dict[str, float] = section(
+        "safe_values",
         help="`.GPIO.INTERFACE`: value of the output after commands have expired; absent: 0.0",
     )
     kept_outputs: tuple[str, ...] = setting(
@@ -287,3 +287,31 @@ class GpioCommandController(Controller):
             raise self.refusal(f"is {self.state.value}; activate it before commanding it")
         if not self._names:
             raise self.refusal("has no command_interfaces; it only publishes states")
+
+
+@dataclass(frozen=True)
+class DeviceParams(CommonParams):
+    """Parameters of the CANopen device controllers; `joint` may also be the name of a node without joints."""
+
+    joint: str = setting("", help="a joint driven by a node, or the name of a node without joints")
+
+
+class CanopenProxyController(Controller):
+    """Controller that offers the services of one node: NMT commands, SDO access and PDOs."""
+
+    title: ClassVar[str] = "One node, with the interfaces of ros2_canopen"
+    reads: ClassVar[type[DeviceParams]] = DeviceParams
+    moves_joints: ClassVar[bool] = False
+    offers: ClassVar[tuple[str, ...]] = (NODE_SERVICES,)
+
+    def on_configure(self, params: Params) -> None:
+        settings = params.read(DeviceParams)
+        if not settings.joint:
+            raise RobotConfigError(f"{self.name}: no 'joint'; give it under {self.name}: ros__parameters: joint: NAME")
+        self.joints, self.update_rate = (settings.joint,), settings.update_rate
+
+
+class Cia402DeviceController(CanopenProxyController):
+    """Controller that offers the services of one drive: the services of a node, and CiA 402 states and modes."""
+
+    offers: ClassVar[tuple[str, ...]] = (DRIVE_SERVICES,)

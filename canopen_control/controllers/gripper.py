@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar, cast
 
 from canopen_control.controllers.base import Controller, ControllerState, finite
 from canopen_control.controllers.command_timeout import GoalState
-from canopen_control.controllers.gripper_goal import GripperGoal, GripStatus, StallDetector
 from canopen_control.controllers.params import CommonParams, LoopGains
 from canopen_control.controllers.pid import Pid
+from canopen_control.controllers.request_protocols import GripperGoal, GripStatus, StallDetector
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.rpc.messages.samples import GripperSample
 from canopen_control.rpc.messages.state import GRIPPER_GOALS, PARALLEL_GRIPPER_GOALS
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
-from canopen_control.yamlfile.convert import derived, setting
+from canopen_control.yamlfile.convert import derived, section, setting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -121,7 +121,7 @@ def _with_gains(cls: type[P], joint: str) -> type[P]:
     """Return a parameter class with a section `gains.<joint>` if the class has gains."""
     if not issubclass(cls, EffortGripperParams):
         return cls
-    loop = ("loop", LoopGains, setting(LoopGains(), key=f"gains.{joint}", section=True))
+    loop = ("loop", LoopGains, section(f"gains.{joint}", LoopGains()))
     return cast("type[P]", dataclasses.make_dataclass(cls.__name__, [loop], bases=(cls,), frozen=True))
 
 

@@ -24,11 +24,11 @@ from canopen_control.controllers.base import (
     twist_axes_of,
 )
 from canopen_control.controllers.declared import checked, declared_by, given_in
-from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.request_protocols import (
     ClosesLoops,
     FollowsTrajectories,
+    GripperGoal,
     Grips,
     HasOdometry,
     TakesNamedValues,

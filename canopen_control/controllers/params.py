@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar
 from canopen_control.controllers.pid import AntiWindup, Gains
 from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
-from canopen_control.yamlfile.convert import convert, derived, keys_of, setting
-from canopen_control.yamlfile.node import Node
-from canopen_control.yamlfile.problems import Problems
+from canopen_control.yamlfile.convert import convert, derived, keys_of, section, setting
+from canopen_control.yamlfile.node import Node, Problems
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
@@ -438,8 +437,7 @@ def read_pid_params(params: Params, name: str) -> PidParams:
 def _with_dof_gains(dofs: tuple[str, ...]) -> type[PidParams]:
     """Return a parameter class with a section of gains for each degree of freedom."""
     fields: list[tuple[str, Any, Any]] = [
-        (f"gains_{index}", DofGains, setting(DofGains(), key=f"gains.{dof}", section=True))
-        for index, dof in enumerate(dofs)
+        (f"gains_{index}", DofGains, section(f"gains.{dof}", DofGains())) for index, dof in enumerate(dofs)
     ]
     return typing.cast(
         "type[PidParams]", dataclasses.make_dataclass("PidParams", fields, bases=(PidParams,), frozen=True)

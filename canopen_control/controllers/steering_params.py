@@ -9,14 +9,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from canopen_control.controllers.base_params import BaseParams, Six, TwistAxisLimits, read_checked
-from canopen_control.controllers.diff_drive_params import SwitchedLimits
+from canopen_control.controllers.base_params import (
+    BaseParams,
+    Six,
+    SwitchedLimits,
+    TwistAxisLimits,
+    read_checked,
+    with_dimensions,
+)
 from canopen_control.controllers.steering_kinematics import (
     AckermannKinematics,
     SteeringKinematics,
     TricycleKinematics,
 )
-from canopen_control.yamlfile.convert import setting
+from canopen_control.yamlfile.convert import section, setting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -222,7 +228,7 @@ class Ros1AckermannParams(BicycleParams):
     wheel_separation_h_multiplier: float = 1.0
     wheel_radius_multiplier: float = 1.0
     steer_pos_multiplier: float = 1.0
-    linear: SwitchedLimits = setting(SwitchedLimits(), key="linear.x", section=True)
+    linear: SwitchedLimits = section("linear.x", SwitchedLimits())
 
     @property
     def limits(self) -> tuple[TwistAxisLimits, ...]:
@@ -262,6 +268,9 @@ _RENAMES: Final = {
 }
 
 
+_FILE_NAMES: Final = {"wheelbase": "wheel_separation_h", "traction_wheel_radius": "wheel_radius"}
+
+
 def is_ros1(params: Params) -> bool:
     """Return whether the parameters are those of ROS 1's Ackermann steering controller."""
     return any(params.flat.get(key) is not None for key in _OWN)
@@ -286,11 +295,6 @@ def _completed(
 ) -> Ros1AckermannParams:
     if geometry is None:
         return params
-    wheel, steer = (params.rear_wheel,), (params.front_steer,)
-    if params.wheelbase <= 0.0 and (base := geometry.separation(wheel, steer)):
-        report(f"wheel_separation_h is not given; the value of the description is used: {base:g} m")
-        params = replace(params, wheelbase=base)
-    if params.traction_wheel_radius <= 0.0 and (radius := geometry.radius(wheel)):
-        report(f"wheel_radius is not given; the value of the description is used: {radius:g} m")
-        params = replace(params, traction_wheel_radius=radius)
-    return params
+    wheel = (params.rear_wheel,)
+    base, radius = geometry.separation(wheel, (params.front_steer,)), geometry.radius(wheel)
+    return with_dimensions(params, report, _FILE_NAMES, wheelbase=base, traction_wheel_radius=radius)

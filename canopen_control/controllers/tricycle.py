@@ -22,7 +22,7 @@ from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.rpc.messages.samples import OdometrySample, grown
 from canopen_control.rpc.messages.state import ODOMETRY_RESET
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
-from canopen_control.yamlfile.convert import setting
+from canopen_control.yamlfile.convert import section, setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -117,8 +117,8 @@ class DrivenWheelParams(BaseParams):
     velocity_rolling_window_size: int = setting(
         10, low=1, high=100_000, help="number of updates over which the velocity of the odometry is averaged"
     )
-    traction: TractionLimits = setting(TractionLimits(), key="traction", section=True)
-    steering: SteeringLimits = setting(SteeringLimits(), key="steering", section=True)
+    traction: TractionLimits = section("traction", TractionLimits())
+    steering: SteeringLimits = section("steering", SteeringLimits())
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
         for key in ("traction_joint_name", "steering_joint_name"):

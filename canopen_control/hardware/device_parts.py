@@ -15,9 +15,7 @@ from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.od.codec import decode
 from canopen_control.od.model import DataType
-from canopen_control.profiles.device_signal import retyped
-from canopen_control.profiles.device_type import Profile
-from canopen_control.profiles.profile_tables import object_signal
+from canopen_control.profiles import Profile, object_signal, retyped
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
     from canopen_control.master.cycle import Input, Output, ProcessImage
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.od.model import Address, Entry, Value
-    from canopen_control.profiles.device_signal import Signal
+    from canopen_control.profiles import Signal
     from canopen_control.urdf.ros2_control import ControlJoint
 
 

@@ -182,7 +182,6 @@ def _holds_load(description: ControlJoint) -> bool:
 
 _FINE = (SetPointTaken, SetPointReached, SetPointDeferred)
 _FOLLOWING: Final = AxisPhase.FOLLOWING  # faster than the enum member, see `hardware.interfaces.OK`
-_FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 _MAY_HOME: Final = (AxisPhase.READY, AxisPhase.HOMING)
 _OVERDUE: Final = {

@@ -1,4 +1,4 @@
-"""Named Unix sockets: paths, access rights, and whether a process listens.
+"""Named Unix sockets: their paths, access rights, whether a process listens, and the running robots that they name.
 
 The sockets are in $XDG_RUNTIME_DIR/canopen_control, or in canopen_control-UID in the temporary folder. The folder must
 be private: a folder (not a link), owned by this user, with mode 0700, in a parent where no other user can replace it.
@@ -361,3 +361,22 @@ def connect(path: Path, timeout: float | None = 5.0) -> socket.socket:
         sock.close()
         raise
     return sock
+
+
+def find_robots() -> list[str]:
+    """Return the names of this user's running robots, sorted."""
+    return list_sockets("robot")
+
+
+def select_robot(name: str | None = None) -> str:
+    """Return `name` if that robot is running; without `name`, the only running robot; else raise ConfigError."""
+    running = find_robots()
+    if name is not None:
+        if check_name(name) in running:
+            return name
+        raise ConfigError(f"no robot {name!r} is running" + (f"; running: {', '.join(running)}" if running else ""))
+    if not running:
+        raise ConfigError("no robot is running; start one: canopen-control run robby")
+    if len(running) > 1:
+        raise ConfigError(f"several robots are running: {', '.join(running)}; choose one with --name")
+    return running[0]

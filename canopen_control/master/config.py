@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from canopen_control.od.eds import EdsFile
     from canopen_control.od.issues import Issue
     from canopen_control.od.model import ObjectDictionary
-    from canopen_control.yamlfile.problems import Problems
+    from canopen_control.yamlfile.node import Problems
 
 
 # Files that a bus.yml names (EDS, DCF, configuration files), each of which is read only once.

@@ -17,7 +17,7 @@ from typing import Any, Literal
 from canopen_control.cia301.pdo import INVALID_BIT
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.od.model import BIT_RATES
-from canopen_control.profiles.device_signal import TYPES, object_of
+from canopen_control.profiles import TYPES, object_of
 from canopen_control.yamlfile.convert import derived, part, setting
 
 DEFAULT_HEARTBEAT_MS = 100  # without a key in bus.yml, so that a lost node or master is always detected

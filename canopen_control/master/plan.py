@@ -58,7 +58,7 @@ from canopen_control.master.plan_pdos import (
     warn_of_unwatched_outputs,
 )
 from canopen_control.od.codec import encode
-from canopen_control.profiles.device_type import Profile, profile_of
+from canopen_control.profiles import Profile, profile_of
 from canopen_control.rpc.messages.robot import NodeIdentity
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from canopen_control.cia301.pdo import MappedObject
     from canopen_control.master.keys import MasterConfig, NodeConfig, SdoEntry, SupervisionKeys
     from canopen_control.od.model import ObjectDictionary
-    from canopen_control.profiles.device_signal import Signal
+    from canopen_control.profiles import Signal
 
 
 CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR = 0x1016, 0x1017, 0x100C, 0x100D, 0x1029

@@ -44,8 +44,6 @@ _OFFSETS: Final = {"velocity": VELOCITY_OFFSET, "effort": TORQUE_OFFSET}
 _PREDEFINED: Final = range(1, 5)
 _COMMUNICATION, _MAPPING = 0x1400, 0x1600
 
-RpdoKeys = dict[int, PdoConfig]
-
 
 def add_feed_forward(builder: PlanBuilder, axes: Sequence[int]) -> None:
     """Map the offsets requested by `feed_forward` into the node's RPDOs, for each axis."""

@@ -30,8 +30,16 @@ from canopen_control.master.keys import PdoConfig, PdoObjectKeys
 from canopen_control.master.plan_builder import STORED, PlannedPdo
 from canopen_control.od.model import DataType
 from canopen_control.od.pdos import COMMUNICATION, COUNT, MAPPING, pdo_of
-from canopen_control.profiles.device_signal import TYPES, Signal, object_of
-from canopen_control.profiles.profile_tables import AI_DELTA, AI_ENABLE, ANALOGUE_INPUTS, profile_signals, safe_outputs
+from canopen_control.profiles import (
+    AI_DELTA,
+    AI_ENABLE,
+    ANALOGUE_INPUTS,
+    TYPES,
+    Signal,
+    object_of,
+    profile_signals,
+    safe_outputs,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -39,8 +47,7 @@ if TYPE_CHECKING:
     from canopen_control.master.keys import SignalKeys
     from canopen_control.master.plan_builder import PlanBuilder
     from canopen_control.od.model import Address, Entry
-    from canopen_control.profiles.device_type import Profile
-    from canopen_control.profiles.profile_tables import SafeOutput
+    from canopen_control.profiles import Profile, SafeOutput
 
 
 # Signals of a device, by its profile and by `signals` in bus.yml, and the objects that the boot writes for them.

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.rpc.messages.health import AXIS_STATES
-from canopen_control.rpc.state_name import state_name
+from canopen_control.rpc.quick_verbs import state_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -34,7 +34,7 @@ from canopen_control.monitor.monitor_content import (
 from canopen_control.rpc.messages.health import ROBOT_STATES
 from canopen_control.rpc.messages.robot import ROBOT, GetLayout, GetNodes, GetStatus, Subscribe
 from canopen_control.rpc.messages.state import AxisReading, RobotEvent, StateSample
-from canopen_control.rpc.state_name import state_name
+from canopen_control.rpc.quick_verbs import state_name
 from canopen_control.trace.decoder import Mark
 from canopen_control.trace.network_description import NetworkDescription, network_of_layout
 from canopen_control.trace.values import statusword_text

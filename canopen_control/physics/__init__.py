@@ -8,8 +8,8 @@ the virtual drives of a process, `plugin_robot` one for a simulation plugin with
 - model: `urdf_repair` of a description, `body_model` of a description, a MuJoCo scene or several robots;
   `ground_contact` finds the wheels, `motor_estimate` the motors, `scenery` adds ramps, boxes and walls,
   `world_sensors` adds sensors
-- motion: `joint_servo` (control loops of a drive on one joint), `world_robot` (a robot and the pose of its base),
-  `physics_world` (all robots), `disturbances` (payload, pushes, friction)
+- motion: `joint_servo` (control loops of a drive on one joint), `physics_world` (all robots and their poses),
+  `disturbances` (payload, pushes, friction)
 """
 
 from __future__ import annotations

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.physics.body_model import Body, PreparedRobot
-    from canopen_control.physics.physics_world import PhysicsWorld
-    from canopen_control.physics.world_robot import WorldRobot
+    from canopen_control.physics.physics_world import PhysicsWorld, WorldRobot
     from canopen_control.physics.world_sensors import WorldSensor
 
 
@@ -117,7 +116,7 @@ def _sensors(file: PhysicsFile) -> list[WorldSensor]:
 
 
 def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: list[WorldSensor]) -> WorldRobot:
-    from canopen_control.physics.world_robot import WorldRobot
+    from canopen_control.physics.physics_world import WorldRobot
 
     joints = [str(body.model.joint(number).name) for number in range(body.model.njnt)]
     own = [joint.removeprefix(body.prefix) for joint in joints if joint.startswith(body.prefix)]

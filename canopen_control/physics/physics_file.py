@@ -30,11 +30,11 @@ from canopen_control.yamlfile.reader import load
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from canopen_control.yamlfile.problems import Problems
+    from canopen_control.yamlfile.node import Problems
 
 
 SensorKind = Literal["imu", "range", "force_torque", "pose", "magnetometer"]
-"""Kind of a sensor in a world; see `urdf_sensors`."""
+"""Kind of a sensor in a world, see `world_sensors.urdf_sensors`."""
 _AXES = 8  # per node
 AxisAddress = tuple[str, int, int]
 """Bus ("" for the main bus), node-ID, and axis of the node."""

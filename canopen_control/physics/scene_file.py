@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from canopen_control.yamlfile.problems import Problems
+    from canopen_control.yamlfile.node import Problems
 
 
 MOST_ROBOTS: Final = 24

@@ -17,9 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
 from canopen_control.errors import CanopenError
-from canopen_control.ros.endpoint import Endpoint, NewSamples
-from canopen_control.ros.participants import ActionClients, client_of
-from canopen_control.ros.throttle import without_numbers
+from canopen_control.ros.endpoint import ActionClients, Endpoint, NewSamples, client_of, without_numbers
 from canopen_control.rpc.client import ENDLESS
 from canopen_control.rpc.messages.samples import GripperSample, TrajectorySample
 from canopen_control.rpc.messages.trajectory import TrajectoryData, TrajectoryHeartbeat

@@ -11,7 +11,7 @@ from std_msgs.msg import Float64MultiArray
 from canopen_control.ros.conversions import command_refusal
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, success_of
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
+from canopen_control.ros.rcl import REFERENCE, SYSTEM_DEFAULT
 from canopen_control.rpc.messages.robot import CommandByName, CommandController, SetFeedForward, SetMeasuredStates
 
 if TYPE_CHECKING:

@@ -10,11 +10,9 @@ import math
 import time
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.ros.endpoint import Answer, Endpoint, NodeContext
+from canopen_control.ros.endpoint import Answer, Endpoint, NodeContext, client_of, folder_of
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.participants import client_of, folder_of
-from canopen_control.ros.qos import EVENTS
-from canopen_control.ros.rcl import further_node
+from canopen_control.ros.rcl import EVENTS, further_node
 from canopen_control.ros.sample_publisher import time_message
 from canopen_control.rpc.messages.parameters import KINDS, GetParameters, ParameterValue, SetParameters, plain_value
 
@@ -22,8 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from canopen_control.ros.endpoint import Reply, RosMessage, SessionPort
-    from canopen_control.ros.rcl import Context, Node
-    from canopen_control.ros.spinner import Spinner
+    from canopen_control.ros.rcl import Context, Node, Spinner
     from canopen_control.rpc.messages.declare import Done
     from canopen_control.rpc.messages.parameters import ParameterReading
 

@@ -16,7 +16,7 @@ from canopen_control.ros.diagnosis import Diagnosis, diagnose
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.nodes import ros_name
-from canopen_control.ros.qos import EVENTS, ROSOUT
+from canopen_control.ros.rcl import EVENTS, ROSOUT
 from canopen_control.ros.sample_publisher import time_message
 
 if TYPE_CHECKING:

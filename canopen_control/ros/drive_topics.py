@@ -23,7 +23,7 @@ from canopen_control.ros.drive_services import DriveServices, DriveTargets
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.nodes import NMT_STATES, nodes_of, ros_name
-from canopen_control.ros.qos import EVENTS, LATCHED, LATEST
+from canopen_control.ros.rcl import EVENTS, LATCHED, LATEST
 from canopen_control.ros.sample_publisher import time_message
 from canopen_control.ros.sdo_services import Address, as_uint32, of_uint32, write_object
 from canopen_control.rpc.messages.robot import GetLayout, GetNodes, PdoWrite

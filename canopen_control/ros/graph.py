@@ -236,8 +236,8 @@ class Graph:
         return types[0]
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Any], object]) -> None:
-        """Subscribe to a topic with a quality of service that matches its current publishers."""
-        from canopen_control.ros.qos import quality_of
+        """Subscribe to a topic with a quality of service that matches its present publishers."""
+        from canopen_control.ros.rcl import quality_of
 
         infos = self._node.get_publishers_info_by_topic(topic)
         self._node.create_subscription(class_of(kind), topic, callback, quality_of(infos))

@@ -1,16 +1,25 @@
-"""Parts of rclpy used by the bridge, without types.
+"""Parts of rclpy that the bridge uses, without types: quality of service, nodes, and the thread of the callbacks.
 
 rclpy is partly typed, differently in each release, and may be missing where types are checked; so the names that are
 imported from here have the type Any.
+
+Quality of service is as in ros2_control and robot_state_publisher. Measured with Fast DDS: with the system default, a
+publisher is reliable and transient local, and a subscription is best effort and volatile. So such a publisher matches
+every subscription, and such a subscription matches every publisher.
+
+The executor of `Spinner` is an EventsExecutor if available, else single-threaded; every wait is finite, because the
+endless wait of EventsExecutor.spin() is broken in the wheels (a busy loop without callbacks). A multi-threaded executor
+is never used, because it loses messages.
 """
 
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
+import threading
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
 
 Node = Any
@@ -25,7 +34,37 @@ ExternalShutdownException: type[Exception] = _executors.ExternalShutdownExceptio
 Future = importlib.import_module("rclpy.task").Future
 QoSProfile = _qos.QoSProfile
 ReliabilityPolicy = _qos.ReliabilityPolicy
-qos_profile_system_default = _qos.qos_profile_system_default
+
+SYSTEM_DEFAULT = _qos.qos_profile_system_default
+#: also receives the last message before the subscription: rclcpp::SystemDefaultsQoS().transient_local()
+KEPT_DEFAULT = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.SYSTEM_DEFAULT,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+#: transient local with the last message, for later subscribers: robot_description, /tf_static
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+#: only the newest message, reliable: as joint_state_topic_hardware_interface publishes its commands
+LATEST = QoSProfile(depth=1)
+#: only the newest message of any publisher: as chainable controllers subscribe to references
+REFERENCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.SYSTEM_DEFAULT)
+TF = QoSProfile(depth=100)
+TF_STATIC = LATCHED
+EVENTS = QoSProfile(depth=50)
+#: as in rcl for the log of every node
+ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10))
+
+
+def quality_of(publishers: Sequence[Any]) -> Any:  # noqa: ANN401 - rclpy's, without types
+    """Return a subscription profile that matches all these publishers; transient local if all of them are."""
+    profiles = [publisher.qos_profile for publisher in publishers]
+    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
+    is_latched = bool(profiles) and all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
+    return QoSProfile(
+        depth=50,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE,
+    )
 
 
 def error_text(error: Exception) -> str:
@@ -90,3 +129,66 @@ def make_executor(context: Context) -> Any:  # noqa: ANN401 - see above
 def single_threaded_executor(context: Context) -> Any:  # noqa: ANN401 - see above
     """Return a single-threaded executor, for a thread that does other things between spins."""
     return _executors.SingleThreadedExecutor(context=context)
+
+
+_WAIT_S: Final = 1.0
+
+
+class Spinner:
+    """Thread that runs the callbacks of `node` and of added nodes; `on_error` receives their exceptions there."""
+
+    def __init__(self, node: Node, context: Context, on_error: Callable[[Exception], object]) -> None:
+        self._executor = make_executor(context)
+        self._executor.add_node(node)
+        self._nodes, self._on_error = [node], on_error
+        self._ending = threading.Event()
+        self._end = Future()
+        self._thread = threading.Thread(target=self._run, name="ros", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self, timeout: float) -> bool:
+        """Stop the thread and remove all nodes; return False if a callback blocks it for `timeout` s."""
+        self._ending.set()
+        self._end.set_result(None)
+        self._executor.wake()
+        if self._thread.ident is not None:
+            self._thread.join(timeout)
+        if self._thread.is_alive():
+            return False
+        for node in self._nodes:
+            self._executor.remove_node(node)
+        self._executor.shutdown(timeout)
+        return True
+
+    def add(self, node: Node) -> None:
+        """Add a node; call only from the thread that calls `stop`."""
+        self._nodes.append(node)
+        self._executor.add_node(node)
+
+    def remove(self, node: Node) -> None:
+        """Remove and destroy a node between two callbacks, or at once after `stop`."""
+        self._nodes.remove(node)
+
+        def end() -> None:
+            self._executor.remove_node(node)
+            node.destroy_node()
+
+        if self._ending.is_set():
+            node.destroy_node()
+        else:
+            self.call(end)
+
+    def call(self, function: Callable[[], object]) -> None:
+        """Run a function on the spinning thread, between callbacks; from any thread."""
+        self._executor.create_task(function)
+
+    def _run(self) -> None:
+        while not self._ending.is_set():
+            try:
+                self._executor.spin_until_future_complete(self._end, timeout_sec=_WAIT_S)
+            except ExternalShutdownException:
+                return
+            except Exception as error:  # noqa: BLE001 - an error in a callback is reported, and spinning continues
+                self._on_error(error)

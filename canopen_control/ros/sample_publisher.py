@@ -13,7 +13,7 @@ from builtin_interfaces.msg import Time
 from canopen_control.ros.conversions import stamp_of
 from canopen_control.ros.endpoint import Endpoint, NewSamples
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.qos import SYSTEM_DEFAULT
+from canopen_control.ros.rcl import SYSTEM_DEFAULT
 from canopen_control.ros.sample_topics import fill
 
 if TYPE_CHECKING:

@@ -19,22 +19,18 @@ from std_msgs.msg import String
 from canopen_control.client.robot_client import outpaced, stream_rate
 from canopen_control.errors import RemoteError, UnreadableMessage
 from canopen_control.host.sockets import socket_path
-from canopen_control.ros.base_topics import SharedTwist
+from canopen_control.ros.base_topics import Frames, SharedTwist
 from canopen_control.ros.controller_endpoints import endpoints_for
 from canopen_control.ros.controller_nodes import ControllerNodes
 from canopen_control.ros.diagnostics import Diagnostics, Events, Rosout
 from canopen_control.ros.drive_services import DriveServices, DriveTargets, MasterServices
 from canopen_control.ros.drive_topics import DriveTopics
-from canopen_control.ros.endpoint import Endpoint, NodeContext
-from canopen_control.ros.frames import Frames
+from canopen_control.ros.endpoint import Endpoint, NodeContext, Refusals, Throttle
 from canopen_control.ros.interfaces import MissingInterface, interface
 from canopen_control.ros.manager_services import STATES, ControllerManagerServices, LifecycleServices
 from canopen_control.ros.nodes import RosNode, nodes_of
-from canopen_control.ros.qos import LATCHED, SYSTEM_DEFAULT
-from canopen_control.ros.rcl import ros_seconds
+from canopen_control.ros.rcl import LATCHED, SYSTEM_DEFAULT, Spinner, ros_seconds
 from canopen_control.ros.sample_publisher import time_message
-from canopen_control.ros.spinner import Spinner
-from canopen_control.ros.throttle import Refusals, Throttle
 from canopen_control.ros.world_topics import GroundTruth, LaserScans, SimulationServices, TopicHardware
 from canopen_control.rpc.client import ReactorClient
 from canopen_control.rpc.messages.parameters import MANAGER, GetParameters

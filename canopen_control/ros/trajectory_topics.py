@@ -16,10 +16,9 @@ from trajectory_msgs.msg import JointTrajectory
 
 from canopen_control.ros.action_goals import HEARTBEAT_S, TrajectorySender
 from canopen_control.ros.conversions import seconds_of
-from canopen_control.ros.endpoint import COMMANDER, Endpoint
+from canopen_control.ros.endpoint import COMMANDER, Endpoint, without_numbers
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.qos import KEPT_DEFAULT, SYSTEM_DEFAULT
-from canopen_control.ros.throttle import without_numbers
+from canopen_control.ros.rcl import KEPT_DEFAULT, SYSTEM_DEFAULT
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.trajectory import (
     MAX_POINTS,

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from canopen_control.ros.conversions import joint_arrays
 from canopen_control.ros.endpoint import COMMANDER, Endpoint
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.qos import LATEST, SYSTEM_DEFAULT
+from canopen_control.ros.rcl import LATEST, SYSTEM_DEFAULT
 from canopen_control.ros.sample_publisher import time_message
 from canopen_control.rpc.messages.robot import CommandController
 from canopen_control.rpc.messages.samples import OdometrySample

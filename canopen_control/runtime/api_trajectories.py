@@ -9,8 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 from canopen_control.controllers.base import finite
-from canopen_control.controllers.gripper_goal import GripperGoal
-from canopen_control.controllers.request_protocols import Grips
+from canopen_control.controllers.request_protocols import GripperGoal, Grips
 from canopen_control.controllers.trajectory.goal import ResultCode, TrajectoryGoal
 from canopen_control.controllers.trajectory.params import GoalTolerances, JointTolerance
 from canopen_control.controllers.trajectory.point import JointTrajectory

@@ -202,16 +202,7 @@ def find_robot(
     missing: list[str] = []
     main = _find_file(bus, folder, BUS, "--bus", no_bus, files.get("bus"))
     alone = _is_default(controllers, description, launched) and not no_bus and _is_alone(folder)
-    control = (
-        main
-        if alone
-        else _find_file(controllers, folder, CONTROLLERS, "--controllers", missing, files.get("controllers"))
-    )
-    described = (
-        main
-        if alone
-        else _find_file(description, folder, _DESCRIPTIONS, "--description", missing, files.get("description"))
-    )
+    control, described = (main, main) if alone else _moving_files(controllers, description, folder, files, missing)
     bus_folder = folder if main == Path() else main.parent
     more = _more_buses(bus_folder, missing) if bus_folder is not None and bus is None else {}
     world = _world(hardware, launch, missing)
@@ -232,6 +223,14 @@ def find_robot(
     variables = launched.variables if launched is not None else {}
     main_bus = None if no_bus else main
     return RobotFiles(_safe(name), main_bus, control, described, more, words, hardware, idle, spawned, variables, world)
+
+
+def _moving_files(
+    controllers: str | None, description: str | None, folder: Path | None, files: Mapping[str, Path], missing: list[str]
+) -> tuple[Path, Path]:
+    """Find the files that a bus alone does not have: controllers and description."""
+    control = _find_file(controllers, folder, CONTROLLERS, "--controllers", missing, files.get("controllers"))
+    return control, _find_file(description, folder, _DESCRIPTIONS, "--description", missing, files.get("description"))
 
 
 def _bus_of_description(described: Path, words: Mapping[str, str]) -> Path:

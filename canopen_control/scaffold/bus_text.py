@@ -19,8 +19,7 @@ from canopen_control.cia402.objects import (
 )
 from canopen_control.master.known_drives import proposals
 from canopen_control.od.codec import outside_limits
-from canopen_control.profiles.device_type import Profile
-from canopen_control.profiles.profile_tables import has_error_mode
+from canopen_control.profiles import Profile, has_error_mode
 from canopen_control.scaffold.drive_choice import POSITION
 from canopen_control.scaffold.new_robot import FASTEST_MEASURED
 

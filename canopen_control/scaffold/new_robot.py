@@ -15,8 +15,7 @@ from canopen_control.cia402.modes import TARGET_OBJECTS
 from canopen_control.cia402.objects import SUPPORTED_DRIVE_MODES, axis_index
 from canopen_control.errors import RobotConfigError
 from canopen_control.master.known_drives import known_drive
-from canopen_control.profiles.device_type import Profile, profile_of
-from canopen_control.profiles.profile_tables import profile_signals
+from canopen_control.profiles import Profile, profile_of, profile_signals
 from canopen_control.scaffold.bases import BASES, BaseKind
 from canopen_control.scaffold.drive_choice import POSITION, axes_of, choose_drive, supervision_of
 from canopen_control.scaffold.pdo_choice import PdoRequirement, PdoUse, complete_pdos, not_carried
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Address, ObjectDictionary
     from canopen_control.personality import Personality
-    from canopen_control.profiles.device_signal import Signal
+    from canopen_control.profiles import Signal
     from canopen_control.scaffold.drive_choice import AxisChoice, DriveChoice, Supervision
 
 

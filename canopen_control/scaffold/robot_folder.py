@@ -23,7 +23,7 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.host.files import telling
 from canopen_control.master.budget import HIGH
 from canopen_control.od.issues import Severity
-from canopen_control.profiles.device_type import Profile
+from canopen_control.profiles import Profile
 from canopen_control.runtime.robot_files import BUS, CONTROLLERS, find_robot
 from canopen_control.scaffold.bus_text import bus_text, remark
 from canopen_control.scaffold.drive_choice import POSITION, VELOCITY

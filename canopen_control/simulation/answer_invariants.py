@@ -24,11 +24,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from canopen_control.master.event_log import Event
-    from canopen_control.simulation.disturbed_nodes import DisturbedNodes
     from canopen_control.simulation.motions import SampleMotion
     from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.scenario_events import ScenarioEvent
-    from canopen_control.simulation.wire_view import ObservedNode, WireView
+    from canopen_control.simulation.wire_view import DisturbedNodes, ObservedNode, WireView
     from canopen_control.virtual.virtual_drive import VirtualDrive
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.bus.wire_faults import DropRule
+from canopen_control.bus.frame_router import DropRule
 from canopen_control.controllers.trajectory.goal import TrajectoryGoal
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.errors import CanopenError, ControlError, NotEnabled

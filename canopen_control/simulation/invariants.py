@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.hardware.interfaces import TARGET
 from canopen_control.runtime.core import RobotState
 from canopen_control.simulation.answer_invariants import AnswerInvariants
-from canopen_control.simulation.disturbed_nodes import DisturbedNodes
 from canopen_control.simulation.fault_coverage import FaultCoverage, StateCoverage
 from canopen_control.simulation.motion_invariants import MotionInvariants
 from canopen_control.simulation.robot_under_test import SimulationObserver
 from canopen_control.simulation.status_invariants import GoalInvariants, StatusInvariants
 from canopen_control.simulation.target_invariants import TargetInvariants
 from canopen_control.simulation.wire_invariants import ConfigurationInvariants, WireInvariants
-from canopen_control.simulation.wire_view import WireView
+from canopen_control.simulation.wire_view import DisturbedNodes, WireView
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

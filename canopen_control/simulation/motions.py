@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.controllers.base import twist_axes_of
 from canopen_control.controllers.types import moves_joints
 from canopen_control.errors import CanopenError
-from canopen_control.host.polling import MarkedSelector
-from canopen_control.host.reactor import Reactor
+from canopen_control.host.reactor import MarkedSelector, Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.startup_controllers import load_controller

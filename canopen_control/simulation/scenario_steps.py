@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.yamlfile.problems import Problems
+    from canopen_control.yamlfile.node import Problems
 
 
 ACTIONS: Final = ("enable", "disable", "halt", "quick-stop", "fault-reset")

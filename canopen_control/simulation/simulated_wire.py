@@ -19,7 +19,7 @@ from canopen_control.frame import RECORD, RECORD_SIZE, CanFrame, pack_records
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from canopen_control.bus.wire_faults import DropRule
+    from canopen_control.bus.frame_router import DropRule
     from canopen_control.simulation.virtual_time import Actor, VirtualTime
 
     Listener = Callable[[int, str, bytes], object]  # time, label of the sender, record
@@ -61,7 +61,6 @@ class SimulatedWire:
         self._off: set[str] = set()
         self._errors: dict[str, int] = {}  # transmit error counters
         self._time, self._wire = time, PacedWire(bitrate)
-        self._wire.disturbed = self._is_disturbed
         self._ports: dict[int, SimulatedPort] = {}
         self._observers: list[WireObserver] = []
         self._listeners: dict[bytes, Listeners] = {}  # by identifier, in the form of a record
@@ -147,7 +146,7 @@ class SimulatedWire:
         wire, jump = self._wire, self._time.jump
         self._planned = False
         while True:
-            passed = wire.finish() if self.disturbed else wire.end()
+            passed = None if self.disturbed and self._repeats() else wire.end()
             if passed is not None:
                 _, number, _, record = passed
                 port = self._ports.get(number)
@@ -177,8 +176,11 @@ class SimulatedWire:
         if _dropped(self.doubled, label, can_id):
             self._carry(label, record, port)
 
-    def _is_disturbed(self, number: int, record: bytes) -> bool:
-        """Whether a rule disturbs a frame, which increments the sender's error counter."""
+    def _repeats(self) -> bool:
+        """Send the frame on the wire again if a rule disturbs it, which raises the sender's error counter."""
+        if self._wire.on_wire is None:
+            return False
+        _, number, _, record = self._wire.on_wire
         port = self._ports.get(number)
         if port is None or self.silences(port.label):
             return False
@@ -189,6 +191,7 @@ class SimulatedWire:
             self.bus_off(port.label)
         elif _PASSIVE <= count < _PASSIVE + _AT_ERROR:
             self._report(port.label, error_frames.passive_frame())
+        self._wire.repeat()
         return True
 
     def _carry(self, label: str, record: bytes, sender: SimulatedPort | None) -> None:

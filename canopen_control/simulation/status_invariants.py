@@ -25,11 +25,10 @@ if TYPE_CHECKING:
     from canopen_control.controllers.trajectory.goal import TrajectoryGoal
     from canopen_control.rpc.messages.samples import Values
     from canopen_control.rpc.messages.state import NodeReading, RobotEvent, Snapshot
-    from canopen_control.simulation.disturbed_nodes import DisturbedNodes
     from canopen_control.simulation.event_player import EventPlayer
     from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.scenario_events import ScenarioEvent
-    from canopen_control.simulation.wire_view import ObservedNode, WireView
+    from canopen_control.simulation.wire_view import DisturbedNodes, ObservedNode, WireView
     from canopen_control.urdf.ros2_control import Transmission
 
 

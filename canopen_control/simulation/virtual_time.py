@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.host.polling import MarkedSelector
-from canopen_control.host.reactor import Reactor
+from canopen_control.host.reactor import MarkedSelector, Reactor
 from canopen_control.host.timer import ManualClock
 
 if TYPE_CHECKING:

@@ -24,10 +24,9 @@ if TYPE_CHECKING:
     from canopen_control.master.plan_builder import PlannedWrite
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.simulation.answer_invariants import AnswerInvariants
-    from canopen_control.simulation.disturbed_nodes import DisturbedNodes
     from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.simulated_wire import SimulatedWire
-    from canopen_control.simulation.wire_view import WireView
+    from canopen_control.simulation.wire_view import DisturbedNodes, WireView
     from canopen_control.virtual.virtual_node import VirtualNode
 
 

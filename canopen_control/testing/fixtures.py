@@ -9,13 +9,14 @@ fails if an invariant was violated, unless the mark has `breaches=True`.
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
 
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.testing.tested_robot import TestedBus, TestedClock, TestedDrives, TestedRobot
@@ -46,12 +47,24 @@ def _setup(config: str, controllers: tuple[str, ...]) -> RobotSetup:
     return read_robot(find_robot(config), controllers=controllers)
 
 
-def _configured(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
+@dataclass(frozen=True)
+class _RobotMark:
+    """Arguments of the marks of a test; those of the nearest mark count."""
+
+    config: str = ""
+    controllers: Sequence[str] = ()
+    seed: int = 0
+    quirks: Mapping[int | str, Sequence[str]] | None = None
+    breaches: bool = False
+
+
+def _configured(request: pytest.FixtureRequest) -> _RobotMark:
     marks = list(request.node.iter_markers(_MARK))
     words = {key: value for mark in reversed(marks) for key, value in mark.kwargs.items()}
     named = next((str(mark.args[0]) for mark in marks if mark.args), "")
-    if named:
-        return named, words
+    mark = _RobotMark(**{"config": named} | words)
+    if mark.config:
+        return mark
     text = str(request.config.getini(_MARK))
     if not text:
         raise pytest.UsageError(
@@ -59,7 +72,7 @@ def _configured(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
             '@pytest.mark.canopen_robot("FOLDER")'
         )
     beside = Path(request.config.rootpath) / text
-    return str(beside) if beside.exists() else text, words
+    return replace(mark, config=str(beside) if beside.exists() else text)
 
 
 @pytest.fixture
@@ -67,15 +80,13 @@ def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
     """Yield a booted robot in virtual time; a violated invariant fails the test."""
     from canopen_control.testing.tested_robot import TestedRobot
 
-    config, words = _configured(request)
-    tested = TestedRobot(
-        _setup(config, tuple(words.get("controllers", ()))), words.get("seed", 0), quirks=words.get("quirks")
-    )
+    mark = _configured(request)
+    tested = TestedRobot(_setup(mark.config, tuple(mark.controllers)), mark.seed, quirks=mark.quirks)
     try:
         yield tested
     finally:
         tested.close()
-    if tested.breaches and not words.get("breaches", False):
+    if tested.breaches and not mark.breaches:
         pytest.fail("an invariant was violated: " + "; ".join(tested.breaches), pytrace=False)
 
 

@@ -31,8 +31,7 @@ from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.robot import GetLayout, GetStatus, PublishEvent, RequestSeen, Subscribe
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 from canopen_control.rpc.wire import text_of
-from canopen_control.trace.flight_file import FrameRing, LineRing
-from canopen_control.trace.flight_trigger import AFTER_NS, RecordingTrigger, is_fault, is_sum
+from canopen_control.trace.flight_file import AFTER_NS, FrameRing, LineRing, RecordingTrigger, is_fault, is_sum
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -1,25 +1,37 @@
-"""Facts of a report, computed from the data of a flight recorder or a listener.
+"""Facts of a report, computed from the data of a flight recorder or of a recording in memory of a running robot.
 
 `facts_of` computes everything in a report. If samples and frames both contain a state, the frame counts, because it is
 immediate, whereas a sample is delayed by up to its period. Without recorded events, notable frames are used instead:
 EMCY, aborts, faults, NMT.
+
+`watch` records samples, events and frames for some seconds. It only listens; the caller limits the time, because all
+data are kept in memory. A bus inside the robot's process is omitted and named in the result.
 """
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import operator
 import tempfile
 from collections import Counter, deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from canopen_control.bus.channel import open_port, parse_channel
+from canopen_control.bus.port_abilities import Arrivals
 from canopen_control.cia301.nmt import state_of_byte
 from canopen_control.cia402 import objects
 from canopen_control.cia402.state import decode_statusword
-from canopen_control.frame import FRAME_BITS
+from canopen_control.client.robot_client import RobotClient
+from canopen_control.errors import BusError, CanopenError
+from canopen_control.frame import FRAME_BITS, frames_of
+from canopen_control.host.reactor import Reactor
 from canopen_control.ros.sample_topics import measured_values
+from canopen_control.rpc.messages.robot import GetLayout, GetStatus, Subscribe
 from canopen_control.rpc.messages.state import CycleTimes, RobotEvent, StateSample
 from canopen_control.trace.decoder import DecodedFrame, Decoder, Mark
-from canopen_control.trace.flight_trigger import is_fault
+from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta, is_fault
 from canopen_control.trace.frame_lines import identifier_text
 from canopen_control.trace.network_description import NetworkDescription, network_of_layout
 from canopen_control.trace.report_facts import (
@@ -40,9 +52,10 @@ from canopen_control.trace.report_facts import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from canopen_control.bus.port import Port
     from canopen_control.frame import CanFrame
     from canopen_control.rpc.messages.state import Status, TimedSnapshot
-    from canopen_control.trace.flight_file import FlightFile, FlightFrame
+    from canopen_control.trace.flight_file import FlightFrame
     from canopen_control.trace.report_facts import EventFacts
 
     Row = tuple[str, str, float | None]  # name, unit, value
@@ -486,3 +499,69 @@ def _gaps(file: FlightFile, networks: Mapping[str, NetworkDescription]) -> Gaps:
     meta = file.meta
     notes = (*file.notes, *(note for network in networks.values() for note in network.notes))
     return Gaps(meta.unheard, meta.frames_lost, file.unread_lines, meta.faults_left_out, notes)
+
+
+RATE: Final = 50.0  # sampling rate of a recording in Hz
+
+
+def watch(name: str | None, seconds: float) -> FlightFile:
+    """Record the robot `name`, or the only running one, until `seconds` elapse or the robot ends.
+
+    Raise ConfigError if there is no robot.
+    """
+    with RobotClient.connect(name) as robot, Reactor() as reactor:
+        layout, status = robot.ask(GetLayout()), robot.ask(GetStatus())
+        channels = {bus: bus_layout.channel for bus, bus_layout in layout.buses.items()}
+        file = FlightFile(FlightMeta(robot=robot.robot, reason=NO_FAULT), events=list(status.events))
+        ports = _listen(reactor, channels, file)
+        robot.ask(Subscribe(state_rate=RATE, events=True))
+        reactor.add_reader(robot.fileno(), lambda: _read(reactor, robot, file))
+        reactor.call_later(round(seconds * _NS), reactor.stop)
+        reactor.run()
+        with contextlib.suppress(CanopenError):
+            status = robot.ask(GetStatus())
+        file.meta = FlightMeta(
+            robot=robot.robot,
+            reason=NO_FAULT,
+            buses=channels,
+            unheard=tuple(bus for bus in channels if bus not in ports),
+            frames_lost=sum(port.stats.lost for port in ports.values()),
+            layout=layout,
+            status=status,
+        )
+        for port in ports.values():
+            port.close()
+    file.frames.sort(key=operator.itemgetter(0))  # several buses are read one after the other
+    return file
+
+
+def _read(reactor: Reactor, robot: RobotClient, file: FlightFile) -> None:
+    try:
+        for message in robot.messages(0):
+            if isinstance(message, StateSample):
+                file.states.append(message)
+            elif isinstance(message, RobotEvent) and message not in file.events:
+                file.events.append(message)
+    except CanopenError:  # the robot has ended
+        reactor.remove_reader(robot.fileno())
+        reactor.stop()
+
+
+def _listen(reactor: Reactor, channels: dict[str, str], file: FlightFile) -> dict[str, Port]:
+    ports: dict[str, Port] = {}
+    for bus, channel in channels.items():
+        if not parse_channel(channel).kind.shared:
+            continue
+        ports[bus] = port = open_port(channel, label="report", join=True)
+        reactor.add_reader(port.fileno(), functools.partial(_receive, reactor, file, bus, Arrivals(port)))
+    return ports
+
+
+def _receive(reactor: Reactor, file: FlightFile, bus: str, arrivals: Arrivals) -> None:
+    try:
+        records, stamps = arrivals.receive()
+    except BusError:
+        reactor.remove_reader(arrivals.port.fileno())
+        return
+    offset = arrivals.unix_offset_ns
+    file.frames.extend((at + offset, bus, frame) for at, frame in zip(stamps, frames_of(records), strict=True))

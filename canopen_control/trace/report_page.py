@@ -11,7 +11,7 @@ from html import escape
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.rpc.messages.health import AXIS_STATES, BAD, GOOD, IDLE, WARN
-from canopen_control.rpc.state_name import state_name
+from canopen_control.rpc.quick_verbs import state_name
 from canopen_control.trace.report_facts import clock
 from canopen_control.version import __version__
 

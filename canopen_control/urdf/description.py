@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from canopen_control.host.fork import ForkedProcess
     from canopen_control.urdf.document import Element
     from canopen_control.urdf.joint_element import Joint
-    from canopen_control.urdf.link_element import UrdfLink
+    from canopen_control.urdf.robot_model import UrdfLink
 
     _Process: TypeAlias = ForkedProcess | subprocess.Popen[bytes]
 

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.rpc.messages.state import StateSample
     from canopen_control.urdf.joint_element import Joint
-    from canopen_control.urdf.link_element import Visual
-    from canopen_control.urdf.robot_model import RobotModel
+    from canopen_control.urdf.robot_model import RobotModel, Visual
     from canopen_control.view.robot_connection import Pose
 
 

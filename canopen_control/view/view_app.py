@@ -32,13 +32,18 @@ from canopen_control.view.elements.nicegui_elements import Feed
 from canopen_control.view.page_address import AccessRules, PageAddress, killed_port
 from canopen_control.view.page_content import read_faults
 from canopen_control.view.page_server import PageServer, listen, silence
-from canopen_control.view.panels.banner import BannerPanel, DrivesPanel, EventsPanel, JointsPanel
-from canopen_control.view.panels.fault_panel import FaultPanel
-from canopen_control.view.panels.scene_and_plots import PlotsPanel, ScenePanel
+from canopen_control.view.panels.simulation_panels import FaultPanel, WorldPanel
+from canopen_control.view.panels.state_panels import (
+    BannerPanel,
+    DrivesPanel,
+    EventsPanel,
+    JointsPanel,
+    PlotsPanel,
+    ScenePanel,
+)
 from canopen_control.view.panels.target_panel import PowerPanel, TargetPanel
 from canopen_control.view.panels.teleop_panel import TeleopPanel
 from canopen_control.view.panels.trajectory_panel import TrajectoryPanel
-from canopen_control.view.panels.world_panel import WorldPanel
 from canopen_control.view.robot_connection import DeadMan, RobotConnection, in_thread
 from canopen_control.view.robot_view import RobotView
 from canopen_control.view.sampling import Stillness, titles

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Port
     from canopen_control.personality import Personality
     from canopen_control.virtual.plant import SharedWorld, World
-    from canopen_control.yamlfile.problems import Problems
+    from canopen_control.yamlfile.node import Problems
 
 
 MAIN: Final = "can"

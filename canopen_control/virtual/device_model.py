@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
-from canopen_control.profiles.device_type import Profile, profile_of
-from canopen_control.profiles.profile_tables import profile_signals
+from canopen_control.profiles import Profile, profile_of, profile_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping

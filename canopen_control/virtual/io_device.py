@@ -13,14 +13,14 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ConfigError, nearest
-from canopen_control.profiles.profile_tables import AI_DELTA, AI_ENABLE, ANALOGUE_INPUTS, DIGITAL_INPUTS, ERROR_OBJECTS
+from canopen_control.profiles import AI_DELTA, AI_ENABLE, ANALOGUE_INPUTS, DIGITAL_INPUTS, ERROR_OBJECTS
 from canopen_control.rpc.messages.drive import SignalState
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
 
     from canopen_control.od.model import Address, Entry, Value
-    from canopen_control.profiles.device_signal import Signal
+    from canopen_control.profiles import Signal
     from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
     from canopen_control.virtual.object_store import VirtualStore
     from canopen_control.virtual.shaft import ShaftWorld

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from canopen_control.virtual.power_machine import DriveLimits, PowerMachine
     from canopen_control.virtual.trajectory import DemandCurve
 
+    SetPointFilter = Callable[[int, int, int], bool]
+
 
 # Set-point quality of one axis: acceleration ripple, missed and doubled set-points, phase of RPDOs against SYNC.
 #
@@ -331,13 +333,13 @@ class ModeGate:
     """Block of an axis' set-points, active while `closed_by` is not empty.
 
     `brake_ns` is the time after an enable for which the brake keeps the gate closed.
-    A controlword is passed to the mode only if every filter in `takes` (word, previous word, time) returns True.
+    A controlword is passed to the mode only if every filter in `takes` (of word, previous word and time) returns True.
     """
 
     def __init__(self) -> None:
         self.closed_by: set[str] = set()
         self.brake_ns = 0
-        self.takes: list[Callable[[int, int, int], bool]] = []
+        self.takes: list[SetPointFilter] = []
 
 
 class FollowingMode(Mode):

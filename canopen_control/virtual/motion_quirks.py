@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia402 import objects as o
@@ -28,8 +29,10 @@ if TYPE_CHECKING:
 
     from canopen_control.cia402.state import Transition
     from canopen_control.od.model import Entry, Value
+    from canopen_control.virtual.device_model import DeviceModel
     from canopen_control.virtual.object_store import Guard
-    from canopen_control.virtual.quirk_base import AxisAct, Plain, QuirkHooks
+    from canopen_control.virtual.power_machine import TransitionAct
+    from canopen_control.virtual.quirk_base import AxisAct, QuirkHooks
     from canopen_control.virtual.virtual_drive import VirtualDrive
 
 
@@ -145,9 +148,9 @@ _STATUSWORD: Final[tuple[Quirk, ...]] = (
 # -- set-points and motion
 
 
-def _model(change: Callable[[float], dict[str, Any]]) -> AxisAct:
+def _model(change: Callable[[DeviceModel, float], DeviceModel]) -> AxisAct:
     """Return a quirk action that changes the device model."""
-    return lambda hooks, drive, strength: hooks.model(drive, **change(strength))
+    return lambda hooks, drive, strength: hooks.model(drive, change(drive.objects.model, strength))
 
 
 def _inputs_shifted(hooks: QuirkHooks, drive: VirtualDrive, bits: float) -> None:
@@ -220,7 +223,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "has no set-point buffer in PP: a new set-point replaces the current set-point, and bit 12 shows this",
         _PP,
         "Trinamic, TMCM-1270 manual",
-        _model(lambda _strength: {"single_set_point": True}),
+        _model(lambda model, _strength: replace(model, single_set_point=True)),
         group="PP",
     ),
     Quirk(
@@ -235,7 +238,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "stops at the end of each set-point, and takes the time of each SYNC as exact",
         "CiA 402-2, 12 to 15 (cyclic modes)",
         "ros2_canopen#236 (EPOS4)",
-        _model(lambda _strength: {"recovers_sync": False, "missing": MissingSetPoint()}),
+        _model(lambda model, _strength: replace(model, recovers_sync=False, missing=MissingSetPoint())),
         group="missing set-point",
     ),
     Quirk(
@@ -243,7 +246,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "continues without a set-point for some interpolation times, then stops",
         "CiA 402-2, 12 to 15 (cyclic modes)",
         "unsourced",
-        _model(lambda cycles: {"missing": MissingSetPoint(cycles=int(cycles))}),
+        _model(lambda model, cycles: replace(model, missing=MissingSetPoint(cycles=int(cycles)))),
         strength=whole("cycles", 1, 1, 255),
         group="missing set-point",
     ),
@@ -252,7 +255,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "continues without a set-point for some interpolation times, then enters FAULT with 0xFF02",
         "CiA 402-2, 12 to 15 (cyclic modes)",
         "jsd#66, #93 (Elmo, 0x2F75)",
-        _model(lambda cycles: {"missing": MissingSetPoint(cycles=int(cycles), fault=0xFF02)}),
+        _model(lambda model, cycles: replace(model, missing=MissingSetPoint(cycles=int(cycles), fault=0xFF02))),
         strength=whole("cycles", 1, 1, 255),
         group="missing set-point",
     ),
@@ -293,7 +296,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "uses 0x6083 in PV for acceleration and deceleration",
         "CiA 402-2, object 0x6084",
         "Trinamic, TMCM-1270 manual",
-        _model(lambda _strength: {"velocity_ramp_both_ways": True}),
+        _model(lambda model, _strength: replace(model, velocity_ramp_both_ways=True)),
     ),
     Quirk(
         "own_velocity_unit",
@@ -355,7 +358,7 @@ def _homing_latched(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) ->
         latched[0] = enabled and (latched[0] or (homing and bool(word & BIT_12)))
         return word | BIT_12 if homing and latched[0] else word
 
-    def enable(transition: Transition, now: int, before: Plain) -> None:
+    def enable(transition: Transition, now: int, before: TransitionAct) -> None:
         latched[0] = False
         before(transition, now)
 
@@ -431,14 +434,14 @@ _HOMING_QUIRKS: Final[tuple[Quirk, ...]] = (
         "sets its home position by methods 35 and 37 in every state, even without power",
         _HOMING,
         "Trinamic, TMCM-1270 manual",
-        _model(lambda _strength: {"homes_without_power": True}),
+        _model(lambda model, _strength: replace(model, homes_without_power=True)),
     ),
     Quirk(
         "homing_ignores_halt",
         "continues homing when the halt bit is set",
         _HOMING,
         "Trinamic, TMCM-1270 manual",
-        _model(lambda _strength: {"homing_halts": False}),
+        _model(lambda model, _strength: replace(model, homing_halts=False)),
     ),
 )
 

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.virtual.device_model import DeviceFunction, DeviceModel
     from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
-    from canopen_control.virtual.object_store import Guard, VirtualStore
+    from canopen_control.virtual.object_store import Guard, Source, VirtualStore
 
     Receive = Callable[[CanFrame, int], None]
 
@@ -109,7 +109,7 @@ class MappedTpdo:
     def __init__(self, number: int) -> None:
         self.number = number
         self.codec = PdoCodec(())
-        self.sources: tuple[Callable[[], Value], ...] = ()
+        self.sources: tuple[Source, ...] = ()
         self.mapped: tuple[Address, ...] = ()
         self.moving = False
         self.last = b""
@@ -442,7 +442,7 @@ class PdoExchange:
         tpdo.moving = any(entry is not None and o.axis_of(entry.index)[0] not in _NO_EVENTS for entry in entries)
         tpdo.producer.configure(self.records.parameters(TPDO + number), now)
 
-    def _source(self, entry: Entry) -> Callable[[], Value]:
+    def _source(self, entry: Entry) -> Source:
         source = self._store.source_of(entry.index, entry.subindex)
         if source is not None:
             return source
@@ -486,7 +486,7 @@ class PdoExchange:
         for tpdo in self.tpdos.values():
             tpdo.producer.stop()
 
-    def routes(self) -> list[tuple[int, Callable[[CanFrame, int], None]]]:
+    def routes(self) -> list[tuple[int, Receive]]:
         """Return the CAN IDs that the valid PDOs receive (with the flags of linux/can.h), with receivers."""
         receivers = [(rpdo.consumer.parameters, self._receiver(rpdo)) for rpdo in self.rpdos.values()]
         handlers = [(_can_id(parameters), receive) for parameters, receive in receivers if parameters.enabled]
@@ -516,7 +516,7 @@ class PdoExchange:
 
         return hold
 
-    def _receiver(self, rpdo: MappedRpdo) -> Callable[[CanFrame, int], None]:
+    def _receiver(self, rpdo: MappedRpdo) -> Receive:
         consumer = rpdo.consumer
 
         def receive(frame: CanFrame, now: int) -> None:

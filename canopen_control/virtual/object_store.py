@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     Source = Callable[[], Value]
     Guard = Callable[[Entry, Value], Value]
     Watcher = Callable[[Entry, Value], None]
+    DownloadGate = Callable[[], None]
     from canopen_control.cia402.motors import MotorMap
     from canopen_control.od.model import Entry
 
@@ -71,7 +72,7 @@ class VirtualStore:
         self._indices = frozenset(entry.index for entry in od)
         self._sources: dict[Address, Source] = {}
         self._guards: dict[int, Guard] = {}
-        self._gates: dict[int, Callable[[], None]] = {}
+        self._gates: dict[int, DownloadGate] = {}
         self._stateful: set[int] = set()  # indices whose guards depend on more than the values
         self._watchers: dict[int, list[Watcher]] = {}
 
@@ -168,7 +169,7 @@ class VirtualStore:
         self._stateful.discard(index)
         self.version += 1
 
-    def gate(self, index: int, check: Callable[[], None]) -> None:
+    def gate(self, index: int, check: DownloadGate) -> None:
         """Call `check`, which may raise SdoServerAbort, when a download to an index is initiated."""
         self._gates[index] = check
 

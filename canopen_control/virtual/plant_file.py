@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.virtual.plant import World
-    from canopen_control.yamlfile.problems import Problems
+    from canopen_control.yamlfile.node import Problems
 
 
 _SHAFT_NS = 5_000_000

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from canopen_control.virtual.axis_motion import AxisMotion, AxisObjects
     from canopen_control.virtual.node_outbox import NodeOutbox
 
+    TransitionAct = Callable[[Transition, int], None]
+
 
 _MS = 1_000_000
 _RISING = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
@@ -98,7 +100,7 @@ class PowerMachine:
         self.stop_states: dict[State, State | None] = {}
         self.unsupplied = State.SWITCH_ON_DISABLED
         self._ignored: tuple[int, str] | None = None  # controlword and reason of the last report, in the present state
-        self.acts: dict[int, Callable[[Transition, int], None]] = {}
+        self.acts: dict[int, TransitionAct] = {}
 
     @property
     def running(self) -> bool:
@@ -169,7 +171,7 @@ class PowerMachine:
         if self.state is not before and self.state is State.SWITCHED_ON and command is Command.ENABLE_OPERATION:
             self.obey(command, now)
 
-    def act_of(self, number: int) -> Callable[[Transition, int], None]:
+    def act_of(self, number: int) -> TransitionAct:
         """Return the action of a transition, which a quirk may replace."""
         return self.acts.get(number, self._act)
 

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Entry, Value
     from canopen_control.virtual.injection_point import InjectionPoint
     from canopen_control.virtual.object_store import Guard
-    from canopen_control.virtual.quirk_base import AxisAct, Plain, QuirkHooks
+    from canopen_control.virtual.power_machine import TransitionAct
+    from canopen_control.virtual.quirk_base import AxisAct, QuirkHooks
     from canopen_control.virtual.virtual_drive import VirtualDrive
 
 
@@ -221,7 +222,7 @@ def _brake_delay(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> None
         if drive.power.live:
             drive.start(now)
 
-    def enable(transition: Transition, now: int, before: Plain) -> None:
+    def enable(transition: Transition, now: int, before: TransitionAct) -> None:
         gate.closed_by.add("brake")
         drive.mover.at("brake", now + wait, opened)
         before(transition, now)
@@ -234,7 +235,7 @@ def _mains_awaited(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> No
         if drive.state is State.SWITCHED_ON and not drive.power.voltage.value:
             drive.power.enter(State.SWITCH_ON_DISABLED, now)
 
-    def switch_on(transition: Transition, now: int, before: Plain) -> None:
+    def switch_on(transition: Transition, now: int, before: TransitionAct) -> None:
         before(transition, now)
         drive.mover.at("mains", now + round(seconds * _S), fall)
 
@@ -244,12 +245,12 @@ def _mains_awaited(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> No
 def _link_empty_after_fault(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> None:
     until = [-(1 << 62)]
 
-    def reset(transition: Transition, now: int, before: Plain) -> None:
+    def reset(transition: Transition, now: int, before: TransitionAct) -> None:
         before(transition, now)
         if drive.state is not State.FAULT:
             until[0] = now + round(seconds * _S)
 
-    def charged(transition: Transition, now: int, before: Plain) -> None:
+    def charged(transition: Transition, now: int, before: TransitionAct) -> None:
         if now >= until[0]:
             before(transition, now)
 
@@ -277,7 +278,7 @@ def _quick_stop_resumes(hooks: QuirkHooks, drive: VirtualDrive, _strength: float
 def _fault_reset_twice(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
     edges = [0]
 
-    def reset(transition: Transition, now: int, before: Plain) -> None:
+    def reset(transition: Transition, now: int, before: TransitionAct) -> None:
         edges[0] += 1
         if edges[0] % 2 == 0:
             before(transition, now)
@@ -286,14 +287,14 @@ def _fault_reset_twice(hooks: QuirkHooks, drive: VirtualDrive, _strength: float)
 
 
 def _fault_reset_slow(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> None:
-    def reset(transition: Transition, now: int, before: Plain) -> None:
+    def reset(transition: Transition, now: int, before: TransitionAct) -> None:
         drive.mover.at("fault reset", now + round(seconds * _S), lambda then: before(transition, then))
 
     hooks.act(drive, 15, reset)
 
 
 def _fault_reset_level(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> None:
-    def reset(transition: Transition, now: int, before: Plain) -> None:
+    def reset(transition: Transition, now: int, before: TransitionAct) -> None:
         def check(then: int) -> None:
             if drive.power.controlword & 0x80 and drive.state is State.FAULT:
                 before(transition, then)
@@ -306,7 +307,7 @@ def _fault_reset_level(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -
 def _fault_returns(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
     power = drive.power
 
-    def reset(transition: Transition, now: int, before: Plain) -> None:
+    def reset(transition: Transition, now: int, before: TransitionAct) -> None:
         before(transition, now)
         if power.causes and drive.state is State.FAULT:
             code = min(power.causes)
@@ -320,7 +321,7 @@ def _fault_returns(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> 
 def _first_enable_faults(hooks: QuirkHooks, drive: VirtualDrive, code: float) -> None:
     enabled = [False]
 
-    def enable(transition: Transition, now: int, before: Plain) -> None:
+    def enable(transition: Transition, now: int, before: TransitionAct) -> None:
         before(transition, now)
         if not enabled[0] and drive.state is State.OPERATION_ENABLED:
             enabled[0] = True
@@ -342,7 +343,7 @@ def _torque_then_position(hooks: QuirkHooks, drive: VirtualDrive, _strength: flo
 
 
 def _sync_period_judged(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
-    def enable(transition: Transition, now: int, before: Plain) -> None:
+    def enable(transition: Transition, now: int, before: TransitionAct) -> None:
         before(transition, now)
         period = round(drive.objects.interpolation_s * 1e6)
         if drive.power.running and drive.modes.number in _CYCLIC_MODES and hooks.node.store.number(0x1006) != period:

@@ -277,8 +277,6 @@ class ProfileVelocity(FollowingMode):
 class VelocityMode(FollowingMode):
     """Velocity mode (VL) of frequency converters: ramp to 0x6042 in rpm, enabled by controlword bits 4, 5 and 6."""
 
-    _RUN = 0x70  # bits 4 (enable ramp), 5 (unlock ramp), 6 (reference ramp)
-
     def update(self, now: int) -> None:
         """Apply the target 0x6042 and the ramps, unless bit 5 of the controlword locks the ramp."""
         word = self.power.controlword

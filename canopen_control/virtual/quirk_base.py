@@ -12,7 +12,7 @@ switched off. No code of an inactive quirk runs.
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -29,14 +29,15 @@ if TYPE_CHECKING:
     from canopen_control.cia402.state import Transition
     from canopen_control.frame import CanFrame
     from canopen_control.od.model import Entry, Value
+    from canopen_control.virtual.device_model import DeviceModel
     from canopen_control.virtual.fault_effects import Incoming, Outgoing, Switch
     from canopen_control.virtual.injection_point import InjectionPoint
     from canopen_control.virtual.object_store import Guard
+    from canopen_control.virtual.power_machine import TransitionAct
     from canopen_control.virtual.virtual_drive import VirtualDrive
     from canopen_control.virtual.virtual_node import VirtualNode
 
     Check = Callable[[Entry, Value, Guard], Value]
-    Plain = Callable[[Transition, int], None]
     Sent = list[tuple[int, CanFrame]]
     AxisAct = Callable[["QuirkHooks", VirtualDrive, float], None]
     NodeAct = Callable[["QuirkHooks", float], None]
@@ -178,8 +179,8 @@ class QuirkHooks:
         statusword = drive.readings.statusword
         self.attribute(statusword, "changes", (*statusword.changes, change))
 
-    def act(self, drive: VirtualDrive, number: int, act: Callable[[Transition, int, Plain], None]) -> None:
-        """Perform transition `number` of an axis with `act`, whose last argument is the previous action."""
+    def act(self, drive: VirtualDrive, number: int, act: Callable[[Transition, int, TransitionAct], None]) -> None:
+        """Perform transition `number` of an axis by `act`, which gets the previous action as the last argument."""
         before = drive.power.act_of(number)
         self.entry(drive.power.acts, number, lambda transition, now: act(transition, now, before))
 
@@ -193,9 +194,9 @@ class QuirkHooks:
         assert drive.modes.gate is not None
         return drive.modes.gate
 
-    def model(self, drive: VirtualDrive, **changed: Any) -> None:  # noqa: ANN401 - the fields of a model
+    def model(self, drive: VirtualDrive, changed: DeviceModel) -> None:
         self.later(partial(drive.set_model, drive.objects.model))
-        drive.set_model(replace(drive.objects.model, **changed))
+        drive.set_model(changed)
 
 
 def _checked(check: Check, present: Guard | None) -> Guard:

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.virtual.control import NodeControl
     from canopen_control.virtual.virtual_node import VirtualNode
-    from canopen_control.yamlfile.problems import Problems
+    from canopen_control.yamlfile.node import Problems
 
 
 # Disturbances of a world with physics in YAML: the keys payload, push, block and friction of a step.

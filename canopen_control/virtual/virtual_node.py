@@ -312,10 +312,7 @@ class VirtualNode:
         self.outbox = outbox = NodeOutbox(self.emcy, self.clock)
         self.drives: dict[int, VirtualDrive] = {}
         self.error_control = ErrorControl(store, self.nmt, self.consumer, outbox, model, self.drives)
-        services = Services(self.emcy, self.sync, self.heartbeat, self.guarding, self.error_control)
-        self.communication = CommunicationObjects(
-            store, services, self.clock, applied=self._reroute, stored=self._stored
-        )
+        self.communication = self._make_communication()
         self.communication.identify(node_id if serial is None else serial, model.identity)
         self.pdos: PdoExchange = PdoExchange(
             store, outbox, self.clock, model, self.drives, motors, rebuilt=self._reroute
@@ -327,6 +324,10 @@ class VirtualNode:
         self.function = make_function(od, store, outbox, self.clock)
         self.error_control.function = self.pdos.function = self.function
         self._lay_out()
+
+    def _make_communication(self) -> CommunicationObjects:
+        services = Services(self.emcy, self.sync, self.heartbeat, self.guarding, self.error_control)
+        return CommunicationObjects(self.store, services, self.clock, applied=self._reroute, stored=self._stored)
 
     def _make_lss(self) -> NodeLss:
         return NodeLss(self.store, self.node_id, self.outbox, assigned=self._power_up_with, stored=self._stored)

@@ -85,6 +85,11 @@ def setting(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def section(key: str, default: Any = MISSING, *, help: str = "") -> Any:  # noqa: A002 - as in `setting`
+    """Return a field with the parameters whose dotted names begin with `key`: a dataclass like `default`, or a dict."""
+    return setting(default, key=key, section=True, factory=dict if default is MISSING else MISSING, help=help)
+
+
 def position() -> Any:
     """Return a field of type Node that receives the node of the mapping; comparisons ignore the field."""
     return dataclasses.field(default=NOWHERE, compare=False, repr=False, metadata={"here": True})

@@ -18,15 +18,14 @@ import yaml
 from canopen_control.data_files import read_limited
 from canopen_control.errors import BusConfigError
 from canopen_control.yamlfile.convert import INVALID, convert
-from canopen_control.yamlfile.node import Node
-from canopen_control.yamlfile.problems import LINE_END, Problems
+from canopen_control.yamlfile.node import LINE_END, Node, Problems
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Mapping
 
     from canopen_control.errors import ConfigError
-    from canopen_control.yamlfile.problems import Problem
+    from canopen_control.yamlfile.node import Problem
 
 
 T = TypeVar("T")

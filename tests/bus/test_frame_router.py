@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from canopen_control.bus import frame_router
 from canopen_control.bus.arbitration import duration_ns, frame_bits
 from canopen_control.bus.error_frames import lost_frames, overrun_frame, protocol_error_frame
-from canopen_control.bus.frame_router import BACKLOG_LIMIT, FrameRouter
+from canopen_control.bus.frame_router import BACKLOG_LIMIT, DropRule, FrameRouter
 from canopen_control.bus.subscription import Chunk, chunks_of, pack_stamp_request, pack_subscription
-from canopen_control.bus.wire_faults import DropRule
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
 MS = 1_000_000

@@ -4,8 +4,7 @@ import pytest
 from support.arm6 import copy_arm
 
 from canopen_control.check.stop_times import axis_facts, command_timeouts
-from canopen_control.host.polling import MarkedSelector
-from canopen_control.host.reactor import Reactor
+from canopen_control.host.reactor import MarkedSelector, Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.robot_files import find_robot

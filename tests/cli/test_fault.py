@@ -95,7 +95,7 @@ def test_without_any_drive_it_says_how_to_start_one(private_folders, capsys):
 
 def test_a_drive_of_a_running_robot_has_its_users_names_and_needs_no_channel(node, capsys, monkeypatch):
     known = [KnownNode("robby", CAN, 5, "left_drive", ("left_wheel_joint",))]
-    monkeypatch.setattr("canopen_control.cli.fault.ask_nodes", lambda _channel: (known, {}))
+    monkeypatch.setattr("canopen_control.cli.support.known_nodes.ask_nodes", lambda _channel: (known, {}))
     assert main(["fault", "left_drive", "silent", "on"]) == 0
     assert main(["fault", "left_wheel_joint", "silent", "off"]) == 0
     assert main(["fault", "5"]) == 0
@@ -110,7 +110,7 @@ def test_a_drive_of_a_running_robot_has_its_users_names_and_needs_no_channel(nod
 
 def test_a_robot_that_hangs_is_named_and_its_drives_are_reached_by_their_ids(node, capsys, monkeypatch):
     silent = {"robby": RemoteError("Timeout", "robot robby has not answered 'GetNodes' within 2 s")}
-    monkeypatch.setattr("canopen_control.cli.fault.ask_nodes", lambda _channel: ([], silent))
+    monkeypatch.setattr("canopen_control.cli.support.known_nodes.ask_nodes", lambda _channel: ([], silent))
     for channel in ([], ["--can", CAN]):
         assert main(["fault", "left_drive", "silent", "on", *channel]) == 2
         said = capsys.readouterr().err

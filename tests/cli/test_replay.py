@@ -101,7 +101,7 @@ def test_ctrl_c_ends_it_and_it_says_how_far_it_came(folders, log, capsys, monkey
         played.frames = 1
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("canopen_control.bus.play.play", interrupted)
+    monkeypatch.setattr("canopen_control.bus.recordings.play", interrupted)
     assert main(["replay", log, "--can", "local:bench", "--force"]) == 130
     assert capsys.readouterr().out == "1 frames into local:bench, none later than 0.0 ms\n"
 

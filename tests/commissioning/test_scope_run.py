@@ -11,7 +11,7 @@ from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import GetStatus, MappedValue, NodePlace, ProcessData
-from canopen_control.view.node_jobs import NodeJobs
+from canopen_control.view.robot_view import NodeJobs
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 SPEED, STATUS = "left_drive:0x606C:00", "left_drive:0x6041:00"

@@ -33,7 +33,7 @@ from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import GetNodes, GetStatus, Stop
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.scaffold.new_robot import Device
-from canopen_control.view.node_jobs import NodeJobs
+from canopen_control.view.robot_view import NodeJobs
 
 
 def plan(test=TuneTest.STEP, *, speed=3.0, torque=150.0, **options):

@@ -3,7 +3,7 @@
 import pytest
 
 from canopen_control.conformance.check import CheckTouch, clause_names
-from canopen_control.conformance.html_report import DEVIATIONS
+from canopen_control.conformance.report import DEVIATIONS
 from canopen_control.conformance.run import CHECKS, choose, run_checks
 from canopen_control.virtual.fault_effects import power_stage_off, supply_low
 from canopen_control.virtual.quirks import QUIRKS

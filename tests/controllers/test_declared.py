@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from canopen_control.controllers.base_params import read_params
 from canopen_control.controllers.broadcasters import read_params as read_battery
 from canopen_control.controllers.declared import checked, declared_by, given_in
-from canopen_control.controllers.diff_drive_params import read_params
 from canopen_control.controllers.gpio_command import GpioParams
 from canopen_control.controllers.gripper import EffortGripperParams
 from canopen_control.controllers.gripper import read_params as read_gripper_params

@@ -6,7 +6,7 @@ import pytest
 from support.control import Hardware, add, manager
 
 from canopen_control.controllers.command_timeout import GoalState
-from canopen_control.controllers.gripper_goal import GripperGoal
+from canopen_control.controllers.request_protocols import GripperGoal
 from canopen_control.errors import ControlError
 from canopen_control.urdf.joint_element import Joint, UrdfLimits
 

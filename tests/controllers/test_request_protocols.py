@@ -3,10 +3,10 @@
 import pytest
 from support.control import FORWARD, three_on_two_wheels
 
-from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.request_protocols import (
     ClosesLoops,
     FollowsTrajectories,
+    GripperGoal,
     Grips,
     HasOdometry,
     TakesCommands,

@@ -16,7 +16,7 @@ from canopen_control.frame import rpdo_cob_id
 from canopen_control.hardware.device_parts import POLL_NS, InputSignal, NodeInputs, OutputSignal
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.master.cycle import ProcessImage
-from canopen_control.profiles.device_signal import Signal, SignalScale
+from canopen_control.profiles import Signal, SignalScale
 from canopen_control.runtime.status import status_message
 
 

@@ -11,8 +11,7 @@ from support.processes import GONE_S, seconds_until
 
 from canopen_control.host.files import state_dir
 from canopen_control.trace.flight import WINDOW_NS
-from canopen_control.trace.flight_file import newest, read_flight
-from canopen_control.trace.flight_trigger import AFTER_NS
+from canopen_control.trace.flight_file import AFTER_NS, newest, read_flight
 
 LEFT = 3
 LEFT_TPDO, RIGHT_TPDO, SYNC = 0x183, 0x182, 0x80

@@ -12,7 +12,7 @@ from canopen_control.master.plan_pdos import is_pdo_record
 from canopen_control.od.dcf import encode_concise, write_dcf
 from canopen_control.od.eds import read_eds
 from canopen_control.od.pdos import pdo_of
-from canopen_control.profiles.device_type import Profile
+from canopen_control.profiles import Profile
 
 EDS_OF_PLAN_SIGNALS = data_path("eds", "generic_cia401.eds")
 

@@ -10,9 +10,9 @@ SCENE = """
 import time, uuid
 from canopen_control.ros import rcl
 from canopen_control.ros.action_goals import AsyncActionServer
-from canopen_control.ros.participants import ActionClients
+from canopen_control.ros.endpoint import ActionClients
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.spinner import Spinner
+from canopen_control.ros.rcl import Spinner
 from rclpy.action import ActionClient
 from unique_identifier_msgs.msg import UUID
 Follow = interface("control_msgs/action/FollowJointTrajectory")

@@ -16,7 +16,7 @@ from canopen_control.ros.base_topics import (
     TfOdometry,
     TwistCommands,
 )
-from canopen_control.ros.qos import SYSTEM_DEFAULT
+from canopen_control.ros.rcl import SYSTEM_DEFAULT
 from canopen_control.rpc.messages.samples import MecanumSample, SteeringSample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample
 

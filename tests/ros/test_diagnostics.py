@@ -8,7 +8,7 @@ from support.ros import eventually
 from canopen_control.ros import diagnostics
 from canopen_control.ros.diagnostics import Rosout
 from canopen_control.ros.nodes import RosNode
-from canopen_control.ros.qos import ROSOUT
+from canopen_control.ros.rcl import ROSOUT
 from canopen_control.rpc.messages.state import RobotEvent
 
 pytestmark = pytest.mark.ros

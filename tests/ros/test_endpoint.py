@@ -24,7 +24,7 @@ import sys, threading
 from std_srvs.srv import SetBool
 from canopen_control.ros import rcl
 from canopen_control.ros.endpoint import serve
-from canopen_control.ros.spinner import Spinner
+from canopen_control.ros.rcl import Spinner
 if len(sys.argv) > 1:
     sys.modules["rclpy.experimental.events_executor"] = None
 context, node = rcl.start("server", "", [])

@@ -6,8 +6,14 @@ from support.simulated import S, setup_of
 
 from canopen_control.bus.recordings import Recording
 from canopen_control.errors import ConfigError
-from canopen_control.simulation.campaign import SeedResult, Totals
-from canopen_control.simulation.campaign_files import html_summary, junit_summary, write_breach, write_text
+from canopen_control.simulation.campaign import (
+    SeedResult,
+    Totals,
+    html_summary,
+    junit_summary,
+    write_breach,
+    write_text,
+)
 from canopen_control.simulation.invariants import Breach
 from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.scenario_steps import read_scenario_steps

@@ -1,8 +1,8 @@
 import pytest
 
 from canopen_control.bus.arbitration import duration_ns, frame_bits
+from canopen_control.bus.frame_router import DropRule
 from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.wire_faults import DropRule
 from canopen_control.errors import BusClosed
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.simulation.simulated_wire import RESTART_NS, SimulatedWire

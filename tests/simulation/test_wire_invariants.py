@@ -1,7 +1,7 @@
 import pytest
 from support.simulated import MS, S, setup_of
 
-from canopen_control.bus.wire_faults import DropRule
+from canopen_control.bus.frame_router import DropRule
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.runtime.setup import BUS_NAME
 from canopen_control.simulation.motions import motions_of

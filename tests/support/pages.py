@@ -10,10 +10,9 @@ from support.samples import controllers_of, sample_of, status_of
 from canopen_control.commissioning.node_session import NodeSession
 from canopen_control.rpc.messages.drive import FaultListing
 from canopen_control.rpc.messages.robot import BusPlace, Description, NodeListing, NodePlace
-from canopen_control.view.node_jobs import NodeJobs
 from canopen_control.view.page_content import DriveFaults
 from canopen_control.view.robot_connection import read_robot_info
-from canopen_control.view.robot_view import RobotView
+from canopen_control.view.robot_view import NodeJobs, RobotView
 from canopen_control.view.trajectory_player import TrajectoryPlayer
 
 URDF = """<robot name='pair'><link name='base'><visual><geometry><box size='0.4 0.3 0.1'/></geometry></visual></link>

@@ -6,11 +6,10 @@ from support.observers import Watch
 
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
-from canopen_control.simulation.disturbed_nodes import DisturbedNodes
 from canopen_control.simulation.event_player import EventPlayer
 from canopen_control.simulation.robot_under_test import RobotUnderTest
 from canopen_control.simulation.scenario_events import ScenarioEvent
-from canopen_control.simulation.wire_view import WireView
+from canopen_control.simulation.wire_view import DisturbedNodes, WireView
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -18,8 +18,7 @@ from canopen_control.master.event_log import Event, Level
 from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.trace import flight
 from canopen_control.trace.flight import FlightRecorder, flight_folder, main
-from canopen_control.trace.flight_file import newest, read_flight
-from canopen_control.trace.flight_trigger import AFTER_NS
+from canopen_control.trace.flight_file import AFTER_NS, newest, read_flight
 
 SECOND = 1_000_000_000
 FAULT = RobotEvent(time=1.0, kind="fault", node=None, level="error", text="x")

@@ -6,8 +6,7 @@ from canopen_control.data_files import data_path
 from canopen_control.urdf.description import read_description
 from canopen_control.urdf.geometry import Pose
 from canopen_control.urdf.joint_element import Joint
-from canopen_control.urdf.link_element import UrdfLink, Visual
-from canopen_control.urdf.robot_model import RobotModel, read_model
+from canopen_control.urdf.robot_model import RobotModel, UrdfLink, Visual, read_model
 from canopen_control.view.scene_tree import SceneTree, Trail, angles_of, extent_of
 
 

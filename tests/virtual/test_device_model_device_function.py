@@ -15,7 +15,7 @@ from canopen_control.cia301.nmt import NmtState
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import EdsError
 from canopen_control.od.eds import parse_eds, read_eds
-from canopen_control.profiles.device_type import Profile, profile_of
+from canopen_control.profiles import Profile, profile_of
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.io_device import IoDevice
 

@@ -20,7 +20,7 @@ from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a fi
 from canopen_control.yamlfile.reader import load, parse, read, read_text, tree
 
 if TYPE_CHECKING:
-    from canopen_control.yamlfile.problems import Problem, Problems
+    from canopen_control.yamlfile.node import Problem, Problems
 
 
 CONFIG = Path(__file__).parents[2] / "config"

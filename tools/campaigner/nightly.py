@@ -24,8 +24,7 @@ from campaigner.seed_results import SIMULATED, Plan, Results, RobotResults, page
 from canopen_control.errors import CanopenError
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
-from canopen_control.simulation.campaign import Campaign, Totals
-from canopen_control.simulation.campaign_files import write_breach
+from canopen_control.simulation.campaign import Campaign, Totals, write_breach
 from canopen_control.simulation.random_schedule import known_faults
 from canopen_control.version import COMPILED, build
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.bus.recordings import RecordedFrame, Recording
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.cli.support.target import find_eds, robot_on
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.errors import CanopenError, ConfigError
@@ -57,7 +58,7 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "config", nargs="?", metavar="ROBOT", help="use the names of this robot: a folder or a bundled robot"
     )
-    parser.add_argument("--name", help="the running robot (default: the only one)")
+    add_robot_name(parser)
     parser.add_argument("--bus", metavar="NAME", help="bus of a robot with several buses")
     parser.add_argument(
         "--eds",

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import seconds
 from canopen_control.cli.support.output import print_result
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.signals import SuspensionWatch, on_signals
@@ -44,7 +45,7 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_mutually_exclusive_group()
     group.add_argument("--for", type=seconds, metavar="S", dest="seconds", help="repeat for S seconds, then send zeros")
     group.add_argument("--once", action="store_true", help="send once; the command ends with the controller's timeout")
-    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    add_robot_name(parser)
 
 
 def send(args: argparse.Namespace, command: Command, zeros: Command | None) -> int:

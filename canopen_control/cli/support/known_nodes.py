@@ -1,4 +1,4 @@
-"""Nodes of running robots by the names that users type: node name, node id or joint name.
+"""Nodes of running robots by the names that users type (node name, joint name or node id), and their virtual drives.
 
 For verbs that access the buses and virtual drives of a robot directly. A robot that does not answer is skipped, because
 these verbs must work while a robot hangs.
@@ -11,11 +11,14 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.client import RobotClient, find_robots
-from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.errors import CanopenError, ConfigError, RemoteError
+from canopen_control.host.sockets import drive_name, list_sockets
 from canopen_control.rpc.messages.robot import GetNodes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+    from canopen_control.client.drive_client import DriveClient
 
 
 _TIMEOUT_S = 2.0
@@ -72,3 +75,73 @@ def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
         places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in matching)
         raise ConfigError(f"{word!r} means more than one: {places}; choose one with --can CHANNEL")
     return matching[0] if matching else None
+
+
+# -- virtual drives: their control sockets need no robot
+
+
+def drive_of(word: str, can: str | None) -> tuple[str, int]:
+    """Return the channel and node id of the drive that a user names; ConfigError lists the valid names."""
+    nodes, silent = ask_nodes(can)
+    node = find_node(word, nodes)
+    if node is not None:
+        return node.channel, node.node_id
+    choices = _alternatives(nodes, silent, can)
+    node_id = _node_id(word, choices)
+    if can is None:
+        raise ConfigError(f"no node {word!r}{choices}" if choices else _WHICH_BUS)
+    return str(parse_channel(can)), node_id
+
+
+def _alternatives(nodes: list[KnownNode], silent: dict[str, CanopenError], can: str | None) -> str:
+    """Return the end of an error message, with the existing nodes or an error; "" if no robot runs."""
+    if nodes:
+        scope = "of a running robot" if can is None else f"on {can}"
+        choices = f" {scope}; there are: {', '.join(map(str, nodes))}"
+        return f"{choices}; for another bus: --can CHANNEL" if can is None else choices
+    if silent:
+        why = "; ".join(f"the robot {robot!r} does not list its nodes: {error}" for robot, error in silent.items())
+        return f" is known: {why}; with --can CHANNEL a drive is reached by its node id, without the robot"
+    return ""
+
+
+_WHICH_BUS = "no robot runs, so name the bus of the drive with --can CHANNEL, as in --can local:robby"
+
+
+def _node_id(text: str, choices: str) -> int:
+    try:
+        node_id = int(text, 0)
+    except ValueError:
+        raise ConfigError(
+            f"no node {text!r}{choices or ' is known: no robot runs there; a node id is 1 to 127'}"
+        ) from None
+    if not 1 <= node_id <= 127:
+        raise ConfigError(f"{text!r} is not a node id: 1 to 127, or list")
+    return node_id
+
+
+def connect_to(channel: str, node_id: int) -> DriveClient:
+    """Connect to the control socket of a virtual drive; RemoteError lists the drives that run instead."""
+    from canopen_control.client.drive_client import DriveClient
+
+    try:
+        return DriveClient.connect(channel, node_id)
+    except RemoteError as error:
+        if error.kind != "BusClosed":
+            raise
+        buses = _running_drives(drive_name(channel, node_id).rpartition("-")[0])
+        raise RemoteError(error.kind, f"no virtual drive with node id {node_id} runs on {channel}; {buses}") from error
+
+
+def _running_drives(bus: str) -> str:
+    """Return a text with the node ids of the virtual drives on a bus, or on all buses if the bus has none."""
+    drives: dict[str, list[int]] = {}
+    for other, _, number in (name.rpartition("-") for name in list_sockets("drive")):
+        if number.isdecimal():
+            drives.setdefault(other, []).append(int(number))
+    if bus in drives:
+        return f"there are: {', '.join(map(str, sorted(drives[bus])))}"
+    if not drives:
+        return "no virtual drive runs; start one with: canopen-control drive"
+    elsewhere = "; ".join(f"{', '.join(map(str, sorted(ids)))} on the bus {name}" for name, ids in drives.items())
+    return f"there are: {elsewhere}"

@@ -169,7 +169,7 @@ _COLOURS: Final = {"wrong": "31", "doubtful": "33", "good": "32"}
 @functools.cache
 def _coloured() -> re.Pattern[str]:
     from canopen_control.rpc.messages.health import AXIS_STATES, BAD, GOOD, WARN
-    from canopen_control.rpc.state_name import state_name
+    from canopen_control.rpc.quick_verbs import state_name
 
     wrong, doubtful, good = (
         "|".join(state_name(state) for state, words in AXIS_STATES.items() if words.tone == tone)
@@ -219,3 +219,14 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 def _cell(text: str, width: int) -> str:
     number = text.lstrip("-")[:1].isdigit()
     return text.rjust(width) if number else text.ljust(width)
+
+
+_ENTRY_WIDTH = 110
+
+
+def print_entry(name: str, text: str) -> None:
+    """Print the entry of a list of faults or quirks, as a name and an indented text."""
+    import textwrap
+
+    print(name)
+    print(textwrap.fill(text, _ENTRY_WIDTH, initial_indent="    ", subsequent_indent="    "))

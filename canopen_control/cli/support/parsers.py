@@ -38,6 +38,11 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
     return parser
 
 
+def add_robot_name(parser: argparse._ActionsContainer) -> None:
+    """Declare --name, the running robot."""
+    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+
+
 def actions_of(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
     """Yield each parser without subcommands, after its full name such as `ros topic list`."""
     groups = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]  # noqa: SLF001 - no public way

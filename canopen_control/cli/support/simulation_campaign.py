@@ -11,8 +11,15 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.simulation.campaign import Campaign, Totals
-from canopen_control.simulation.campaign_files import html_summary, junit_summary, make_folder, write_breach, write_text
+from canopen_control.simulation.campaign import (
+    Campaign,
+    Totals,
+    html_summary,
+    junit_summary,
+    make_folder,
+    write_breach,
+    write_text,
+)
 from canopen_control.simulation.fault_coverage import cells_words, coverage_words
 
 if TYPE_CHECKING:

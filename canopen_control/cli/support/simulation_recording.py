@@ -24,11 +24,12 @@ from canopen_control.trace.flight_file import (
     FlightMeta,
     KeptFrame,
     candump_lines,
+    is_fault,
     is_flight_file,
+    is_sum,
     read_flight,
     write_flight,
 )
-from canopen_control.trace.flight_trigger import is_fault, is_sum
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -11,7 +11,7 @@ from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import ConfigError
 from canopen_control.runtime.shared_world import read_shared
 from canopen_control.simulation.robot_under_test import SimulationObserver
-from canopen_control.simulation.shared_simulation import SharedSimulation
+from canopen_control.simulation.simulation_run import SharedSimulation
 
 if TYPE_CHECKING:
     import argparse

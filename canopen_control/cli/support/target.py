@@ -8,24 +8,26 @@ from __future__ import annotations
 
 import abc
 import os
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from canopen_control.bus.channel import parse_channel
-from canopen_control.cia301.nmt import RESETS, NmtUnconfirmed
+from canopen_control.cia301.nmt import COMMAND_NAMES, EXPECTED_STATE, RESETS, NmtCommand, NmtState, NmtUnconfirmed
 from canopen_control.cli.support.arguments import eds_path
+from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.commissioning.node_session import NodeSession, RobotTransfers, Transfers
 from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import DirectBus
-from canopen_control.rpc.messages.robot import GetNodes, NodeListing
+from canopen_control.rpc.messages.robot import GetNodes, GetStatus, NmtRequest, NodeListing
 
 if TYPE_CHECKING:
     import argparse
 
-    from canopen_control.cia301.nmt import NmtCommand, NmtState
     from canopen_control.rpc.messages.robot import NodePlace
+    from canopen_control.rpc.messages.state import NodeReading
 
 
 _HEARTBEATS = 2.5  # heartbeat periods for which a heartbeat is awaited
@@ -33,6 +35,16 @@ _SHORTEST_S, _LONGEST_S = 0.5, 3.0  # a busy computer reads a heartbeat late
 _HEARTBEAT = (0x1017, 0)
 _NMT_S, _RESET_S = 0.3, 3.0  # time in which a node must show a state
 _MUTE_S = 0.02  # for a node without heartbeat: only a pause before the next request
+ALL = "all"  # every node, in a request for an NMT command
+NMT_TIMEOUT_S = 1.5  # longest heartbeat period that is awaited
+RESET_TIMEOUT_S = 5.0
+BOOT_TIMEOUT_S = 10.0  # `start` through a robot configures the node first
+POLL_S = 0.05
+ROBOT_TIMEOUTS = {
+    NmtCommand.START: BOOT_TIMEOUT_S,
+    NmtCommand.RESET_NODE: RESET_TIMEOUT_S,
+    NmtCommand.RESET_COMMUNICATION: RESET_TIMEOUT_S,
+}
 LABEL = "canopen-control"  # label of a verb as a member of a bus
 
 
@@ -64,7 +76,7 @@ def add_target_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--can", metavar="CHANNEL", help="channel of a bare bus (can0, local:NAME, ...), without a running robot"
     )
-    group.add_argument("--name", help="the running robot (default: the only one)")
+    add_robot_name(group)
 
 
 def open_target(args: argparse.Namespace, *, through_robot: bool = False) -> RobotTarget | BusTarget:
@@ -140,6 +152,22 @@ class RobotTarget(Target):
             session = NodeSession(transfers, place.node_id, name=place.name, robot=self.robot.robot, eds=eds)
             self._sessions[place.node_id] = session
         return session
+
+    def command(
+        self, command: NmtCommand, sessions: list[NodeSession], timeout: float, *, all_nodes: bool
+    ) -> tuple[list[NodeSession], dict[str, NodeReading]]:
+        """Send an NMT command to nodes of the robot; return the unconfirmed nodes, and all last readings."""
+        begin = time.monotonic()
+        name = next(name for name, known in COMMAND_NAMES.items() if known is command)
+        self.robot.ask(NmtRequest(command=name, node=ALL if all_nodes else str(sessions[0].node_id)))
+        waiting = sessions
+        while True:
+            time.sleep(POLL_S)
+            nodes = self.robot.ask(GetStatus()).nodes
+            elapsed = time.monotonic() - begin
+            waiting = [requested for requested in waiting if not _shows(nodes[requested.name], command, elapsed)]
+            if not waiting or elapsed >= timeout:
+                return waiting, nodes
 
 
 class BusTarget(Target):
@@ -225,3 +253,12 @@ def parse_node_id(text: str) -> int:
     if not 1 <= node_id <= MAX_NODE_ID:
         raise ConfigError(f"node {node_id}: node ids are 1 to {MAX_NODE_ID}")
     return node_id
+
+
+def _shows(node: NodeReading, command: NmtCommand, elapsed: float) -> bool:
+    """Whether a node has reached the state that the command leads to, `elapsed` s after the command."""
+    if command is NmtCommand.START and not node.ready:  # the robot must also have configured the node
+        return False
+    # CiA 301 7.3.2: after a reset a node enters PRE-OPERATIONAL by itself
+    expected = NmtState.PRE_OPERATIONAL if command in RESETS else EXPECTED_STATE[command]
+    return node.nmt_state == expected.name and node.age is not None and node.age <= elapsed

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 from canopen_control.controllers.params import CommonParams, LoopGains
 from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, VELOCITY, HardLimits
-from canopen_control.yamlfile.convert import derived, setting
+from canopen_control.yamlfile.convert import derived, section, setting
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -460,13 +460,13 @@ def _with_joints(joints: tuple[str, ...]) -> type[TrajectoryParams]:
     fields: list[tuple[str, Any, Any]] = []
     for index, joint in enumerate(joints):
         fields += [
-            (f"gains_{index}", JointGains, setting(JointGains(), key=f"gains.{joint}", section=True)),
+            (f"gains_{index}", JointGains, section(f"gains.{joint}", JointGains())),
             (
                 f"constraints_{index}",
                 JointConstraints,
-                setting(JointConstraints(), key=f"constraints.{joint}", section=True),
+                section(f"constraints.{joint}", JointConstraints()),
             ),
-            (f"joint_limits_{index}", LimitParams, setting(LimitParams(), key=f"joint_limits.{joint}", section=True)),
+            (f"joint_limits_{index}", LimitParams, section(f"joint_limits.{joint}", LimitParams())),
         ]
     cls = dataclasses.make_dataclass("TrajectoryParams", fields, bases=(TrajectoryParams,), frozen=True)
     return cast("type[TrajectoryParams]", cls)

@@ -11,7 +11,7 @@ import enum
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.cia402.state import State
-from canopen_control.rpc.state_name import state_name
+from canopen_control.rpc.quick_verbs import state_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

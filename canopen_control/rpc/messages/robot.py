@@ -101,7 +101,7 @@ class SdoData(msgspec.Struct, frozen=True):
 
 
 class SdoRead(Request[SdoData], frozen=True, kw_only=True):
-    """Upload an object; `timeout` is in s per response (null: the node's timeout), `block` uses block transfer."""
+    """Upload an object; `timeout` is in s per answer (null: the timeout of the node), `block` uses block transfer."""
 
     node: NodeName
     index: Index

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.jobs import Job, JobOption, JobRun
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.rpc.messages.state import NodeReading
-    from canopen_control.view.node_jobs import NodeJobs
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
+    from canopen_control.view.robot_view import NodeJobs
 
 
 # Progress of a job at a node: the current step, a bar, rate and remaining time, and finally the result.

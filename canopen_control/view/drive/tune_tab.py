@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.view.drive.drive_tab import DriveTabContext
     from canopen_control.view.page_content import PageContent
+    from canopen_control.view.scope_chart import Options
 
 
 _TIMEOUT_S: Final = 2.0
@@ -250,7 +251,7 @@ class TuneTab:
         if result.bode is not None:
             self._fill(self._bode, bode_options(result.bode), BODE_HEIGHT)
 
-    def _fill(self, chart: ui.echart, options: dict[str, Any], height: int) -> None:
+    def _fill(self, chart: ui.echart, options: Options, height: int) -> None:
         chart.style(f"height: {height}px")
         chart.options.clear()
         chart.options.update(options)

@@ -1,0 +1,24 @@
+import pytest
+from support.host import use_private_folders
+
+from canopen_control.errors import ConfigError
+from canopen_control.host.sockets import close_listener, find_robots, listen, select_robot, socket_path
+
+
+@pytest.fixture(autouse=True)
+def folders(monkeypatch, tmp_path):
+    use_private_folders(monkeypatch, tmp_path)
+
+
+def test_several_robots_are_named_and_one_must_be_chosen():
+    listeners = [listen(socket_path("robot", name)) for name in ("b", "a")]
+    assert find_robots() == ["a", "b"]
+    with pytest.raises(ConfigError, match="several robots are running: a, b; choose one with --name"):
+        select_robot()
+    assert select_robot("b") == "b"
+    with pytest.raises(ConfigError, match="no robot 'c' is running; running: a, b"):
+        select_robot("c")
+    with pytest.raises(ConfigError, match="is not a valid name"):
+        select_robot("../c")
+    for listener in listeners:
+        close_listener(listener)

@@ -1,0 +1,115 @@
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from nicegui import ui
+from support.pages import FakeContext, expect_seen, seen, settle, visited
+
+from canopen_control.errors import RemoteError
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
+from canopen_control.rpc.messages.robot import PublishEvent
+from canopen_control.view.page_content import DriveFaults
+from canopen_control.view.panels.simulation_panels import WorldPanel
+
+
+class World:
+    def __init__(self, *, changeable=True, refusal=""):
+        self._changeable, self._refusal, self.acts = changeable, refusal, []
+
+    def changeable(self):
+        return self._changeable
+
+    def act(self, what):
+        if self._refusal:
+            raise RemoteError("ConfigError", self._refusal)
+        self.acts.append(what)
+
+
+def played(world, act):
+    context = FakeContext().with_faults()
+    context.robot.world_client = world
+
+    async def show(user, panel):
+        panel.show(context.content())
+        await settle(lambda: bool(seen(ui.expansion)), turns=20)
+        for whole in seen(ui.expansion):
+            whole.open()
+        return await act(user, panel, context)
+
+    return visited(lambda: WorldPanel(context), show), context
+
+
+def field(label):
+    return next(each for each in seen(ui.number) if each.props["label"] == label)
+
+
+def test_what_a_person_asks_for_happens_and_stands_in_the_events():
+    world = World()
+
+    async def act(user, _panel, _context):
+        link = seen(ui.select)[0]
+        link.value = "fork"
+        field("kg").value = -2
+        for number, button in enumerate(("Add payload", "Push", "Block", "Release", "Set floor friction"), 1):
+            user.find(button).click()
+            await settle(lambda number=number: len(world.acts) == number)
+            link.value = "the heaviest link"
+
+    _, context = played(world, act)
+    assert world.acts == [
+        AddPayload(mass=-2.0, on="fork"),
+        PushRobot(force=(0.0, 30.0, 0.0), seconds=0.2),
+        BlockJoint(joint="left"),
+        BlockJoint(joint="left", on=False),
+        SetGrip(friction=0.2),
+    ]
+    assert PublishEvent(kind="world", text="from a page: payload of -2 kg on fork") in context.asked
+    assert len(context.asked) == 5
+
+
+@pytest.mark.parametrize(
+    ("label", "value", "button", "said"),
+    [
+        ("s", 0, "Push", "a push needs a duration above 0"),
+        ("friction", -1, "Set floor friction", "friction cannot be negative"),
+        ("kg", None, "Add payload", "a field is empty"),
+        ("y, N", None, "Push", "a field is empty"),
+    ],
+)
+def test_a_number_that_cannot_be_is_told_and_nothing_happens(label, value, button, said):
+    world = World()
+
+    async def act(user, _panel, _context):
+        field(label).value = value
+        user.find(button).click()
+        await expect_seen(user, said)
+
+    _, context = played(world, act)
+    assert world.acts == context.asked == []
+
+
+def test_what_the_world_refuses_is_told():
+    async def act(user, _panel, _context):
+        user.find("Add payload").click()
+        await settle(turns=10)
+        await expect_seen(user, "the robot has no link")
+
+    _, context = played(World(refusal="the robot has no link 'fork'"), act)
+    assert context.asked == []
+
+
+def test_nothing_is_offered_without_physics_and_it_is_looked_for_again_with_other_drives():
+    world = World(changeable=False)
+
+    async def act(_user, panel, context):
+        before = len(seen(ui.expansion))
+        world._changeable = True
+        panel.show(context.content())  # the same drives: nobody asks again
+        await settle(turns=5)
+        same = len(seen(ui.expansion))
+        context.robot.faults = DriveFaults({"another": ()})
+        panel.show(context.content())
+        await settle(lambda: bool(seen(ui.expansion)))
+        return before, same, len(seen(ui.expansion))
+
+    assert played(world, act)[0] == (0, 0, 1)

@@ -1,0 +1,126 @@
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from nicegui import ui
+from support.pages import FakeContext, expect_seen, html, seen, settle, visited
+
+from canopen_control.errors import RemoteError
+from canopen_control.rpc.messages.drive import FaultListing, QuirkListing
+from canopen_control.view.page_content import DriveFaults
+from canopen_control.view.panels.simulation_panels import FaultPanel
+
+
+def played(act, switch=None):
+    context = FakeContext().with_faults()
+    switched = []
+    context.robot.fault_client.switch = switch or (lambda *args, **how: switched.append((*args, how["on"])))
+
+    async def show(user, panel):
+        panel.show(context.content())
+        return await act(user, panel, context)
+
+    return visited(lambda: FaultPanel(context), show), switched
+
+
+def test_drives_and_faults_are_offered_and_what_is_on_is_said():
+    async def act(user, _panel, _context):
+        drive, fault = seen(ui.select)
+        assert (drive.value, fault.value, fault.options) == ("left_drive", "silent", ["silent", "hot"])
+        fault.value = "hot"
+        return html(user)
+
+    found, _ = played(act)
+    assert "left_drive: silent" in found
+    assert "The drive is hot (once)" in found
+
+
+def test_a_fault_is_switched():
+    async def act(user, _panel, _context):
+        user.find("Switch off").click()
+        user.find("Switch on").click()
+        await settle()
+
+    _, switched = played(act)
+    assert sorted(switched) == [("left_drive", "silent", False), ("left_drive", "silent", True)]
+
+
+def test_what_the_drive_refuses_is_told():
+    def refuse(*_args, **_how):
+        raise RemoteError("DriveError", "not while it moves")
+
+    async def act(user, _panel, _context):
+        user.find("Switch on").click()
+        await settle(turns=10)
+        await expect_seen(user, "not while it moves")
+
+    played(act, refuse)
+
+
+def test_inputs_are_set_where_a_device_has_some():
+    given = []
+    context = FakeContext().with_faults()
+    board = context.content().faults
+    module = (*board.drives["left_drive"], FaultListing(name="input_stuck", acts="input"))
+    context.robot.faults = DriveFaults({"io": module, **board.drives})
+    context.robot.fault_client.set_signals = lambda *args: given.append(args)
+
+    async def show(user, panel):
+        panel.show(context.content())
+        drive = seen(ui.select)[0]
+        await expect_seen(user, "inputs, as di0=1,ai0=16384")
+        user.find(ui.input).type("di0=1,ai0=2.5")
+        user.find("Set").click()
+        await settle()
+        user.find(ui.input).clear().type("di0")
+        user.find("Set").click()
+        await settle(turns=10)
+        await expect_seen(user, "write SIGNAL=NUMBER")
+        drive.value = "left_drive"
+        await user.should_not_see("inputs, as di0=1,ai0=16384")
+
+    visited(lambda: FaultPanel(context), show)
+    assert given == [("io", {"di0": 1.0, "ai0": 2.5})]
+
+
+def test_on_mock_hardware_nothing_is_offered_to_be_broken():
+    context = FakeContext()
+
+    async def show(_user, panel):
+        found = []
+        for board in (DriveFaults(), context.with_faults().robot.faults, DriveFaults()):
+            context.robot.faults = board
+            panel.show(context.content())
+            found.append(panel._whole.visible)
+        return found
+
+    assert visited(lambda: FaultPanel(context), show) == [False, True, False]
+
+
+def test_a_quirk_is_explained_and_switched_with_its_strength():
+    switched = []
+    context = FakeContext().with_faults()
+    late = QuirkListing(
+        name="brake_delay", does="follows late", clause="CiA 402-2, 6.3", source="jsd#48", acts="axis",
+        unit="s", default=0.5, low=0.001, high=60.0, on=["brake_delay=0.5"],
+    )  # fmt: skip
+    board = context.content().faults
+    context.robot.faults = DriveFaults(board.drives, {"left_drive": (late,)})
+    context.robot.fault_client.switch_quirk = lambda *args, on: switched.append((*args, on))
+
+    async def show(user, panel):
+        panel.show(context.content())
+        for text in ("", "1.5", "@0", "=2@0"):
+            panel._strength.value = text
+            user.find("Quirk on").click()
+            await settle()
+        user.find("Quirk off").click()
+        await settle()
+        return html(user)
+
+    found = visited(lambda: FaultPanel(context), show)
+    assert "The drive follows late." in found
+    assert "jsd#48" in found
+    assert "left_drive: silent, brake_delay=0.5" in found
+    names = ["brake_delay", "brake_delay=1.5", "brake_delay@0", "brake_delay=2@0"]
+    assert switched == [*(("left_drive", name, True) for name in names), ("left_drive", "brake_delay", False)]
