@@ -313,7 +313,7 @@ class UnknownInterface(ControlError):
 
     def __init__(self, name: str, known: tuple[str, ...] = ()) -> None:
         self.name, self.known = name, known
-        super().__init__(f"no interface {name!r}" + (f"; there are: {', '.join(known)}" if known else ""))
+        super().__init__(f"no interface {name!r}" + (f"; available: {', '.join(known)}" if known else ""))
 
 
 class UnknownName(ControlError):

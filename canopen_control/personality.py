@@ -135,7 +135,7 @@ def read_personality(name: str) -> Personality:
         known = personality_names()
         problem = "no file" if "/" in name or Path(name).suffix else "no personality"
         near = nearest(name, known, listed=False)
-        raise PersonalityError(f"{problem} {name!r}{near}; there are: {', '.join(known)}; or a file of your own")
+        raise PersonalityError(f"{problem} {name!r}{near}; available: {', '.join(known)}; or a file of your own")
     return load(path, Personality, error=PersonalityError, check=_check)
 
 

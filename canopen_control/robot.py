@@ -282,7 +282,7 @@ class Robot:
         match = next((reading for reading in self._listing if str(node) in (reading.name, str(reading.node_id))), None)
         if match is None:
             names = ", ".join(f"{reading.name} ({reading.node_id})" for reading in self._listing) or "none"
-            raise errors.UnknownName(f"no node {str(node)!r}; there are: {names}")
+            raise errors.UnknownName(f"no node {str(node)!r}; available: {names}")
         return match
 
     def _dictionary(self, node: NodePlace) -> ObjectDictionary:

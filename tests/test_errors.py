@@ -52,7 +52,7 @@ MESSAGES = [
     (errors.UnsupportedMode("CSV", ()), "lists none"),
     (errors.InterfaceConflict("a/velocity", "diff"), "claimed by diff; deactivate"),
     (errors.TrajectoryRefused("arm refuses the trajectory: it has no points", -1), "it has no points"),
-    (errors.UnknownInterface("a/velo", ("a/velocity",)), "there are: a/velocity"),
+    (errors.UnknownInterface("a/velo", ("a/velocity",)), "available: a/velocity"),
     (errors.UnknownInterface("a/velo"), "no interface 'a/velo'"),
     (
         errors.DiskFull("/x/a.log", "No space left on device", "2 frames are in it"),

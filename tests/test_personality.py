@@ -69,13 +69,13 @@ def test_which_personality_fits_an_identity(vendor, product, name):
 
 def test_a_name_that_is_none_says_which_there_are():
     with pytest.raises(
-        PersonalityError, match=r"^no personality 'elm', did you mean 'elmo'\?; there are: copley, delta"
+        PersonalityError, match=r"^no personality 'elm', did you mean 'elmo'\?; available: copley, delta"
     ):
         read_personality("elm")
 
 
 def test_a_file_that_is_not_there_says_which_names_there_are():
-    with pytest.raises(PersonalityError, match=r"^no file './ours.yaml'; there are: copley, delta[^;]*; or a file"):
+    with pytest.raises(PersonalityError, match=r"^no file './ours.yaml'; available: copley, delta[^;]*; or a file"):
         read_personality("./ours.yaml")
 
 

@@ -177,7 +177,7 @@ def test_objects_are_read_and_written_by_their_names_and_types(robot):
 
 
 def test_what_is_wrong_with_an_object_is_a_sentence_of_its_kind(robot):
-    with pytest.raises(UnknownName, match=r"no node 'middle_drive'; there are: left_drive \(3\), right_drive \(2\)"):
+    with pytest.raises(UnknownName, match=r"no node 'middle_drive'; available: left_drive \(3\), right_drive \(2\)"):
         robot.sdo_read("middle_drive", 0x1000)
     with pytest.raises(ConfigError, match="no object 'Statuswort' in the EDS; did you mean 0x6041:00 Statusword"):
         robot.sdo_read(3, "Statuswort")

@@ -97,7 +97,7 @@ class HubControl:
         labels = [member.label for member in self._exchange.members.values()]
         if label in labels or faults.silences(label) or label in faults.delays:
             return label
-        raise ConfigError(f"no member called {label!r} on local:{self._name}; there are: {', '.join(labels) or 'none'}")
+        raise ConfigError(f"no member called {label!r} on local:{self._name}; available: {', '.join(labels) or 'none'}")
 
     def _label_or_all(self, label: str) -> str:
         return self._label(label) if label else ""

@@ -151,7 +151,7 @@ def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> No
             launch.findings.append(Finding(launch.path, line, Severity.NOTE, problem))
         name = None if absent else file.resolved(word)
         if name is not None and not (file.path.parent / name).is_file():
-            problem = f"there is no file {name}"
+            problem = f"file {name} does not exist"
             launch.findings.append(Finding(launch.path, line, Severity.WARNING, problem))
 
 

@@ -260,7 +260,7 @@ def _status(args: argparse.Namespace) -> int:
         print(json_text({channel: _document(status) for channel, status in states.items()}))
         return 0
     lines = [line for channel, status in states.items() for line in _render(channel, status)]
-    print("\n".join(lines) or "no local bus is open, and there is no CAN interface")
+    print("\n".join(lines) or "no local bus is open, and this computer has no CAN interface")
     return 0
 
 
@@ -369,7 +369,7 @@ def _label(spec: ChannelSpec, word: str) -> str:
     match = next((label for label in candidates if label in present), None)
     if match is None:
         choices = ", ".join(_named(label, nodes) for label in labels) or "none"
-        raise ConfigError(f"no member called {word!r} on {spec}; there are: {choices}")
+        raise ConfigError(f"no member called {word!r} on {spec}; available: {choices}")
     return match
 
 

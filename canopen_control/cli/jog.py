@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     request = _request(args)
     if not (args.seconds or request.kind is JogKind.POSITION or args.fault_reset or sys.stdin.isatty()):
-        raise ConfigError("standard input is not a terminal, so there are no keys; give a duration with --for S")
+        raise ConfigError("standard input is not a terminal, so keys cannot be read; give a duration with --for S")
     with contextlib.ExitStack() as stack:
         owner = None if args.can is None else robot_on(args.can)
         if args.can is None or owner is not None:

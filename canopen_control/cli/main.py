@@ -173,9 +173,7 @@ def _report_internal_error(error: Exception) -> int:
     if os.environ.get("CANOPEN_CONTROL_DEBUG"):
         raise error
     if isinstance(error, MemoryError):
-        return _print_error(
-            CanopenError("there is not enough memory for this; is a file far larger than it should be?"), 1
-        )
+        return _print_error(CanopenError("out of memory; is a file far larger than it should be?"), 1)
     kind, text = type(error).__name__, f": {error}" if str(error) else ""
     text_of_fault = f"a fault of this program, {kind}{text}; please report it with what CANOPEN_CONTROL_DEBUG=1 shows"
     print(f"canopen-control: {text_of_fault}", file=sys.stderr)

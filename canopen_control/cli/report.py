@@ -124,7 +124,7 @@ def _flights(name: str | None) -> list[Path]:
     if not paths:
         of_robot = f"of {name} " if name else ""
         raise ConfigError(
-            f"there is no flight recording {of_robot}in {state_dir()}: no fault was recorded yet; "
+            f"no flight recording {of_robot}in {state_dir()}: no fault has been recorded; "
             "watch a running robot with --for 10"
         )
     return paths

@@ -168,7 +168,7 @@ def _document(data: bytes, data_type: DataType | None, node: NodeSession, addres
 def _write(args: argparse.Namespace, node: NodeSession, address: ObjectAddress) -> None:
     data_type = _type_of(args, address)
     if data_type is None:
-        reason = "it is not in the EDS" if node.od is not None else "there is no EDS"
+        reason = "it is not in the EDS" if node.od is not None else "its EDS is missing"
         raise ConfigError(f"0x{address.index:04X}:{address.subindex:02X}: {reason}; give its type, as in --type u32")
     data = parse_value(args.value, data_type)
     node.write(address.index, address.subindex, data)

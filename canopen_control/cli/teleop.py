@@ -273,7 +273,7 @@ def choose(controllers: Sequence[ControllerReading], name: str | None) -> Contro
     if name is not None:
         matching = [controller for controller in controllers if controller.name == name]
         if not matching:
-            raise ConfigError(f"no controller {name!r}; there are: {_names(controllers)}")
+            raise ConfigError(f"no controller {name!r}; available: {_names(controllers)}")
         return _usable(matching[0])
     active = [
         controller

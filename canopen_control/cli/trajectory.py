@@ -87,7 +87,7 @@ class TrajectoryRecording:
         while end > 1 and _is_close(self._positions[end - 2], self._positions[-1]):
             end -= 1
         if end < 2:
-            raise CanopenError("no joint moved, so there is nothing to record; move a joint during the recording")
+            raise CanopenError("no joint moved, so nothing was recorded; move a joint during the recording")
         times, positions = self._times[:end], self._positions[:end]
         return [
             TrajectoryPoint(

@@ -543,7 +543,7 @@ class EditHistory:
         """Undo the latest edit; raise DriveError if the value has changed since, ConfigError if no edit is left."""
         edit = self.last
         if edit is None or edit.before is None:
-            raise ConfigError(f"{session}: there is no edit to undo")
+            raise ConfigError(f"{session}: no edit to undo")
         entry, current = edit.entry, session.read_value(edit.entry)
         if not same_value(entry, current, edit.after):
             self.edits.remove(edit)

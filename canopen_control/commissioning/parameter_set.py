@@ -260,7 +260,7 @@ def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
         if (entry := od.get(*address)) is not None:
             chosen[address] = zero_of(entry.data_type)
     if not chosen:
-        raise EdsError(path, 0, "has no ParameterValue of a parameter, so there is nothing to compare or restore")
+        raise EdsError(path, 0, "has no ParameterValue of a parameter, so nothing can be compared or restored")
     identity = _backup_identity(lines, od) if lines is not None else _identity_of(od)
     date = "" if lines is None else _get(lines, "Date")
     values = without_unused_slots(dict(sorted(chosen.items())))

@@ -91,9 +91,7 @@ def revert_gains(session: NodeSession, stored: KeptParameters) -> list[GainChang
     """Restore the gains from before the first `set_gains`; raise DriveError if no gains are stored."""
     target = stored.read()
     if not target:
-        raise DriveError(
-            f"{session}: no gains of this drive were set from this computer, so there is nothing to revert"
-        )
+        raise DriveError(f"{session}: no gains of this drive were set from this computer, so nothing can be reverted")
     refuse_moving(session)
     od = session.dictionary
     current, _ = read_values(session, [od[address] for address in target if address in od])

@@ -127,7 +127,7 @@ class TuneFound:
 def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: int, robot: str) -> str:
     """Return why `drive_of_robot` would refuse a run of this axis, or ""."""
     if not axis < len(place.joints):
-        return f"{place.name} moves no joint of {robot}, so there is nothing to tune."
+        return f"{place.name} moves no joint of {robot}, so nothing can be tuned."
     joint = place.joints[axis]
     if any(takes_targets(controller, joint) for controller in controllers):
         return ""

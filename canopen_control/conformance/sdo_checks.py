@@ -109,7 +109,7 @@ _ROWS = (
 
 def _eds(node: CheckedNode) -> EdsFile:
     if node.eds is None:
-        raise NotApplicable("there is no EDS; give one with --eds")
+        raise NotApplicable("no EDS; give one with --eds")
     return node.eds
 
 

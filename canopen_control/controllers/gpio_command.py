@@ -194,11 +194,11 @@ class GpioCommandController(Controller):
         input_names, whole_gpios = self.params.inputs, self.params.unnamed_gpios
         inputs = {state.name: state for state in states if state.name in input_names or state.joint in whole_gpios}
         if missing := [name for name in input_names if name not in inputs]:
-            raise ControlError(f"{self.name}: there is no state interface {missing[0]}{nearest(missing[0], inputs)}")
+            raise ControlError(f"{self.name}: state interface {missing[0]} does not exist{nearest(missing[0], inputs)}")
         commanded = {command.joint for command in commands}
         input_gpios = {state.joint for state in inputs.values()}
         if unknown := [gpio for gpio in whole_gpios if gpio not in commanded and gpio not in input_gpios]:
-            raise ControlError(f"{self.name}: there is no <gpio> {unknown[0]!r} with interfaces; remove it")
+            raise ControlError(f"{self.name}: <gpio> {unknown[0]!r} has no interfaces; remove it")
         layout: dict[str, dict[str, StateInterface | None]] = {gpio: {} for gpio in self.params.gpios}
         for state in inputs.values():
             layout[state.joint][state.interface] = state

@@ -178,7 +178,7 @@ def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
             continue  # a drive without a robot may only be observed; enabling it reports the missing object
         elif name not in _SERVED:
             known = ", ".join((*MOTION_INTERFACES, DIGITAL_OUTPUTS))
-            raise RobotConfigError(f"joint {axis.joint}: no command interface {name!r}; there are: {known}")
+            raise RobotConfigError(f"joint {axis.joint}: no command interface {name!r}; available: {known}")
         elif not any(_is_mapped(axis, mode) for mode in _served(axis, name)):
             index, _ = axis.target_objects[_served(axis, name)[0]]
             place = f"0x{axis.index(index):04X}"

@@ -320,7 +320,7 @@ class _Reader:
             merged = with_defaults(name, node, defaults, peer_merge=self._peer_merge)
             self._note_unused(merged, UNUSED_NODE)
             if (place := merged.get("node_id")) is not None and place.value == _IGNORED_ID:
-                place.warning(f"{name} is skipped: node_id {_IGNORED_ID} means that there is no node")
+                place.warning(f"{name} is skipped: node_id {_IGNORED_ID} means that no node is used")
                 continue
             if (read := node_config(name, merged, master, self._options)) is not None:
                 config, section_read = read

@@ -574,7 +574,7 @@ def read_device(sections: Sections, node_id: int | None, report: Report) -> Obje
     od = ObjectDictionary(node_id=node_id)
     info = sections.get("deviceinfo")
     if info is None:
-        report.warning(0, "device-info", "there is no [DeviceInfo]; vendor, product and bit rates are unknown")
+        report.warning(0, "device-info", "section [DeviceInfo] is missing; vendor, product and bit rates are unknown")
     else:
         od.device = _device_info(info, report)
     od.dummy_usage = frozenset(_dummies(sections.get("dummyusage"), report))
@@ -645,7 +645,7 @@ def check_lists(od: ObjectDictionary, sections: Sections, report: Report) -> Non
     """Report differences between the three object lists and the objects in the file."""
     lists = [section for name in OBJECT_LISTS if (section := sections.get(name)) is not None]
     if not lists:
-        report.warning(0, "list-missing", "there are no object lists; only the object sections are used")
+        report.warning(0, "list-missing", "the object lists are missing; only the object sections are used")
         return
     listed: dict[int, Pair] = {}
     for section in lists:

@@ -121,7 +121,7 @@ def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: lis
     joints = [str(body.model.joint(number).name) for number in range(body.model.njnt)]
     own = [joint.removeprefix(body.prefix) for joint in joints if joint.startswith(body.prefix)]
     problems = [
-        f"{path}:{encoder.here.line}:{encoder.here.column}: there is no joint {encoder.joint!r} for an encoder"
+        f"{path}:{encoder.here.line}:{encoder.here.column}: an encoder names the unknown joint {encoder.joint!r}"
         f"{nearest(encoder.joint, own)}"
         for encoder in file.encoders.values()
         if encoder.joint not in own

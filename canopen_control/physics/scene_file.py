@@ -210,7 +210,7 @@ def _check_robots(file: WorldDescription) -> None:
     for robot in file.robots:
         if _NAME.fullmatch(robot.name) is None:  # the name is also that of a bus and of a ROS namespace
             robot.here.error(
-                f"name: {robot.name!r} is not possible: use a letter, then letters, digits and _, at most 30 characters"
+                f"name: {robot.name!r} is not valid: use a letter, then letters, digits and _, at most 30 characters"
             )
         if robot.name in names:
             robot.here.error(f"a robot named {robot.name} exists already; choose another name")
@@ -219,6 +219,6 @@ def _check_robots(file: WorldDescription) -> None:
         file.robots[MOST_ROBOTS].here.error(f"{len(file.robots)} robots: a world can have at most {MOST_ROBOTS}")
     for step in file.steps:
         if step.robot and step.robot not in names:
-            step.here.error(f"there is no robot {step.robot!r} in this file{nearest(step.robot, names)}")
+            step.here.error(f"robot {step.robot!r} is not in this file{nearest(step.robot, names)}")
         if names and not step.robot and step.friction is None:
             step.here.error(f"robot: name the robot of this step: {', '.join(sorted(names))}")

@@ -228,7 +228,7 @@ class Graph:
         self.spin(seconds, lambda: absolute in dict(names()))
         types: list[str] = dict(names()).get(absolute, [])
         if not types:
-            raise CanopenError(f"there is no topic {absolute}; canopen-control ros topic list lists all topics")
+            raise CanopenError(f"topic {absolute} does not exist; canopen-control ros topic list lists all topics")
         if chosen:
             return full_name(chosen, "msg")
         if len(types) > 1:

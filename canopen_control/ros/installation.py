@@ -41,7 +41,7 @@ def require_ros(environment: Mapping[str, str] | None = None) -> None:
     environment = os.environ if environment is None else environment
     folder = _rclpy_folder()
     if folder is None:
-        raise ConfigError(f"ROS 2 is not installed: there is no rclpy in this Python; {_INSTALL_ADVICE}")
+        raise ConfigError(f"ROS 2 is not installed: this Python has no rclpy; {_INSTALL_ADVICE}")
     suffixes = importlib.machinery.EXTENSION_SUFFIXES
     if not any((folder / f"{_EXTENSION}{suffix}").exists() for suffix in suffixes):
         raise ConfigError(f"the rclpy in {folder} was built for another Python; {_INSTALL_ADVICE}")

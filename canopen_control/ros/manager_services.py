@@ -325,7 +325,7 @@ class LifecycleServices(Endpoint):
             reply(response)
 
         if not transitions:
-            done(f"there is no transition {requested.id} {requested.label!r}")
+            done(f"unknown transition {requested.id} {requested.label!r}")
         elif self.state in transitions[0].reached:
             response.success = True
             reply(response)

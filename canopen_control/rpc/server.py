@@ -147,7 +147,7 @@ class Server(Generic[H, P]):
         name = incoming.method
         try:
             if name not in self._handlers:
-                raise LocalProtocolError(f"no method {name!r}; there are: {', '.join(self._handlers)}")
+                raise LocalProtocolError(f"no method {name!r}; available: {', '.join(self._handlers)}")
             decoder, handler = self._handlers[name]
             call.request = decoder.decode(incoming.params)
             handler(call)

@@ -159,7 +159,7 @@ def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState])
     component = next((component for component in robot.registry.components if component.name == name), None)
     if component is None:
         names = ", ".join(component.name for component in robot.registry.components)
-        raise UnknownName(f"no hardware component {name!r}; there are: {names}")
+        raise UnknownName(f"no hardware component {name!r}; available: {names}")
     if state == "active":
         component.configure()
         component.activate()
@@ -515,7 +515,7 @@ class ApiServer(RobotObserver):
         name, manager = request.controller, self._robot.manager
         expected = manager.get(name).interface if name in manager.states else None
         if expected is not None and request.interface not in (None, expected):
-            raise ControlError(f"{name} accepts {expected} at present, not {request.interface}; nothing was applied")
+            raise ControlError(f"{name} currently accepts {expected}, not {request.interface}; nothing was applied")
 
     def _twist(self, call: Call[messages.TwistController]) -> None:
         request = call.request
@@ -611,7 +611,7 @@ class ApiServer(RobotObserver):
         if not (kind.isidentifier() and len(kind) <= MAX_KIND and 0 < len(text) <= MAX_TEXT and text.isprintable()):
             raise LocalProtocolError(f"tell: give a word as kind, and a printable text of 1 to {MAX_TEXT} characters")
         if (level := _CLIENT_LEVELS.get(call.request.level)) is None:
-            raise LocalProtocolError(f"tell: no level {call.request.level!r}; there are: {', '.join(_CLIENT_LEVELS)}")
+            raise LocalProtocolError(f"tell: no level {call.request.level!r}; available: {', '.join(_CLIENT_LEVELS)}")
         self._robot.report(Event(self._robot.reactor.now(), kind, "", text, level))
         call.reply(Done())
 
@@ -623,4 +623,4 @@ def _action(text: str) -> Action:
     try:
         return Action(text)
     except ValueError:
-        raise UnknownName(f"no action {text!r}; there are: {', '.join(action.value for action in Action)}") from None
+        raise UnknownName(f"no action {text!r}; available: {', '.join(action.value for action in Action)}") from None

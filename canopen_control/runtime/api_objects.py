@@ -233,7 +233,7 @@ class ObjectMethods:
         name, node_name, robot = call.request.command, str(call.request.node), self._robot
         source = call.request.source or call.client
         if name not in COMMAND_NAMES:
-            raise UnknownName(f"no NMT command {name!r}; there are: {', '.join(COMMAND_NAMES)}")
+            raise UnknownName(f"no NMT command {name!r}; available: {', '.join(COMMAND_NAMES)}")
         for node in list(robot.nodes.values()) if node_name == "all" else [robot.node(node_name)]:
             self._robot.report(Event(robot.reactor.now(), "nmt_asked", node.name, f"{source} requested NMT {name}"))
             node.command(COMMAND_NAMES[name], robot.reactor.now(), boot=call.request.boot)

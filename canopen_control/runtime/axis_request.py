@@ -76,7 +76,7 @@ def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
         if name in (node.name, str(node.node_id)):
             return node
     names = ", ".join(f"{node.name} ({node.node_id})" for node in nodes.values()) or "none"
-    raise UnknownName(f"no node {name!r}; there are: {names}")
+    raise UnknownName(f"no node {name!r}; available: {names}")
 
 
 def axes_of(
@@ -85,7 +85,7 @@ def axes_of(
     """Return the axes of a node or of "all" nodes; `only` selects one joint. ControlError if no axis matches."""
     axes = tuple(joints)
     if name == "all" and nodes and not axes:
-        raise ControlError("no node drives a joint, so there is no axis")
+        raise ControlError("no node drives a joint, so the robot has no axis")
     if name != "all":
         node = find_node(nodes, name)
         axes = tuple(joint for joint in joints if joint.node is node)
@@ -94,7 +94,7 @@ def axes_of(
     selected = tuple(joint for joint in axes if only is None or joint.joint == only)
     if only is not None and not selected:
         names = ", ".join(joint.joint for joint in axes) or "none"
-        raise UnknownName(f"{name} has no joint {only!r}; there are: {names}")
+        raise UnknownName(f"{name} has no joint {only!r}; available: {names}")
     return selected
 
 
@@ -270,7 +270,7 @@ def _mode_of(text: str) -> int:
         return OperationMode[text.upper()] if not text.lstrip("-").isdigit() else OperationMode(int(text))
     except (KeyError, ValueError):
         names = ", ".join(mode.name for mode in OperationMode if mode)
-        raise UnknownName(f"no mode of operation {text!r}; there are: {names}") from None
+        raise UnknownName(f"no mode of operation {text!r}; available: {names}") from None
 
 
 def _require_present(joint: JointDrive) -> None:

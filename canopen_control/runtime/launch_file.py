@@ -203,7 +203,7 @@ class _Reading:
         if include.file is not None and launch.absent_packages(include.file):
             return set()  # a program such as a simulator; missing robot files are reported elsewhere
         if path is None or not path.is_file():
-            problem = include.file if name is None else f"there is no {path}"
+            problem = include.file if name is None else f"{path} does not exist"
             self.uncertainties.append(
                 f"{place}: an included launch file is not read: {problem or 'its name is computed'}"
             )

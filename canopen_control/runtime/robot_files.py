@@ -261,7 +261,7 @@ def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> P
     places = [path] if package is None else [path, package / path, package / "worlds" / path]
     file = next((place for place in places if place.is_file()), None)
     if file is None:
-        missing.append(f"{hardware.world_word}: there is no file {path}")
+        missing.append(f"{hardware.world_word}: file {path} does not exist")
     return None if file is None else file.resolve()
 
 

@@ -364,7 +364,7 @@ def _choose_sync(
 def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, str], *, mock: bool) -> None:
     """Raise RobotConfigError for `--kernel-sync` if a bus does not use SYNC or is not a SocketCAN interface."""
     if mock or not buses:
-        raise RobotConfigError("--kernel-sync: there is no bus; omit the option")
+        raise RobotConfigError("--kernel-sync: the robot uses no bus; omit the option")
     for name, config in buses.items():
         if not config.master.sync_period:
             raise RobotConfigError(f"--kernel-sync: {config.path} has no sync_period, so no SYNC can be sent")

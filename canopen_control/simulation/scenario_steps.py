@@ -180,14 +180,14 @@ class _Checked:
         if target_kind == "controller" and target not in self._controllers:
             here.error(f"target: the robot has no controller {target!r}{nearest(target, self._controllers)}")
         elif target_kind == "node" and target not in node_ids:
-            here.error(f"{kind}: needs a node of this robot, not {target or 'none'}; there are: {', '.join(node_ids)}")
+            here.error(f"{kind}: needs a node of this robot, not {target or 'none'}; available: {', '.join(node_ids)}")
         elif (
             target_kind == "member"
             and target not in (*node_ids, MASTER)
             and (target or kind in ("stall", "cut", "bus_off"))
         ):
             here.error(
-                f"target: {target or 'none'} is not a member of a bus; there are: {MASTER}, {', '.join(node_ids)}"
+                f"target: {target or 'none'} is not a member of a bus; available: {MASTER}, {', '.join(node_ids)}"
             )
         elif target_kind == "" and target and kind != "axis":
             here.error(f"target: is not possible with {kind}")
@@ -202,7 +202,7 @@ class _Checked:
                 self._check_axis(parse_quirk(name).axis)
         elif kind == "axis":
             if name not in ACTIONS:
-                here.error(f"name: {name or 'none'} is not an action; there are: {', '.join(ACTIONS)}")
+                here.error(f"name: {name or 'none'} is not an action; available: {', '.join(ACTIONS)}")
         elif name:
             here.error(f"name: is not possible with {kind}")
 

@@ -382,7 +382,7 @@ class TestedDrives:
             if node in (name, number) and number in self._drives:
                 return name, number
         names = ", ".join(f"{name} ({number})" for name, number in self._ids.items())
-        raise UnknownName(f"no drive {node!r}; there are: {names}")
+        raise UnknownName(f"no drive {node!r}; available: {names}")
 
     def __iter__(self) -> Iterator[TestedDrive]:
         return iter(self._drives.values())

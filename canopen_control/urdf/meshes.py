@@ -164,7 +164,7 @@ def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None 
         return file
     file = Path(description).parent / path
     if not file.is_file():
-        raise ConfigError(f"mesh {uri}: there is no file {file}")
+        raise ConfigError(f"mesh {uri}: file {file} does not exist")
     return file
 
 

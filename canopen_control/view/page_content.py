@@ -119,7 +119,7 @@ class FaultClient:
     def _connect(self, drive: str) -> DriveClient:
         node = self._nodes.get(drive)
         if node is None:
-            raise RemoteError("UnknownName", f"there is no drive {drive!r}")
+            raise RemoteError("UnknownName", f"drive {drive!r} does not exist")
         return DriveClient.connect(node.channel, node.node_id, _TIMEOUT_S, label=f"the virtual drive {drive}")
 
 

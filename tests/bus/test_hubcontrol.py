@@ -128,11 +128,11 @@ def test_the_bit_rate_is_set_and_taken_back(desk):
 @pytest.mark.parametrize(
     ("method", "params", "kind", "message"),
     [
-        ("fly", {}, "LocalProtocolError", "no method 'fly'; there are: status, cut"),
+        ("fly", {}, "LocalProtocolError", "no method 'fly'; available: status, cut"),
         ("cut", {}, "LocalProtocolError", "cut: Object missing required field `label`"),
         ("cut", {"label": 5}, "LocalProtocolError", "Expected `str`, got `int` - at `$.label`"),
         ("cut", {"label": "left", "who": 1}, "LocalProtocolError", "unknown field `who`"),
-        ("cut", {"label": "middle"}, "ConfigError", "no member called 'middle' on local:robby; there are: left, right"),
+        ("cut", {"label": "middle"}, "ConfigError", "no member called 'middle' on local:robby; available: left, right"),
         ("cut", {"label": ""}, "ConfigError", "no member called ''"),
         ("delay", {}, "LocalProtocolError", "missing required field `ms`"),
         ("delay", {"ms": -1}, "LocalProtocolError", "Expected `int` >= 0 - at `$.ms`"),

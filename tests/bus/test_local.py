@@ -256,7 +256,7 @@ def test_a_hub_answers(runtime):
     assert ask_hub("asked", GetHubStatus()).members[0].label == "me"
     assert ask_hub("asked", Cut("me")) == Done()
     assert ask_hub("asked", GetHubStatus()).cut == ["me"]
-    with pytest.raises(ConfigError, match="no member called 'you' on local:asked; there are: me"):
+    with pytest.raises(ConfigError, match="no member called 'you' on local:asked; available: me"):
         ask_hub("asked", Cut("you"))
     port.close()
 

@@ -183,7 +183,7 @@ def test_the_value_of_an_option_of_a_spawner_is_no_controller(tmp_path, more):
             '"robby_forwrd_controller"',
             "error: the spawner loads 'robby_forwrd_controller', which ",
         ),
-        ('"first", f"', '"second", f"', "warning: there is no file "),
+        ('"first", f"', '"second", f"', "warning: file "),
         ("FindPackageShare(PACKAGE)", 'FindPackageShare("elsewhere")', "note: package 'elsewhere' was not found near"),
         ('name="eyes"', 'name="two eyes"', "error: node name 'two eyes' is not valid"),
         ('PACKAGE = "robby_bringup"', "PACKAGE = name()", "note: a command is computed, and unknown without running"),

@@ -15,7 +15,7 @@ def test_an_unknown_node_is_one_sentence(mock_robot, capsys):
 
 def test_a_joint_that_the_node_does_not_move_is_one_sentence(mock_robot, capsys):
     assert main(["axis", "enable", "all", "--joint", "elbow"]) == 2
-    assert "all has no joint 'elbow'; there are: none" in capsys.readouterr().err
+    assert "all has no joint 'elbow'; available: none" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

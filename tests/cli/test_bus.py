@@ -177,7 +177,7 @@ def test_delays_and_losses_are_told_by_these_names(robby, capsys):
 def test_who_is_not_there_is_answered_with_the_names_of_those_who_are(robby, capsys):
     assert main(["bus", "fault", "local:cli", "cut", "right_drive"]) == 2
     said = capsys.readouterr().err
-    assert "no member called 'right_drive' on local:cli; there are: master, left_drive (drive 3)" in said
+    assert "no member called 'right_drive' on local:cli; available: master, left_drive (drive 3)" in said
 
 
 def test_up_says_each_command(monkeypatch, capsys):

@@ -83,9 +83,9 @@ def test_wrong_usage_is_a_sentence_and_exit_code_2(node, capsys, words, said):
 
 def test_a_drive_that_is_not_there_is_named_with_those_that_are(node, capsys):
     assert main(["fault", "6", "silent", "on", "--can", CAN]) == 1
-    assert f"no virtual drive with node id 6 runs on {CAN}; there are: 5" in capsys.readouterr().err
+    assert f"no virtual drive with node id 6 runs on {CAN}; available: 5" in capsys.readouterr().err
     assert main(["fault", "6", "silent", "on", "--can", "memory:other"]) == 1
-    assert f"there are: 5 on the bus {CAN.partition(':')[2]}" in capsys.readouterr().err
+    assert f"available: 5 on the bus {CAN.partition(':')[2]}" in capsys.readouterr().err
 
 
 def test_without_any_drive_it_says_how_to_start_one(private_folders, capsys):
@@ -105,7 +105,7 @@ def test_a_drive_of_a_running_robot_has_its_users_names_and_needs_no_channel(nod
         "node 5: no active fault",
     ]
     assert main(["fault", "right_drive", "silent"]) == 2
-    assert "no node 'right_drive' of a running robot; there are: left_drive (5)" in capsys.readouterr().err
+    assert "no node 'right_drive' of a running robot; available: left_drive (5)" in capsys.readouterr().err
 
 
 def test_a_robot_that_hangs_is_named_and_its_drives_are_reached_by_their_ids(node, capsys, monkeypatch):

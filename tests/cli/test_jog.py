@@ -113,7 +113,7 @@ def test_a_drive_whose_units_nobody_tells_is_turned_in_counts(private_folders, n
         (("--velocity", "500rpm", "--for", "1"), "500rpm exceeds the limit of 6.28 rad/s (60.0 rpm); if safe"),
         (("--position", "20turns"), "20turns exceeds the limit of 3600.0 deg; if safe, raise the limit with --max-tr"),
         (("--axis", "3", "--for", "1"), "node 5 has no axis 3; it has 1, counted from 0"),
-        ((), "so there are no keys; give a duration with --for S"),
+        ((), "so keys cannot be read; give a duration with --for S"),
     ],
 )
 def test_what_is_no_jog_is_refused_before_anything_moves(bench, no_terminal, capsys, words, why):

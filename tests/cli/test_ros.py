@@ -98,7 +98,7 @@ def test_a_nodes_parameters_are_listed_read_and_set(program):
 @pytest.mark.parametrize(
     ("arguments", "code", "sentence"),
     [
-        (["topic", "echo", "/nobody", "--timeout", "0.5"], 1, "there is no topic /nobody"),
+        (["topic", "echo", "/nobody", "--timeout", "0.5"], 1, "topic /nobody does not exist"),
         (["topic", "pub", "/nobody", TYPE, "--timeout", "0.5"], 1, "/nobody has no subscriber"),
         (["topic", "pub", "/x", TYPE, "{speed: 1}"], 2, "speed is not a field of the message"),
         (["topic", "pub", "/x", TYPE, "{data: ["], 2, "<data>:1"),

@@ -116,7 +116,9 @@ def test_on_a_bare_bus_a_type_or_an_eds_is_told_and_reading_needs_neither(bus, c
         "node 5: 0x60FF:00: 4294967289 (0xFFFFFFF9, signed -7)",
     ]
     assert main(["sdo", "write", "5", "0x60FF", "-7", *bus]) == 2
-    assert capsys.readouterr().err == ("canopen-control: 0x60FF:00: there is no EDS; give its type, as in --type u32\n")
+    assert capsys.readouterr().err == (
+        "canopen-control: 0x60FF:00: its EDS is missing; give its type, as in --type u32\n"
+    )
 
 
 def test_json_has_value_and_bytes(robby, capsys):

@@ -155,7 +155,7 @@ def test_the_active_base_controller_comes_first():
             None,
             "several controllers are active: a, b; choose one with --controller",
         ),
-        ([controller("a")], "c", "no controller 'c'; there are: a"),
+        ([controller("a")], "c", "no controller 'c'; available: a"),
         ([controller("a", state="inactive")], "a", "a is inactive; activate it: canopen-control controller activate a"),
         (
             [controller("arm", joints="abc")],

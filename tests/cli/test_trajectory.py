@@ -109,8 +109,8 @@ def test_what_cannot_be_played_or_recorded_is_a_sentence(arm, words, text, capsy
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["record", "-o", "x.yaml", "--for", "0.1"], "no joint moved, so there is nothing"),
-        (["cancel"], "executes no trajectory; there is nothing to cancel"),
+        (["record", "-o", "x.yaml", "--for", "0.1"], "no joint moved, so nothing was recorded"),
+        (["cancel"], "is not executing a trajectory; nothing was cancelled"),
         (["cancel", "--controller", "joint_state_broadcaster"], "is not a joint trajectory controller"),
     ],
 )

@@ -72,7 +72,7 @@ def test_an_edit_is_written_read_back_and_undone():
     history.write(session, OD[SPEED], "99")
     assert history.undo(session).words == "0x6081:00 Profile velocity: 99 -> 1234"
     assert history.undo(session).after == before
-    with pytest.raises(ConfigError, match="there is no edit to undo"):
+    with pytest.raises(ConfigError, match="no edit to undo"):
         history.undo(session)
 
 

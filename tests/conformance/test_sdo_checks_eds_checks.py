@@ -30,7 +30,7 @@ def test_the_bundled_files_pass_and_none_is_skipped_without_a_reason(bench):
     assert {result.verdict for result in verdicts(bench()).values()} == {"passed"}
     node = bench()
     node.eds = None
-    assert {result.observed for result in verdicts(node).values()} == {"there is no EDS; give one with --eds"}
+    assert {result.observed for result in verdicts(node).values()} == {"no EDS; give one with --eds"}
 
 
 @pytest.mark.parametrize("check", MUTANTS)

@@ -207,7 +207,7 @@ def test_without_command_interfaces_it_only_tells():
     [
         ({"command_interfaces": {"io": {"interfaces": ["bell"]}}}, UnknownInterface, "io/bell"),
         ({"state_interfaces": {"io": {"interfaces": ["presed"]}}}, ControlError, "io/presed"),
-        ({"gpios": ["io", "valve", "pump"]}, ControlError, "there is no <gpio> 'pump' with interfaces"),
+        ({"gpios": ["io", "valve", "pump"]}, ControlError, "<gpio> 'pump' has no interfaces"),
     ],
 )
 def test_an_interface_that_is_not_there_is_refused_when_it_is_activated(params, error, words):

@@ -237,7 +237,7 @@ def test_one_axis_of_a_device_is_disabled_and_the_other_goes_on(tmp_path):
     bench.robot.axis(Action.DISABLE, "drive_one", answers.append, joint="two")
     bench.until(lambda: answers)
     assert (answers, one.enabled, two.enabled) == ([None], True, False)
-    with pytest.raises(ControlError, match="drive_one has no joint 'three'; there are: one, two"):
+    with pytest.raises(ControlError, match="drive_one has no joint 'three'; available: one, two"):
         bench.robot.axis(Action.DISABLE, "drive_one", answers.append, joint="three")
     bench.close()
 

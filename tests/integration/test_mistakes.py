@@ -173,9 +173,9 @@ def test_requests_that_a_robot_refuses(stage):
         (
             ["axis", "enable", "middle_drive"],
             2,
-            r"no node 'middle_drive'; there are: left_drive \(3\), right_drive \(2\)",
+            r"no node 'middle_drive'; available: left_drive \(3\), right_drive \(2\)",
         ),
-        (["axis", "enable", "9"], 2, r"no node '9'; there are: left_drive \(3\), right_drive \(2\)"),
+        (["axis", "enable", "9"], 2, r"no node '9'; available: left_drive \(3\), right_drive \(2\)"),
     ):
         check(stage.call(*arguments), code, sentence)
     assert stage.call("status").out.startswith("running")

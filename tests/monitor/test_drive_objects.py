@@ -200,7 +200,7 @@ def test_an_object_is_written_within_its_limits_and_the_write_is_undone(edited):
     assert edited.write(" 6081:00 = 0x10 ").endswith("2500 -> 16")
     assert edited.undo().endswith("16 -> 2500")
     assert edited.undo().endswith("2500 -> 1000")
-    with pytest.raises(ConfigError, match="there is no edit to undo"):
+    with pytest.raises(ConfigError, match="no edit to undo"):
         edited.undo()
 
 

@@ -93,9 +93,9 @@ def test_robots_have_a_name_a_folder_and_a_place(tmp_path):
     ("old", "new", "message"),
     [
         ("name: b", "name: a", "hall.yml:3:5: robots.1.: a robot named a exists already"),
-        ("name: b", "name: 2-b", "hall.yml:3:5: .*name: '2-b' is not possible"),
+        ("name: b", "name: 2-b", "hall.yml:3:5: .*name: '2-b' is not valid"),
         ("name: b, ", "", "hall.yml:3:5: .*name"),
-        ("robot: b,", "robot: bb,", "there is no robot 'bb' in this file"),
+        ("robot: b,", "robot: bb,", "robot 'bb' is not in this file"),
         ("robot: b,", "", "robot: name the robot of this step: a, b"),
         ("robots:", "start: {at: [0, 0]}\nrobots:", "omit `start`"),
         ("heading: 90", "headnig: 90", "hall.yml:3:47: .*headnig.*did you mean.*heading"),

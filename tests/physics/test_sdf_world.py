@@ -153,7 +153,7 @@ def test_a_mesh_is_its_convex_parts_and_what_differs_from_gazebo_is_told(tmp_pat
             model(link(SHAPE.format("<heightmap/>"))),
             "<heightmap> is not a supported shape; use one of box, sphere, ",
         ),
-        (model(link(SHAPE.format("<mesh><uri>no.stl</uri></mesh>"))), "mesh no.stl: there is no file "),
+        (model(link(SHAPE.format("<mesh><uri>no.stl</uri></mesh>"))), "mesh no.stl: file "),
         (model(link(SHAPE.format("<mesh/>"))), "<mesh> has no <uri>"),
         (
             model(link(SHAPE.format("<mesh><uri>hall.sdf</uri></mesh>"))),

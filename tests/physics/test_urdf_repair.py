@@ -72,7 +72,7 @@ def test_what_is_fixed_to_it_may_have_the_mass():
         ("part.glb", ".glb is only displayed; use STL, OBJ or DAE"),
         ("broken.stl", "it is not an STL file"),
         ("flat.obj", "it is flat"),
-        ("gone.stl", "there is no file"),
+        ("gone.stl", "does not exist"),
     ],
 )
 def test_a_mesh_that_cannot_be_used_is_left_out_and_told(tmp_path, name, why):

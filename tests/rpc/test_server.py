@@ -98,8 +98,8 @@ NO_NUMBER = "NaN or an infinite number (null in JSON) where a finite one is need
 @pytest.mark.parametrize(
     ("method", "params", "sentence"),
     [
-        ("dance", {}, "no method 'dance'; there are: get, put"),
-        (None, {}, "no method ''; there are: get, put"),
+        ("dance", {}, "no method 'dance'; available: get, put"),
+        (None, {}, "no method ''; available: get, put"),
         ("get", {}, "get: Object missing required field `key`"),
         ("get", {"key": 3}, "get: Expected `str`, got `int` - at `$.key`"),
         ("get", {"key": "a", "colour": 1}, "get: Object contains unknown field `colour`"),

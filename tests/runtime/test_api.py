@@ -707,7 +707,7 @@ def test_values_that_are_taken_for_something_else_than_they_are_now_are_refused(
     drives.mode("PP")
     drives.run(50)
     here = drives.at("position")
-    assert "accepts position at present, not velocity" in client.ask("command", **speed)["error"]["message"]
+    assert "currently accepts position, not velocity" in client.ask("command", **speed)["error"]["message"]
     drives.run(1000)
     assert drives.at("position") == pytest.approx(here, abs=0.05)
     assert "no controller" in client.ask("command", **{**speed, "controller": "nobody"})["error"]["message"]

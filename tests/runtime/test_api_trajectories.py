@@ -297,7 +297,7 @@ def test_another_client_can_cancel_it(arm, client, other):
     assert other.ask("cancel_trajectory", controller=ARM)["result"] == {}
     assert client.next()["result"]["state"] == "canceled"
     refused = other.ask("cancel_trajectory", controller=ARM)["error"]
-    assert "executes no trajectory; there is nothing to cancel" in str(refused)
+    assert "is not executing a trajectory; nothing was cancelled" in str(refused)
 
 
 @pytest.mark.rest

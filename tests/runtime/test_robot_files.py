@@ -215,7 +215,7 @@ def test_an_argument_names_the_world_from_here_or_in_the_package_of_the_launch_f
     assert (found.world, found.idle) == (folder / "worlds" / "maze.world", ())
     with pytest.raises(RobotConfigError) as caught:
         find_robot(str(folder), arguments=["world:=none.sdf"])
-    assert str(caught.value) == "world:=none.sdf: there is no file none.sdf"
+    assert str(caught.value) == "world:=none.sdf: file none.sdf does not exist"
     with pytest.raises(RobotConfigError, match=r"a:=x\.sdf, b:=y\.sdf: these arguments contradict each other"):
         find_robot(str(folder), arguments=["a:=x.sdf", "b:=y.sdf"])
 

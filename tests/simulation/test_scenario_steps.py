@@ -58,7 +58,7 @@ steps:
             "{at: 1s, do: command, target: robby_foward_controller, values: [1]}",
             "did you mean 'robby_forward_controller'?",
         ),
-        ("{at: 1s, node: 9, fault: silent}", "needs a node of this robot, not 9; there are: 3, 2"),
+        ("{at: 1s, node: 9, fault: silent}", "needs a node of this robot, not 9; available: 3, 2"),
         ("{at: 1s, node: 3, fault: silnt}", "no fault 'silnt', did you mean 'silent'?"),
         ("{at: 1s, node: 3, quirk: brake_delay=0.5@7}", "node 3 has no axis 7; it has: 0"),
         ("{at: 1s, node: 3, axis: 1, plant: {load_torque: 0.1}}", "node 3 has no axis 1; it has: 0"),

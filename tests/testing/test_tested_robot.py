@@ -15,7 +15,7 @@ def robot():
 def test_names_that_nobody_has_are_refused_with_those_there_are(robot):
     with pytest.raises(UnknownName, match="no controller 'robby_foward_controller'"):
         robot.command("robby_foward_controller", 1, 1)
-    with pytest.raises(UnknownName, match="no drive 9; there are: left_drive \\(3\\), right_drive \\(2\\)"):
+    with pytest.raises(UnknownName, match="no drive 9; available: left_drive \\(3\\), right_drive \\(2\\)"):
         robot.drives[9]
     with pytest.raises(UnknownName, match="no drive 'left'"):
         robot.drives["left"]

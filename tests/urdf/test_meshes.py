@@ -86,7 +86,7 @@ def test_a_package_is_found_where_ros_has_it(robot, tmp_path):
     [
         ("http://evil.example/a.stl", "only local files"),
         ("package://absent/a.stl", "AMENT_PREFIX_PATH"),
-        ("a.stl", "there is no file"),
+        ("a.stl", "does not exist"),
     ],
 )
 def test_what_is_not_there_is_a_sentence(robot, uri, words):

@@ -184,7 +184,7 @@ def test_a_node_that_moves_no_base_has_no_true_pose(controlled):
             "nonsense",
             {},
             "LocalProtocolError",
-            "no method 'nonsense'; there are: faults, fault, quirks, quirk, state, inputs, signals",
+            "no method 'nonsense'; available: faults, fault, quirks, quirk, state, inputs, signals",
         ),
         ("fault", {}, "LocalProtocolError", "fault: Object missing required field `name`"),
         ("fault", {"name": "silent", "on": "yes"}, "LocalProtocolError", "Expected `bool`, got `str` - at `$.on`"),

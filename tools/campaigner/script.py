@@ -299,7 +299,7 @@ def read_script(lines: Iterable[str]) -> list[Action]:
         except (IndexError, ValueError):
             raise ValueError(f"{line.strip()!r} is not an action, such as: 1.50 stop latch=no") from None
         if action.kind not in KINDS:
-            raise ValueError(f"{line.strip()!r}: there is no {action.kind!r}; there are: {', '.join(sorted(KINDS))}")
+            raise ValueError(f"{line.strip()!r}: there is no {action.kind!r}; available: {', '.join(sorted(KINDS))}")
         actions.append(action)
     return sorted(actions, key=lambda action: action.at)
 

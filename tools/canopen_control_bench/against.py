@@ -130,7 +130,7 @@ def _parser() -> argparse.ArgumentParser:
 def _run(args: argparse.Namespace, folder: Path) -> int:
     for name in args.family:
         if name not in (*FAMILIES, *GROUPS):
-            raise ConfigError(f"no family {name!r}; there are: {', '.join((*FAMILIES, *GROUPS))}")
+            raise ConfigError(f"no family {name!r}; available: {', '.join((*FAMILIES, *GROUPS))}")
     if args.pairs < FEWEST:
         raise ConfigError(f"--pairs {args.pairs}: fewer than {FEWEST} pairs tell chance and change not apart")
     if args.json is not None and not args.json.absolute().parent.is_dir():

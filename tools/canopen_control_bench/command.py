@@ -97,5 +97,5 @@ def _names(asked: list[str]) -> list[str]:
 
 def _family(text: str) -> str:
     if text not in (*FAMILIES, *GROUPS):
-        raise argparse.ArgumentTypeError(f"no family {text!r}; there are: {', '.join((*FAMILIES, *GROUPS))}")
+        raise argparse.ArgumentTypeError(f"no family {text!r}; available: {', '.join((*FAMILIES, *GROUPS))}")
     return text

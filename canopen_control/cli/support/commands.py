@@ -172,7 +172,7 @@ def find_controller(robot: RobotClient, name: str | None, samples: str, title: s
         named = next((controller for controller in controllers if controller.name == name), None)
         if named is None:
             loaded = ", ".join(controller.name for controller in controllers)
-            raise ConfigError(f"no controller {name!r} is loaded; there are {loaded}")
+            raise ConfigError(f"no controller {name!r} is loaded; available: {loaded}")
         return named
     matching = [controller for controller in controllers if controller.tells == samples and controller.active]
     if len(matching) != 1:

@@ -70,7 +70,7 @@ class Keyboard:
 
     def __enter__(self) -> Keyboard:
         if not sys.stdin.isatty():
-            raise ConfigError("standard input is not a terminal, so there are no keys; run this in a terminal")
+            raise ConfigError("standard input is not a terminal, so keys cannot be read; run this in a terminal")
         self._fd = sys.stdin.fileno()
         self._saved = termios.tcgetattr(self._fd)
         self._signals.enter_context(on_signals((signal.SIGHUP,), self._end))

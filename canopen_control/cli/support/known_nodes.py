@@ -97,7 +97,7 @@ def _alternatives(nodes: list[KnownNode], silent: dict[str, CanopenError], can: 
     """Return the end of an error message, with the existing nodes or an error; "" if no robot runs."""
     if nodes:
         scope = "of a running robot" if can is None else f"on {can}"
-        choices = f" {scope}; there are: {', '.join(map(str, nodes))}"
+        choices = f" {scope}; available: {', '.join(map(str, nodes))}"
         return f"{choices}; for another bus: --can CHANNEL" if can is None else choices
     if silent:
         why = "; ".join(f"the robot {robot!r} does not list its nodes: {error}" for robot, error in silent.items())
@@ -140,8 +140,8 @@ def _running_drives(bus: str) -> str:
         if number.isdecimal():
             drives.setdefault(other, []).append(int(number))
     if bus in drives:
-        return f"there are: {', '.join(map(str, sorted(drives[bus])))}"
+        return f"available: {', '.join(map(str, sorted(drives[bus])))}"
     if not drives:
         return "no virtual drive runs; start one with: canopen-control drive"
     elsewhere = "; ".join(f"{', '.join(map(str, sorted(ids)))} on the bus {name}" for name, ids in drives.items())
-    return f"there are: {elsewhere}"
+    return f"available: {elsewhere}"

@@ -441,7 +441,7 @@ class JointTrajectoryController(Controller):
         if goal is not None:
             self.cancel(goal, why)
         elif self.holding or self.state.value != "active":
-            raise ControlError(f"{self.name} executes no trajectory; there is nothing to cancel")
+            raise ControlError(f"{self.name} is not executing a trajectory; nothing was cancelled")
         else:
             self.report("trajectory_ended", "the trajectory was cancelled; the joints are held")
             self._brake()

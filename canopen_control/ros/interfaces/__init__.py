@@ -143,7 +143,7 @@ class _Factory:
         def create(short: str) -> type:
             name = f"{prefix}/{short}"
             if owner_of(name) not in DEFINITIONS or short.startswith("_"):
-                raise AttributeError(f"there is no {name}")
+                raise AttributeError(f"{name} does not exist")
             return make(name) if name in DEFINITIONS else self.class_of(name)
 
         return create

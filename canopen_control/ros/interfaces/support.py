@@ -107,7 +107,7 @@ class Callbacks:
         path = Path(__file__).with_name(f"callbacks_{platform.machine()}.so")
         if not path.exists():
             make = f"cc -O2 -shared -fPIC -o {path} {path.with_name('callbacks.c')}"
-            raise OSError(f"there is no {path.name} for this processor; build it with: {make}")
+            raise OSError(f"{path.name} is missing for this processor; build it with: {make}")
         self._library = keep(ctypes.CDLL(str(path)))
         self._settings = keep(CallbackSettings.in_dll(self._library, "settings"))
         self._settings.put, self._settings.position, self._settings.assign = put, position, assign
