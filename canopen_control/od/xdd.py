@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.errors import EdsError
 from canopen_control.od.dcf import object_sections
 from canopen_control.od.eds_sections import Section, Sections, clip
+from canopen_control.od.eds_values import parse_number
 from canopen_control.od.model import DataType
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from canopen_control.od.issues import Report
-    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.od.model import Entry, ObjectDictionary, ObjectInfo
 
 
 _CONTAINER: Final = "ISO15745ProfileContainer"
@@ -42,6 +43,7 @@ _ATTRIBUTES: Final = {  # of an object, and the equivalent keys of an EDS
     "denotation": "Denotation",
 }
 _HEXADECIMAL: Final = ("dataType", "objFlags")  # attributes that are written in hexadecimal without a prefix
+_NUMBERS: Final = frozenset(("objectType", "subNumber", *_HEXADECIMAL))
 _SIMPLE_TYPES: Final = {  # element of a parameter: data type of CiA 301
     "BOOL": DataType.BOOLEAN,
     "SINT": DataType.INTEGER8,
@@ -427,13 +429,13 @@ def _written_objects(od: ObjectDictionary, *, configured: bool) -> Iterator[str]
     for title, lines in object_sections(od):
         place = _TITLE.fullmatch(title)
         assert place is not None
-        texts = {key.lower(): value for key, value in lines.items()}
-        attributes: dict[str, object] = {
-            name: _attribute(name, texts)
-            for name, key in _ATTRIBUTES.items()
-            if key.lower() in texts and (configured or name not in ("actualValue", "denotation"))
-        }
         index, subindex = place.groups()
+        entry = od.get(int(index, 16), int(subindex or "0", 16))
+        attributes: dict[str, object] = {
+            name: text
+            for name, text in _attributes_of(lines, entry, od.objects[int(index, 16)]).items()
+            if configured or name not in ("actualValue", "denotation")
+        }
         if subindex is not None:
             yield f"  <{_SUB_OBJECT}{_attributes({'subIndex': f'{int(subindex, 16):02X}'} | attributes)}/>"
             continue
@@ -445,15 +447,28 @@ def _written_objects(od: ObjectDictionary, *, configured: bool) -> Iterator[str]
         yield last
 
 
-def _attribute(name: str, texts: Mapping[str, str]) -> str:
-    """Return the value of an XML attribute, converted from EDS `texts` with lower-case keys."""
-    text, access = texts[_ATTRIBUTES[name].lower()], texts.get("accesstype", "").lower()
-    if name == "PDOmapping":
-        if text.strip() in ("", "0", "0x0"):
-            return "no"
-        return {"rww": "RPDO", "wo": "RPDO", "rw": "optional"}.get(access, "TPDO")
-    if name == "accessType":
-        return "rw" if access in ("rwr", "rww") else access
-    if name in _HEXADECIMAL:
-        return f"{int(text, 0):04X}"
-    return str(int(text, 0)) if name in ("objectType", "subNumber") else text
+def _attributes_of(lines: Mapping[str, str], entry: Entry | None, info: ObjectInfo) -> dict[str, str]:
+    """Return the XML attributes of an object or subindex with the EDS keys `lines`.
+
+    Numbers and words are those that were read, since an EDS may have notations that XML has not (`0x07 # VAR`, `0007h`,
+    `ObjectType=07`). Values and limits keep their text.
+    """
+    texts = {key.lower(): value for key, value in lines.items()}
+    attributes = {name: texts[key.lower()] for name, key in _ATTRIBUTES.items() if key.lower() in texts}
+    for name in _NUMBERS & attributes.keys():
+        fallback = info.code if name == "objectType" else entry.data_type if entry and name == "dataType" else 0
+        number = _number_of(attributes[name], fallback)
+        attributes[name] = f"{number:04X}" if name in _HEXADECIMAL else str(number)
+    if entry is not None and "accessType" in attributes:
+        attributes["accessType"] = "rw" if entry.access in ("rwr", "rww") else entry.access
+    if entry is not None and "PDOmapping" in attributes:
+        direction = {"rww": "RPDO", "wo": "RPDO", "rw": "optional"}.get(entry.access, "TPDO")
+        attributes["PDOmapping"] = direction if entry.pdo_mappable else "no"
+    return attributes
+
+
+def _number_of(text: str, fallback: int) -> int:
+    try:
+        return parse_number(text)[0]
+    except ValueError:
+        return fallback

@@ -1,4 +1,5 @@
 import pytest
+from support.eds import parse, section
 
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import EdsError
@@ -108,6 +109,26 @@ def test_a_written_file_of_one_device_has_its_node_id_and_its_values():
     assert (again.node_id, again.bitrate, again.commissioning) == (od.node_id, od.bitrate, od.commissioning)
     assert again.entries == od.entries
     assert "actualValue" not in xdd_text(od)
+
+
+# public files have `ObjectType=0x07 # VAR`, types with h, and objects without a type or with a word
+@pytest.mark.parametrize(
+    ("keys", "attributes"),
+    [
+        ({"ObjectType": "0x07 # VAR"}, 'objectType="7" dataType="0007"'),
+        ({"ObjectType": "07", "DataType": "0007h"}, 'objectType="7" dataType="0007"'),
+        ({"ObjectType": "VAR", "DataType": "0x0004 # INTEGER32"}, 'objectType="7" dataType="0004"'),
+        ({"DataType": "UNSIGNED32"}, 'objectType="7" dataType="000F"'),
+        ({"PDOMapping": "0x00"}, 'PDOmapping="no"'),
+        ({"PDOMapping": "1", "AccessType": "RWW"}, 'accessType="rw" PDOmapping="RPDO"'),
+        ({"ObjFlags": "1 # no download"}, 'objFlags="0001"'),
+    ],
+)
+def test_an_odd_notation_of_an_eds_becomes_a_plain_one(keys, attributes):
+    texts = {"ParameterName": "Speed", "ObjectType": "0x7", "DataType": "0x0007", "AccessType": "rw"} | keys
+    text = xdd_text(parse(section("2000", **texts)).od)
+    (line,) = [line for line in text.splitlines() if 'index="2000"' in line]
+    assert attributes in line
 
 
 @pytest.mark.parametrize(
