@@ -198,7 +198,7 @@ class MasterConfig:
     sync_order: Literal["auto", "first", "last"] = "auto"
     sync_producer: Literal["auto", "master", "kernel", "other"] = "auto"
     heartbeat_multiplier: float | None = setting(None, low=1.0, high=100.0)
-    heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
+    heartbeat_producer: int = setting(0, low=0, high=0xFFFF, off=True)  # dcfgen reads false as 0
     boot_time: int = setting(DEFAULT_BOOT_MS, low=0, high=3_600_000)
     boot_timeout: int | None = setting(None, low=1, high=600_000)
 
@@ -260,7 +260,7 @@ class SupervisionKeys:
     heartbeat_consumer: bool | None = setting(
         None, hint="; the time is that of the master, heartbeat_producer x heartbeat_multiplier"
     )
-    heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
+    heartbeat_producer: int = setting(0, low=0, high=0xFFFF, off=True)  # dcfgen reads false as 0
     guard_time: int = setting(0, low=0, high=0xFFFF)
     life_time_factor: int = setting(0, low=0, high=0xFF)
     retry_factor: int | None = setting(None, low=0, high=255)
@@ -368,7 +368,7 @@ class MotionKeys:
     following_error_action: Literal["stop", "warn", "ignore"] = "stop"
     ignore_remote: bool = False
     mode_timeout_ms: int = setting(2000, low=1, high=600_000)
-    switching_state: int = setting(5, choices=(2, 3, 4, 5), hint="; 2 SWITCH ON DISABLED to 5 OPERATION ENABLED")
+    switching_state: int = setting(5, choices=(2, 3, 4, 5), hint="; 5 is OPERATION ENABLED, 2 SWITCH ON DISABLED")
     fault_reset_timeout_ms: int = setting(2000, low=1, high=600_000)
     enable_settle_ms: int = setting(0, low=0, high=60_000)
     transition_timeout_ms: int = setting(5000, low=1, high=600_000)

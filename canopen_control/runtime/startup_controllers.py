@@ -113,6 +113,13 @@ def prepare_controllers(setup: RobotSetup, manager: ControllerManager, registry:
     for name in setup.to_activate:  # after loading all: some export interfaces to others
         try:
             _check_interfaces(name, manager, registry, owners)
+        except InterfaceConflict as error:
+            config = setup.controllers.controllers[name]
+            place = f"{config.path or setup.files.controllers}:{config.line}"
+            raise RobotConfigError(
+                f"{place}: {name} and {error.owner} cannot be active together: both command {error.interface}; choose "
+                f"one for the start, with --controller {name} or --controller {error.owner}"
+            ) from error
         except ControlError as error:
             raise RobotConfigError(f"{setup.files.controllers}: {name}: {error}") from error
 

@@ -59,6 +59,7 @@ def setting(
     choices: tuple[Any, ...] | None = None,
     nan: bool = False,
     section: bool = False,
+    off: bool = False,
     factory: Any = MISSING,
     hint: str = "",
     help: str = "",  # noqa: A002 - the word of argparse and click
@@ -67,8 +68,8 @@ def setting(
 
     `choices` lists the valid values. Bounds and choices apply to the elements of a list, tuple or dict; with `nan`, the
     value nan is within any bounds. A list default is given as `factory=list`. A `section` contains the parameters whose
-    dotted names begin with `key`. `hint` ends the message about a wrong type; `help` is the description of the
-    parameter.
+    dotted names begin with `key`. With `off`, false is read as 0, with a warning. `hint` ends the message about a wrong
+    type or choice; `help` is the description of the parameter.
     """
     bounds = (low, high) if (low, high) != (None, None) else None
     metadata = {
@@ -77,6 +78,7 @@ def setting(
         "choices": choices,
         "nan": nan,
         "section": section,
+        "off": off,
         "hint": hint,
         "help": help,
     }
@@ -182,6 +184,9 @@ def _plain(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
     value = node.value
     if target is float and type(value) is not float:
         value = _as_float(node, value)
+    if value is False and target is int and meta.get("off"):
+        node.warning("false is read as 0; write 0")
+        value = 0
     if type(value) is not target or node.kind in ("mapping", "sequence"):
         expected = _KINDS.get(target, getattr(target, "__name__", str(target)))
         quotes = "; put it in quotes" if target is str and node.kind == "scalar" else ""
@@ -201,8 +206,9 @@ def _as_float(node: Node, value: Any) -> Any:
 def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:
     choices, (low, high) = meta.get("choices"), meta.get("range") or (None, None)
     if choices is not None and value not in choices:
-        hint = nearest(str(value), map(str, choices))
-        node.error(f"{_content(node)} is not one of {', '.join(map(str, choices))}" + (hint if "mean" in hint else ""))
+        near = nearest(str(value), map(str, choices))
+        hint = meta.get("hint", "") or (near if "mean" in near else "")
+        node.error(f"{_content(node)} is not one of {', '.join(map(str, choices))}{hint}")
         return INVALID
     numeric = isinstance(value, int | float) and not isinstance(value, bool)
     lowest, highest = -math.inf if low is None else low, math.inf if high is None else high

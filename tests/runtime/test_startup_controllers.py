@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 from support.robots import Bench, copy_robby
 
@@ -24,9 +26,16 @@ def test_a_controller_that_cannot_work_is_told_before_the_first_frame(tmp_path, 
 
 
 def test_two_controllers_that_want_the_same_interface_are_told_at_once():
-    both = [FORWARD, "robby_base_controller"]
-    with pytest.raises(ConfigError, match=f"robby_base_controller: .*{FORWARD}"):
+    both = [FORWARD, "robby_base_controller"]  # as prbt's launch file spawns two
+    with pytest.raises(ConfigError) as caught:
         Bench("both", controllers=both, drives=())
+    place, _, text = str(caught.value).partition(": ")
+    path, _, line = place.rpartition(":")
+    assert "type: diff_drive" in Path(path).read_text().splitlines()[int(line) - 1]
+    assert text == (
+        f"robby_base_controller and {FORWARD} cannot be active together: both command left_wheel_joint/velocity; "
+        f"choose one for the start, with --controller robby_base_controller or --controller {FORWARD}"
+    )
 
 
 def test_what_is_wanted_is_ready_and_nothing_is_active_yet():

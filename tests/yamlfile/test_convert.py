@@ -26,6 +26,27 @@ class Bounds:
     many: list[int] = setting(factory=list, low=1, high=3)
 
 
+@dataclass(frozen=True)
+class Switches:
+    state: int = setting(5, choices=(2, 5), hint="; 5 is on")
+    beat: int = setting(1, off=True)
+
+
+def test_a_wrong_choice_ends_with_its_hint():
+    with pytest.raises(RobotConfigError, match=r"state: the integer 8 is not one of 2, 5; 5 is on"):
+        parse("state: 8", Switches, error=RobotConfigError)
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "reported"), [("false", 0, [1, 0]), ("true", INVALID, [0, 1]), ("0", 0, [0, 0])]
+)
+def test_false_is_zero_where_a_setting_can_be_off(text, value, reported):
+    root = read(f"beat: {text}")
+    converted = convert(root, Switches)
+    assert (converted if value is INVALID else converted.beat) == value
+    assert [len(root.problems.warnings), len(root.problems.errors)] == reported
+
+
 def test_what_a_dataclass_refuses_is_a_mistake_in_the_file():
     assert parse("value: 4", Even) == Even(4)
     with pytest.raises(RobotConfigError, match="1:1: 3 is odd"):
