@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.arguments import one_name, switched_on
 from canopen_control.cli.support.known_nodes import connect_to, drive_of
 from canopen_control.cli.support.output import json_text, print_entry
 from canopen_control.client.drive_client import signal_values
@@ -46,7 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "       canopen-control fault NODE SIGNAL=VALUE[,SIGNAL=VALUE] [--can CHANNEL]"
     )
     parser.add_argument(
-        "what", metavar="list|NODE", help="list: explain all faults; otherwise a node, a joint or a node id"
+        "what",
+        type=one_name,
+        metavar="list|NODE",
+        help="list: explain all faults; otherwise a node, a joint or a node id",
     )
     parser.add_argument(
         "name",
@@ -54,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="name of the fault, or SIGNAL=VALUE; without a name the active faults are listed",
     )
-    parser.add_argument("state", nargs="?", choices=["on", "off"], help="state of the fault (default: on)")
+    parser.add_argument("state", nargs="?", choices=["on", "off"], help="switch the fault on or off")
     parser.add_argument("--can", metavar="CHANNEL", help="channel of the drive (default: channel of the running robot)")
 
 
@@ -69,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         if "=" in args.name:
             return _set(args, client, node_id)
         fault = _check(args.name)
-        active = client.ask(SwitchFault(name=args.name, on=args.state != "off")).active
+        active = client.ask(SwitchFault(name=args.name, on=switched_on(args, "fault"))).active
         if fault.quirk and not args.json:
             print(f"{fault.name} is a quirk of healthy drives: canopen-control quirk {args.what} {fault.quirk} on|off")
         return _report(args, active, node_id)

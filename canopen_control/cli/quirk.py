@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.arguments import one_name, switched_on
 from canopen_control.cli.support.known_nodes import connect_to, drive_of
 from canopen_control.cli.support.output import json_text, print_entry
 from canopen_control.errors import ConfigError
@@ -36,12 +37,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "       canopen-control quirk NODE [NAME[=VALUE][@AXIS] on|off] [--can CHANNEL]"
     )
     parser.add_argument(
-        "what", metavar="list|NODE", help="list: explain all quirks; otherwise a node, a joint or a node id"
+        "what",
+        type=one_name,
+        metavar="list|NODE",
+        help="list: explain all quirks; otherwise a node, a joint or a node id",
     )
     parser.add_argument(
         "name", nargs="?", metavar="NAME", help="name of the quirk; without a name the active quirks are listed"
     )
-    parser.add_argument("state", nargs="?", choices=["on", "off"], help="state of the quirk (default: on)")
+    parser.add_argument("state", nargs="?", choices=["on", "off"], help="switch the quirk on or off")
     parser.add_argument("--can", metavar="CHANNEL", help="channel of the drive (default: channel of the running robot)")
 
 
@@ -56,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         if args.name is None:
             active = client.ask(GetDriveState()).quirks
         else:
-            active = client.ask(SwitchQuirk(quirk=args.name, on=args.state != "off")).active
+            active = client.ask(SwitchQuirk(quirk=args.name, on=switched_on(args, "quirk"))).active
     if args.json:
         print(json_text({"node_id": node_id, "active": active}, indent=None))
     else:

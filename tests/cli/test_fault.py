@@ -43,7 +43,7 @@ def test_list_as_json_has_one_entry_for_each(capsys):
 def test_a_fault_goes_on_and_off_without_a_master(node, capsys):
     assert main(["fault", "5", "drive_fault", "on", "--can", CAN]) == 0
     assert node.drives[0].state.name == "FAULT"
-    assert main(["fault", "0x05", "silent", "--can", CAN]) == 0
+    assert main(["fault", "0x05", "silent", "on", "--can", CAN]) == 0
     assert main(["fault", "5", "--can", CAN]) == 0
     assert main(["fault", "5", "drive_fault", "off", "--can", CAN]) == 0
     assert main(["fault", "5", "silent", "off", "--can", CAN, "--json"]) == 0
@@ -79,6 +79,18 @@ def test_what_a_fault_does_is_a_sentence_whatever_it_is_of(capsys):
 def test_wrong_usage_is_a_sentence_and_exit_code_2(node, capsys, words, said):
     assert main(["fault", *words]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_fault_without_on_or_off_is_not_switched_and_both_forms_are_named(node, capsys):
+    assert main(["fault", "5", "silent", "--can", CAN]) == 2
+    assert capsys.readouterr().err == (
+        f"canopen-control: add on or off: canopen-control fault 5 silent on --can {CAN}; to list the active ones: "
+        f"canopen-control fault 5 --can {CAN}\n"
+    )
+    assert main(["fault", "5", "silent", "on", "--can", CAN]) == 0
+    assert main(["fault", "5", "silent", "--can", CAN]) == 2
+    assert main(["fault", "5", "--can", CAN]) == 0
+    assert capsys.readouterr().out.splitlines() == ["node 5: silent", "node 5: silent"]
 
 
 def test_a_drive_that_is_not_there_is_named_with_those_that_are(node, capsys):

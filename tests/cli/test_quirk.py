@@ -40,7 +40,7 @@ def test_list_as_json_has_one_entry_for_each(capsys):
 
 def test_a_quirk_goes_on_and_off_without_a_master(node, capsys):
     assert main(["quirk", "5", "--can", CAN]) == 0
-    assert main(["quirk", "5", "brake_delay=0.7", "--can", CAN]) == 0
+    assert main(["quirk", "5", "brake_delay=0.7", "on", "--can", CAN]) == 0
     assert main(["quirk", "5", "remote_never", "on", "--can", CAN]) == 0
     assert main(["quirk", "5", "--can", CAN]) == 0
     assert main(["drive", "--node-id", "5", "--can", CAN, "--status"]) == 0
@@ -62,7 +62,8 @@ def test_a_quirk_goes_on_and_off_without_a_master(node, capsys):
     [
         (["5", "brake_dely"], "no quirk 'brake_dely'"),
         (["5", "brake_delay=99"], "the strength must be a number, 0.001 to 60 s"),
-        (["5", "brake_delay@1"], "node 5 has no axis 1; it has: 0"),
+        (["5", "brake_delay@1", "on"], "node 5 has no axis 1; it has: 0"),
+        (["5", "brake_delay"], f"add on or off: canopen-control quirk 5 brake_delay on --can {CAN}; to list"),
         (["list", "brake_delay"], "quirk list takes no arguments"),
     ],
 )

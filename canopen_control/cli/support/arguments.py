@@ -80,6 +80,40 @@ def add_new_name(parser: argparse.ArgumentParser, meaning: str) -> None:
     add_former(parser, "--name", "--as", "name")
 
 
+class Names(argparse.Action):
+    """Argparse action for names that a user may repeat or separate by commas; the result is one list of names."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, **options: Any) -> None:  # noqa: ANN401 - argparse.Action takes them
+        super().__init__(option_strings, dest, **({"default": []} | options))
+
+    def __call__(
+        self, _: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, __: str | None = None
+    ) -> None:
+        words = values if isinstance(values, list) else [values]
+        names = [name.strip() for word in words for name in str(word).split(",")]
+        if not all(names):
+            raise argparse.ArgumentError(self, f"{','.join(map(str, words))!r} contains an empty name; write a,b")
+        setattr(namespace, self.dest, [*(getattr(namespace, self.dest) or ()), *names])
+
+
+def one_name(text: str) -> str:
+    """Return a name or a node id; refuse a list of names, with the form that works."""
+    if "," in text:
+        raise argparse.ArgumentTypeError(f"{text!r}: give one name here, and repeat the command for each of the others")
+    return text
+
+
+def switched_on(args: argparse.Namespace, verb: str) -> bool:
+    """Return whether the arguments switch on; ConfigError with both forms if neither on nor off is given."""
+    if args.state is None:
+        bus = "" if args.can is None else f" --can {args.can}"
+        raise ConfigError(
+            f"add on or off: canopen-control {verb} {args.what} {args.name} on{bus}; to list the active ones: "
+            f"canopen-control {verb} {args.what}{bus}"
+        )
+    return bool(args.state == "on")
+
+
 class _Renamed(argparse.Action):
     """Argparse action for the old name of an option, which is hidden; a notice names the new option."""
 

@@ -124,3 +124,59 @@ def test_every_help_has_exit_codes_an_example_and_arguments_in_upper_case(verb):
         positionals = [each for each in parser._actions if not each.option_strings and each.help != argparse.SUPPRESS]
         names = [str(each.metavar) for each in positionals if each.choices is None]
         assert [name for name in names if not name[0].isupper() and "|" not in name] == [], parser.prog
+
+
+LISTS = {
+    "init r --eds a.eds --node-id 2,3 --joint l,r": ("joint", ["l", "r"]),
+    "init r --eds a.eds --node-id 2,3 --joint l --joint r": ("joint", ["l", "r"]),
+    "plan robby --node left_drive,right_drive": ("node", ["left_drive", "right_drive"]),
+    "trace --node 2,3 --node arm": ("node", ["2", "3", "arm"]),
+    "run robby --controller a,b": ("controller", ["a", "b"]),
+    "check robby --controller a --controller b": ("controller", ["a", "b"]),
+    "simulate robby --controller a,b": ("controller", ["a", "b"]),
+    "controller activate a,b c": ("controller", ["a", "b", "c"]),
+    "controller switch --activate a,b --deactivate c d": ("activate", ["a", "b"]),
+    "run robby": ("controller", []),
+    "init r": ("joint", []),
+}
+
+
+@pytest.mark.parametrize("line", LISTS)
+def test_names_are_repeated_or_separated_by_commas(line):
+    dest, names = LISTS[line]
+    verb, *words = line.split()
+    parser = parser_of(verb)
+    for _ in range(2):  # the default list is not changed
+        assert getattr(parser.parse_args(words), dest) == names
+
+
+@pytest.mark.parametrize("text", ["l,", ",", "l,,r", ""])
+def test_an_empty_name_is_refused(text, capsys):
+    with pytest.raises(SystemExit) as ended:
+        parser_of("init").parse_args(["r", "--joint", text])
+    assert ended.value.code == 2
+    assert f"{text!r} contains an empty name; write a,b" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "axis enable left_drive,right_drive",
+        "axis home arm --joint a,b",
+        "nmt start 2,3",
+        "sdo read 2,3 0x6041",
+        "backup 2,3 -o a.dcf",
+        "fault left_drive,right_drive silent on",
+        "quirk 2,3 brake_delay on",
+        "teleop --controller a,b",
+        "gripper 0.1 --controller a,b",
+        "calibrate --controller a,b",
+        "trajectory cancel --controller a,b",
+    ],
+)
+def test_where_one_name_counts_a_list_is_refused_with_the_form_that_works(line, capsys):
+    verb, *words = line.split()
+    with pytest.raises(SystemExit) as ended:
+        parser_of(verb).parse_args(words)
+    assert ended.value.code == 2
+    assert "give one name here, and repeat the command for each of the others" in capsys.readouterr().err
