@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.arguments import one_name
 from canopen_control.cli.support.output import print_result
 from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
@@ -25,14 +26,16 @@ HOMING_S = 3600.0  # the robot's own limit (homing_timeout_seconds) comes first
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("action", choices=ACTIONS)
-    parser.add_argument("node", metavar="NODE", help="name or node id in bus.yml, or all")
+    parser.add_argument("node", type=one_name, metavar="NODE", help="name or node id in bus.yml, or all")
     parser.add_argument(
         "mode",
         nargs="?",
         metavar="MODE",
         help="target mode (only with `mode`): PP, VL, PV, TQ, HM, IP, CSP, CSV, CST or its number",
     )
-    parser.add_argument("--joint", metavar="NAME", help="for a node with several axes: the axis that moves this joint")
+    parser.add_argument(
+        "--joint", type=one_name, metavar="NAME", help="for a node with several axes: the axis that moves this joint"
+    )
     parser.add_argument("--method", type=int, help="with `home`: homing method (default: the value of 0x6098)")
     add_robot_name(parser)
     parser.set_defaults(usage=parser.error)

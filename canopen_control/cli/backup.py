@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.job_verb import print_run, verb_run
 from canopen_control.cli.support.open_session import add_session_arguments, open_session, reached
+from canopen_control.cli.support.target import names_file, refuse_as_node
 from canopen_control.commissioning.jobs import BACKUP
 from canopen_control.commissioning.parameter_jobs import run_backup
 from canopen_control.errors import ConfigError
@@ -38,6 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    node = "NODE" if names_file(args.output) else args.output
+    refuse_as_node(args, args.node, f"backup {node} -o {args.output if node == 'NODE' else args.node}")
     path = Path(args.output).expanduser()
     if path.is_dir() or not path.parent.is_dir():
         raise ConfigError(f"{args.output} cannot be written: {'it is a folder' if path.is_dir() else 'no such folder'}")

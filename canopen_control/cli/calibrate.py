@@ -20,7 +20,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.support.arguments import number, whole_number
+from canopen_control.cli.support.arguments import number, one_name, whole_number
 from canopen_control.cli.support.output import json_alone, print_result
 from canopen_control.cli.support.parsers import add_robot_name
 
@@ -54,7 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="FILE", default=OUTPUT, help=f"file to write (default: {OUTPUT})")
     parser.add_argument("--overwrite", action="store_true", help="overwrite an existing file")
     parser.add_argument(
-        "--controller", metavar="NAME", help="controller to calibrate (default: the only active diff drive controller)"
+        "--controller",
+        type=one_name,
+        metavar="NAME",
+        help="controller to calibrate (default: the only active diff drive controller)",
     )
     add_robot_name(parser)
     parser.add_argument("--side", type=_length, default=1.0, metavar="M", help="side of the square in m (default: 1)")

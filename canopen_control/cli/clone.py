@@ -13,8 +13,10 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.arguments import one_name
 from canopen_control.cli.support.job_verb import add_job_options, job_options, print_restored, verb_run
 from canopen_control.cli.support.open_session import add_session_arguments, open_sessions, reached
+from canopen_control.cli.support.target import refuse_as_node
 from canopen_control.commissioning.jobs import CLONE
 from canopen_control.commissioning.parameter_jobs import run_clone
 from canopen_control.errors import ConfigError
@@ -28,14 +30,16 @@ EXAMPLE = """canopen-control clone 3 4 --can can0 --eds TMCM-1270.eds --store"""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("a", metavar="A", help="drive to read")
-    parser.add_argument("b", metavar="B", help="drive to write")
+    parser.add_argument("a", type=one_name, metavar="A", help="drive to read")
+    parser.add_argument("b", type=one_name, metavar="B", help="drive to write")
     add_session_arguments(parser, node=False)
     add_job_options(parser, CLONE)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    refuse_as_node(args, args.a, f"restore {args.a} {args.b}")
+    refuse_as_node(args, args.b, f"backup {args.a} -o {args.b}")
     if args.a == args.b:
         raise ConfigError(f"{args.a} and {args.b} are the same node; name the old drive, then the new one")
     options = job_options(args, CLONE, reached=reached(args))

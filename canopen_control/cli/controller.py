@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.arguments import Names
 from canopen_control.cli.support.output import Table, json_text, print_result
 from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
@@ -65,10 +66,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     switch = actions.add_parser("switch", help="deactivate some and activate others, in one cycle")
     for step in steps.values():
         step.add_argument(
-            "controller", metavar="CONTROLLER", nargs="+", help="controller name in ros2_controllers.yaml"
+            "controller",
+            metavar="CONTROLLER",
+            nargs="+",
+            action=Names,
+            help="controller names in ros2_controllers.yaml",
         )
     for option in ("activate", "deactivate"):
-        switch.add_argument(f"--{option}", metavar="CONTROLLER", nargs="+", default=[], help=f"controllers to {option}")
+        switch.add_argument(
+            f"--{option}", metavar="CONTROLLER", nargs="+", action=Names, help=f"controllers to {option}"
+        )
     for action in (switch, steps["activate"], steps["deactivate"]):
         action.add_argument("--best-effort", action="store_true", help="do what is possible and skip the rest")
     for action in (*lists, *steps.values(), switch):

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.job_verb import add_job_options, job_options, print_run, verb_run
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.cli.support.target import refuse_as_node
 from canopen_control.commissioning.jobs import FIRMWARE
 from canopen_control.commissioning.program_download import load_program, refuse_no_program
 from canopen_control.errors import ConfigError
@@ -39,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    refuse_as_node(args, args.node, f"firmware {args.file} {args.node}", file=args.file)
     image = _file(args.file)
     if args.timeout is None and args.can is not None:
         args.timeout = _BUS_TIMEOUT_S

@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.support.arguments import finite
+from canopen_control.cli.support.arguments import finite, one_name
 from canopen_control.cli.support.commands import find_controller
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.parsers import add_robot_name
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="V",
         help="velocity limit in rad/s or m/s (default: as the controller)",
     )
-    parser.add_argument("--controller", help="controller name (default: the only active one)")
+    parser.add_argument("--controller", type=one_name, help="controller name (default: the only active one)")
     add_robot_name(parser)
 
 

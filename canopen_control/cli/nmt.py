@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import COMMAND_NAMES, EXPECTED_STATE, RESETS, NmtCommand, NmtConfirmed, NmtState
-from canopen_control.cli.support.arguments import timeout_seconds
+from canopen_control.cli.support.arguments import one_name, timeout_seconds
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import (
     ALL,
@@ -42,7 +42,9 @@ EXAMPLE = """canopen-control nmt preop left_drive
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("command", choices=COMMAND_NAMES)
-    parser.add_argument("node", metavar="NODE", help="name or node id, on a bare bus the node id; or all")
+    parser.add_argument(
+        "node", type=one_name, metavar="NODE", help="name or node id, on a bare bus the node id; or all"
+    )
     parser.add_argument(
         "--wait",
         type=timeout_seconds,
@@ -125,5 +127,5 @@ def _words(name: str) -> str:
 
 def _complain(node: str, state: str | None, command: str, timeout: float, error: str | None = None) -> None:
     shown = "it sent no heartbeat" if state is None else f"it shows {state.replace('_', ' ')}"
-    why = f" ({error})" if error else ""
+    why = f" ({error.removeprefix(f'{node}: ')})" if error else ""
     print(f"canopen-control: {node}: {command} was not confirmed within {timeout:g} s; {shown}{why}", file=sys.stderr)

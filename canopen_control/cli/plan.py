@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.arguments import Names
 from canopen_control.cli.support.output import json_text
 from canopen_control.rpc.messages.declare import Document
 
@@ -53,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
     parser.add_argument("--bus", metavar="FILE", help="a bus.yml without its robot")
-    parser.add_argument("--node", action="append", default=[], metavar="NAME", help="only this node (repeatable)")
+    parser.add_argument("--node", action=Names, metavar="NAME[,NAME..]", help="only these nodes (repeatable)")
     parser.add_argument(
         "--against",
         action="append",
@@ -149,7 +150,7 @@ def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, 
 
 def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], str | None]:
     """Return the writes that a node needs, and the reason if it cannot be read, else None."""
-    from canopen_control.errors import BusError, CanopenError, SdoAbort
+    from canopen_control.errors import BusError, CanopenError, SdoAbort, without_node
     from canopen_control.master.boot_pdos import groups, needed, reads_of
 
     values: dict[tuple[int, int], bytes | None] = {}
@@ -161,7 +162,7 @@ def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], st
         except BusError:
             raise
         except CanopenError as error:
-            return [], str(error).removeprefix(f"node {plan.node_id}: ")
+            return [], without_node(str(error), plan.node_id, plan.name)
     return [write for group in groups(plan.writes) for write in needed(group, values)], None
 
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.job_verb import add_job_options, job_options, print_restored, verb_run
 from canopen_control.cli.support.open_session import add_session_arguments, backup_file, open_session, reached
+from canopen_control.cli.support.target import refuse_as_node
 from canopen_control.commissioning.jobs import RESTORE
 from canopen_control.commissioning.parameter_jobs import run_restore
 
@@ -39,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    refuse_as_node(args, args.node, f"restore {args.node} {args.file}", file=args.file)
     file, options = backup_file(args.file), job_options(args, RESTORE, reached=reached(args))
     with open_session(args) as session, verb_run(RESTORE) as run:
         sentence = run_restore(session, run, file, options)

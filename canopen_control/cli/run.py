@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TextIO
 
-from canopen_control.cli.support.arguments import add_duration, add_new_name, whole_number
+from canopen_control.cli.support.arguments import Names, add_duration, add_new_name, whole_number
 from canopen_control.cli.support.output import ENDS, is_printed, with_token
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.quick_start import quick_start
@@ -243,10 +243,9 @@ def add_controller_argument(parser: argparse.ArgumentParser) -> None:
     """Declare --controller."""
     parser.add_argument(
         "--controller",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="activate this controller (default: the first)",
+        action=Names,
+        metavar="NAME[,NAME..]",
+        help="activate these controllers (repeatable; default: the first)",
     )
 
 

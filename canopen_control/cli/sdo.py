@@ -15,9 +15,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.arguments import timeout_seconds
+from canopen_control.cli.support.arguments import one_name, timeout_seconds
 from canopen_control.cli.support.output import REDRAW_S, Progress, json_text, print_result
-from canopen_control.cli.support.target import add_target_arguments, open_target
+from canopen_control.cli.support.target import add_target_arguments, names_file, open_target, refuse_as_node
 from canopen_control.client.robot_client import periodic_call
 from canopen_control.commissioning.node_session import is_abort
 from canopen_control.commissioning.object_rows import TYPE_NAMES, parse_type, parse_value, show
@@ -69,11 +69,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     upload = actions.add_parser("upload", help="read an object into a file, by block transfer if the node supports it")
     download = actions.add_parser("download", help="write a file into an object, by block transfer if it is large")
     for action in (read, write, upload, download):
-        action.add_argument("node", metavar="NODE", help="name or node id; on a bare bus the node id")
+        action.add_argument("node", type=one_name, metavar="NODE", help="name or node id; on a bare bus the node id")
         action.add_argument("object", metavar="INDEX[:SUB]", help="address in hexadecimal, or a name in the EDS")
     write.add_argument("value", metavar="VALUE", help="by type: a decimal or 0x number, a text, or hexadecimal bytes")
-    # Without this, argparse of Python 3.11 treats -0x10 and -1e3 as options.
-    write._negative_number_matcher = re.compile(r"-\.?\d.*")  # noqa: SLF001 - argparse has no public option for it
     for action in (upload, download):
         action.add_argument("file", metavar="FILE", help="a path, or - for standard input or output")
     for action in (read, write):
@@ -91,6 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    refuse_as_node(args, args.node, _right_order(args))
     with open_target(args) as target:
         node = target.session(args.node)
         address = find_object(args.object, node.od)
@@ -98,6 +97,17 @@ def run(args: argparse.Namespace) -> int:
             return _read(args, node, parts_of(address, node.od))
         _ACTIONS[args.action](args, node, address)
     return 0
+
+
+def _right_order(args: argparse.Namespace) -> str:
+    """Return the command with its words in the right order, for a NODE that is a file or an object."""
+    last = getattr(args, "value", None) or getattr(args, "file", None)
+    words = [args.object, args.node, last]
+    if names_file(args.node):  # FILE NODE INDEX:SUB
+        words = [args.object, last or "INDEX:SUB", args.node]
+    elif names_file(args.object):  # INDEX:SUB FILE NODE
+        words = [last, args.node, args.object]
+    return " ".join(["sdo", args.action, *(f"'{word}'" if " " in word else word for word in words if word)])
 
 
 def _type_of(args: argparse.Namespace, address: ObjectAddress) -> DataType | None:

@@ -17,7 +17,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Final, Protocol
 
-from canopen_control.cli.support.arguments import number, seconds
+from canopen_control.cli.support.arguments import number, one_name, seconds
 from canopen_control.cli.support.jog_run import Keyboard
 from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
@@ -72,7 +72,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("--speed", type=_speed, metavar="V", help="linear velocity in m/s (default: 0.5)")
     parser.add_argument("--turn", type=_speed, metavar="W", help="angular velocity in rad/s (default: 1.0)")
-    parser.add_argument("--controller", metavar="NAME", help="controller name (default: the active base controller)")
+    parser.add_argument(
+        "--controller", type=one_name, metavar="NAME", help="controller name (default: the active base controller)"
+    )
     parser.add_argument(
         "--tap",
         type=seconds,

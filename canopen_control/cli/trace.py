@@ -15,7 +15,7 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.arguments import add_duration, argument, whole_number
+from canopen_control.cli.support.arguments import Names, add_duration, argument, whole_number
 from canopen_control.cli.support.bus_description import (
     add_network_arguments,
     network_for,
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options that select frames, and the format in which frames are shown."""
     parser.add_argument(
-        "--node", action="append", default=[], metavar="N", help="show only this node, by id or name (repeatable)"
+        "--node", action=Names, metavar="N[,N..]", help="show only these nodes, by id or name (repeatable)"
     )
     parser.add_argument(
         "--service",

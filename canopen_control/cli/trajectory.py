@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.support.arguments import add_duration, number, seconds
+from canopen_control.cli.support.arguments import add_duration, number, one_name, seconds
 from canopen_control.cli.support.commands import find_controller
 from canopen_control.cli.support.output import Progress, json_text, print_result
 from canopen_control.cli.support.parsers import add_robot_name
@@ -159,7 +159,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_duration(record, "end after S seconds", former="--duration", dest="duration")
     cancel = actions.add_parser("cancel", help="cancel the running trajectory: the joints brake")
     for action in (play, record, cancel):
-        action.add_argument("--controller", help="controller name (default: the only active one)")
+        action.add_argument("--controller", type=one_name, help="controller name (default: the only active one)")
         add_robot_name(action)
 
 

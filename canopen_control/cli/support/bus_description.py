@@ -209,8 +209,19 @@ Source: TypeAlias = Recording | FlightSource
 
 
 def open_frames(path: str, bus: str | None = None) -> Source:
-    """Open a recording of frames or a flight recording; `bus` selects one of several buses."""
-    return FlightSource(path, bus) if is_flight_file(Path(path)) else Recording(path)
+    """Open a recording of frames or a flight recording; `bus` selects one of several buses.
+
+    ConfigError if a recording of frames contains none.
+    """
+    return FlightSource(path, bus) if is_flight_file(Path(path)) else frames_of_file(path)
+
+
+def frames_of_file(path: str | Path) -> Recording:
+    """Open a recording of frames; ConfigError if no frame of it can be read."""
+    recording = Recording(path)
+    if next(iter(recording), None) is None:
+        raise ConfigError(recording.problem or f"{path}: contains no frames")
+    return recording
 
 
 def report_gaps(source: Source) -> None:

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.arguments import timeout_seconds
+from canopen_control.cli.support.arguments import one_name, timeout_seconds
 from canopen_control.cli.support.output import Progress
-from canopen_control.cli.support.target import RobotTarget, add_target_arguments, find_eds, open_target
+from canopen_control.cli.support.target import RobotTarget, add_target_arguments, find_eds, names_file, open_target
 from canopen_control.client import RobotClient
 from canopen_control.commissioning.driven_axis import drive_of_robot, fault_words, why_not_free
 from canopen_control.commissioning.jobs import Reached
@@ -24,7 +24,6 @@ from canopen_control.commissioning.parameter_set import read_backup, read_parame
 from canopen_control.commissioning.quantity import JogScale
 from canopen_control.commissioning.restore import unfinished_words
 from canopen_control.errors import ConfigError, DriveError
-from canopen_control.od.eds import SUFFIXES
 from canopen_control.runtime.observer import RobotObserver
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
 def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True) -> None:
     """Declare NODE, --eds, --timeout, and --can or --name; `node` is False for verbs with their own node arguments."""
     if node:
-        parser.add_argument("node", metavar="NODE", help="name or node id; on a bare bus the node id")
+        parser.add_argument("node", type=one_name, metavar="NODE", help="name or node id; on a bare bus the node id")
     parser.add_argument("--eds", metavar="FILE", help="EDS of the node: a path, or the name of a bundled file")
     parser.add_argument(
         "--timeout",
@@ -164,7 +163,7 @@ def as_file(word: str) -> Path | None:
     path = Path(word).expanduser()
     if path.is_file():
         return path
-    if path.suffix.lower() in SUFFIXES or "/" in word:
+    if names_file(word):
         problem = "is a folder" if path.is_dir() else "no such file"
         raise ConfigError(f"{word}: {problem}; a node is a name or a node id")
     return None

@@ -7,7 +7,7 @@ import importlib
 import os
 import re
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from canopen_control.cli.verbs import VERBS, WITHOUT_JSON, overview
 from canopen_control.version import PURE, TO_COMPILE, __version__, build
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 XACRO = "xacro"  # attribute with the NAME:=VALUE arguments
 _EXIT_CODES = "Exit codes: 0 success; 1 failure, or nothing was done; 2 wrong usage or configuration."
 _ARGUMENT = re.compile(r"[A-Za-z_]\w*:=")
+_NEGATIVE = re.compile(r"-\.?\d.*", re.DOTALL)
 
 
 def parser_of(verb: str) -> argparse.ArgumentParser:
@@ -86,10 +87,16 @@ def _width() -> int:
 
 
 class _VerbParser(argparse.ArgumentParser):
-    """Parser of a verb; NAME:=VALUE is allowed anywhere on the line if the verb accepts xacro arguments.
+    """Parser of a verb, and of each of its actions; a word that begins as a negative number is a value.
 
-    argparse itself accepts such positional arguments in one place only, so that none could follow an option.
+    NAME:=VALUE is allowed anywhere on the line, if the verb accepts xacro arguments. argparse itself accepts such
+    positional arguments in one place only, so that none could follow an option.
     """
+
+    def __init__(self, **options: Any) -> None:  # noqa: ANN401 - argparse.ArgumentParser takes them
+        super().__init__(**options)
+        # argparse itself takes -20rpm, -1e3, -0x10 and -1,2 for options
+        self._negative_number_matcher = _NEGATIVE  # argparse has no public option for it
 
     def parse_known_args(  # type: ignore[override]  # of its three signatures, the one that is called
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import os
+import re
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -21,6 +22,7 @@ from canopen_control.commissioning.node_session import NodeSession, RobotTransfe
 from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import DirectBus
+from canopen_control.od.eds import SUFFIXES
 from canopen_control.rpc.messages.robot import GetNodes, GetStatus, NmtRequest, NodeListing
 
 if TYPE_CHECKING:
@@ -45,6 +47,7 @@ ROBOT_TIMEOUTS = {
     NmtCommand.RESET_NODE: RESET_TIMEOUT_S,
     NmtCommand.RESET_COMMUNICATION: RESET_TIMEOUT_S,
 }
+_ADDRESS = re.compile(r"(?:0[xX](?!00)[0-9A-Fa-f]{4}|[0-9][0-9A-Fa-f]{3})(?::.*)?")  # a node id has at most 3 digits
 LABEL = "canopen-control"  # label of a verb as a member of a bus
 
 
@@ -97,6 +100,25 @@ def find_eds(text: str) -> Path:
     if not path.is_file():
         raise ConfigError(f"no EDS file {text}")
     return path
+
+
+def names_file(word: str) -> bool:
+    """Whether a word can only name a file: it has a slash or the suffix of an EDS, or a suffix, and the file exists."""
+    path = Path(word).expanduser()
+    return "/" in word or path.suffix.lower() in SUFFIXES or (bool(path.suffix) and path.is_file())
+
+
+def refuse_as_node(args: argparse.Namespace, word: str, right: str, *, file: str | None = None) -> None:
+    """Raise ConfigError if the NODE `word` is a file or the address of an object; `right` is the command to give.
+
+    `file` is the FILE of the same command: a NODE that exists as a file is exchanged with a FILE that does not.
+    """
+    exchanged = file is not None and Path(word).expanduser().is_file() and not Path(file).expanduser().is_file()
+    kind = "a file" if names_file(word) or exchanged else "an object" if _ADDRESS.fullmatch(word) else ""
+    if kind:
+        chosen = ((option, getattr(args, option, None)) for option in ("can", "name", "eds"))
+        options = "".join(f" --{option} {value}" for option, value in chosen if value)
+        raise ConfigError(f"{word} is {kind}, not a node; write: canopen-control {right}{options}")
 
 
 def robot_on(channel: str) -> tuple[str, NodeListing] | None:

@@ -1,8 +1,10 @@
 import os
+from argparse import Namespace
 
 import pytest
 from support.onbus import GENERIC, TMCM, OnBus
 
+from canopen_control.cli.main import main
 from canopen_control.cli.support import target
 from canopen_control.cli.support.target import BusTarget, RobotTarget, find_eds, robot_on
 from canopen_control.client import RobotClient
@@ -138,3 +140,48 @@ def test_the_progress_of_a_transfer_is_what_its_client_knows(private_folders):
         client.frames()  # the request has left
         client.receive(CanFrame(0x585, bytes.fromhex("410810000A000000")), 0)
         assert node.transfers.progress() == (0, 10)
+
+
+EXCHANGED = {
+    "restore 3 left.dcf": "left.dcf is a file, not a node; write: canopen-control restore left.dcf 3",
+    "restore left left --can local:x": None,  # a robot's node, which is not there; and no file
+    "restore 3 ./gone": "./gone is a file, not a node; write: canopen-control restore ./gone 3",
+    "backup left.dcf -o 3": "left.dcf is a file, not a node; write: canopen-control backup 3 -o left.dcf",
+    "backup a.dcf -o b.dcf": "a.dcf is a file, not a node; write: canopen-control backup NODE -o b.dcf",
+    "clone left.dcf 4": "left.dcf is a file, not a node; write: canopen-control restore left.dcf 4",
+    "clone 3 left.dcf": "left.dcf is a file, not a node; write: canopen-control backup 3 -o left.dcf",
+    "firmware image 3": "image is a file, not a node; write: canopen-control firmware 3 image",
+    "firmware drive.bin 3 --can local:x --eds generic_cia402.eds": (
+        "drive.bin is a file, not a node; "
+        "write: canopen-control firmware 3 drive.bin --can local:x --eds generic_cia402.eds"
+    ),
+    "sdo read 0x6041 left": "0x6041 is an object, not a node; write: canopen-control sdo read left 0x6041",
+    "sdo read 6041:00 3": "6041:00 is an object, not a node; write: canopen-control sdo read 3 6041:00",
+    "sdo write 0x60FF 3 -500": "0x60FF is an object, not a node; write: canopen-control sdo write 3 0x60FF -500",
+    "sdo upload left.dcf 5 1021": "left.dcf is a file, not a node; write: canopen-control sdo upload 5 1021 left.dcf",
+    "sdo upload 1021 left.dcf 5": "1021 is an object, not a node; write: canopen-control sdo upload 5 1021 left.dcf",
+    "sdo download 0x1F50:1 5 drive.bin": (
+        "0x1F50:1 is an object, not a node; write: canopen-control sdo download 5 0x1F50:1 drive.bin"
+    ),
+}
+
+
+@pytest.mark.parametrize("line", EXCHANGED)
+def test_words_in_the_wrong_order_are_refused_with_the_right_order(
+    line, private_folders, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    for name in ("left.dcf", "drive.bin", "image"):
+        (tmp_path / name).write_bytes(b"x")
+    assert main(line.split()) == 2
+    error = capsys.readouterr().err
+    sentence = EXCHANGED[line]
+    assert "not a node" not in error if sentence is None else error == f"canopen-control: {sentence}\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["drive.bin", "image", "left.dcf"]
+
+
+@pytest.mark.parametrize("word", ["3", "0x7F", "0x0005", "left_drive", "face", "arm.left"])
+def test_a_name_or_a_node_id_may_be_a_node(word, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "left_drive").write_bytes(b"x")
+    target.refuse_as_node(Namespace(), word, "")
