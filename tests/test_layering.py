@@ -29,7 +29,7 @@ MAY_IMPORT = {
     "rpc": ({"host", "cia301.emcy", "cia402.state"}, STDLIB | {"msgspec"}),  # a state and an error code have one text
     "yamlfile": ({"data_files"}, PURE | {"yaml", "os"}),
     "personality": ({"data_files", "yamlfile"}, PURE),  # of drives: what both sides of the wire know of manufacturers
-    "urdf": ({"host.fork"}, STDLIB | {"xacro", "ament_index_python"}),
+    "urdf": ({"host.fork", "data_files"}, STDLIB | {"xacro", "ament_index_python"}),
     "od": ({"data_files"}, PURE | {"xml"}),
     "cia301": ({"od"}, PURE),
     "cia402": ({"od", "cia301"}, PURE),
@@ -40,7 +40,7 @@ MAY_IMPORT = {
         {"od", "cia301", "cia402", "profiles", "bus", "host", "rpc", "yamlfile", "personality"},
         STDLIB | {"numpy"},
     ),
-    "physics": ({"virtual", "urdf", "yamlfile", "rpc"}, STDLIB | {"mujoco", "numpy"}),
+    "physics": ({"virtual", "urdf", "yamlfile", "rpc", "data_files"}, STDLIB | {"mujoco", "numpy"}),
     "hardware": (
         {"od", "cia301", "cia402", "profiles", "master", "yamlfile", "urdf"},
         STDLIB | MARKS,
@@ -91,7 +91,7 @@ MAY_IMPORT = {
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "gateway": ({"cia301", "host"}, STDLIB),
     "conformance": ({"od", "bus", "host", "cia301", "cia402", "virtual"}, STDLIB),
-    "calibration": ({"client", "controllers", "rpc", "yamlfile"}, STDLIB),
+    "calibration": ({"client", "controllers", "rpc", "yamlfile", "data_files"}, STDLIB),
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too
     "ros": ({"client", "host", "rpc", "urdf"}, None),
     "trace": (

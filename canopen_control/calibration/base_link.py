@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.calibration.umbmark import relative
+from canopen_control.data_files import read_utf8
 from canopen_control.errors import ConfigError, ControlError, RemoteError
 from canopen_control.rpc.messages.parameters import GetParameters, ParameterValue, SetParameters
 from canopen_control.rpc.messages.robot import ListControllers, Subscribe, TwistController
@@ -90,9 +91,9 @@ def read_ends(path: Path, count: int, report: Callable[[str], object]) -> FiledE
     Raises ConfigError with all errors and their lines, or if there are fewer than `count` positions.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} cannot be read: {error}") from error
+        lines = read_utf8(path).splitlines()
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
     ends, problems = [], []
     for number, line in enumerate(lines, 1):
         if text := line.partition("#")[0].strip():
@@ -253,7 +254,7 @@ class BaseLink:
         if state.state in _ENDING:
             raise ControlError(f"the robot is {state.state}")
         if state.state == "fault":
-            wrong = [f"{name}: {node.error or 'not present'}" for name, node in state.nodes.items()
+            wrong = [f"{name}: {node.reason(name) or 'not present'}" for name, node in state.nodes.items()
                      if node.error or not node.ready]  # fmt: skip
             raise ControlError(
                 f"the robot is in fault: {'; '.join(wrong) or 'a drive is silent, see canopen-control status'}"

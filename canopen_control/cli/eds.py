@@ -1,6 +1,6 @@
 """Check, show, compare and convert EDS, DCF, XDD and XDC files.
 
-Exit codes: 0 success; 1 errors found, differences found, no such object, or not an EDS; 2 wrong usage or no such file.
+Exit codes: 0 success; 1 errors or differences found, or no such object; 2 wrong usage, no such file, or not an EDS.
 """
 
 from __future__ import annotations
@@ -111,6 +111,9 @@ class PdoDocument(Document, frozen=True, kw_only=True):
     mapped: list[MappedDocument]
 
 
+_UNUSABLE: Final = "not-canopen"  # code of the only issue of a file that is not an EDS
+
+
 def checked(name: str, file: EdsFile) -> EdsCheckDocument:
     """Return the check result of a readable file, with all its issues."""
     count = dict.fromkeys(Severity, 0)
@@ -130,7 +133,7 @@ def checked(name: str, file: EdsFile) -> EdsCheckDocument:
 def refused(name: str, error: EdsError) -> EdsCheckDocument:
     """Return the check result of a file that cannot be read as an EDS; the reason is the only issue."""
     return EdsCheckDocument(
-        file=name, errors=1, issues=[Issue(name, error.line, "not-canopen", Severity.ERROR, error.reason)]
+        file=name, errors=1, issues=[Issue(name, error.line, _UNUSABLE, Severity.ERROR, error.reason)]
     )
 
 
@@ -257,11 +260,7 @@ def run(args: argparse.Namespace) -> int:
         names = [f"{name} (a folder)" if Path(name).is_dir() else name for name in missing]
         print(f"canopen-control: no such file: {', '.join(names)}", file=sys.stderr)
         return 2
-    try:
-        return _ACTIONS[args.action](args)
-    except EdsError as error:
-        print(f"canopen-control: {error}", file=sys.stderr)
-        return 1
+    return _ACTIONS[args.action](args)
 
 
 def _files_of(args: argparse.Namespace) -> list[str]:
@@ -287,7 +286,8 @@ def _check(args: argparse.Namespace) -> int:
         for report in reports:
             for line in _report_lines(report):
                 print(line)
-    return 1 if any(report.errors for report in reports) else 0
+    unusable = any(issue.code == _UNUSABLE for report in reports for issue in report.issues)
+    return 2 if unusable else 1 if any(report.errors for report in reports) else 0
 
 
 def _checked(name: str, args: argparse.Namespace) -> EdsCheckDocument:
@@ -299,7 +299,8 @@ def _checked(name: str, args: argparse.Namespace) -> EdsCheckDocument:
 
 def _report_lines(report: EdsCheckDocument) -> Iterator[str]:
     for issue in report.issues:
-        yield f"{report.file}:{issue.line}: {issue.severity.value}: {issue.text} [{issue.code}]"
+        place = f"{report.file}:{issue.line}" if issue.line else report.file
+        yield f"{place}: {issue.severity.value}: {issue.text} [{issue.code}]"
     sections = {"errors": report.errors, "warnings": report.warnings, "notes": report.notes}
     summary = ", ".join(_counted(number, kind) for kind, number in sections.items() if number) or "no issue"
     yield f"{report.file}: {report.objects} objects, {report.entries} entries: {summary}"

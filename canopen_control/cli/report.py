@@ -149,14 +149,11 @@ def _watched(args: argparse.Namespace) -> FlightFile:
 
 def _frames_only(args: argparse.Namespace, path: Path) -> tuple[FlightFile, dict[str, NetworkDescription]]:
     """Read a recording of frames as a flight recording whose only bus is called "can"."""
-    from canopen_control.bus.recordings import Recording
-    from canopen_control.cli.support.bus_description import described
+    from canopen_control.cli.support.bus_description import described, frames_of_file
     from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
 
-    recording = Recording(path)
+    recording = frames_of_file(path)  # a page without frames, and so without faults, would be misleading
     frames = [(time_ns, "can", frame) for time_ns, frame in recording]
-    if not frames:  # a page without faults would be misleading
-        raise CanopenError(recording.problem or f"{path}: no frame is in it")
     notes = (recording.problem,) if recording.problem else ()
     meta = FlightMeta(robot="", reason=NO_FAULT, buses={"can": path.name})
     file = FlightFile(meta, frames=frames, unread_lines=recording.skipped, notes=notes)

@@ -36,6 +36,7 @@ from canopen_control.commissioning.scope_capture import (
 )
 from canopen_control.commissioning.scope_run import Scope, capture_of
 from canopen_control.commissioning.scope_signals import joint_signal_of, node_of
+from canopen_control.data_files import read_utf8
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import write_whole
 from canopen_control.host.signals import on_signals
@@ -75,9 +76,9 @@ def read_overlay(text: str) -> NamedShot:
     """Read an earlier capture from a CSV file; ConfigError if the file is invalid."""
     path = Path(text).expanduser()
     try:
-        content = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"--overlay {text} cannot be read: {getattr(error, 'strerror', None) or 'no text'}") from None
+        content = read_utf8(path)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--overlay {text} cannot be read: {getattr(error, 'strerror', None) or error}") from None
     return parse_csv(content, path.name)
 
 
@@ -256,7 +257,7 @@ def _cursors(text: str) -> tuple[float, float]:
     except ValueError:
         first = second = math.nan
     if not (math.isfinite(first) and math.isfinite(second)):
-        raise ConfigError(f"--cursors {text}: write two times in s, as in 0.1,0.25 (or --cursors=-0.1,0.25)")
+        raise ConfigError(f"--cursors {text}: write two times in s, as in 0.1,0.25 or -0.1,0.25")
     return first, second
 
 

@@ -62,6 +62,8 @@ class _Goal:
 def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
     """Read the joints and points of a file; the ConfigError lists every error with its line."""
     text = read_text(path, ConfigError)
+    if not text.strip():
+        raise ConfigError(f"{path}: is empty")
     count = text.count("time_from_start")
     if count > MAX_POINTS:  # before it is parsed, which takes a while
         raise ConfigError(f"{path}: {count} points exceed the maximum of {MAX_POINTS} for a trajectory; reduce them")

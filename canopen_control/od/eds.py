@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from canopen_control.data_files import read_limited
+from canopen_control.data_files import BINARY, foreign_format, read_limited
 from canopen_control.errors import EdsError
 from canopen_control.frame import EXTENDED_BIT, is_restricted
 from canopen_control.od.codec import forbidden_limit
@@ -411,6 +411,7 @@ SUFFIXES = (".eds", ".dcf", ".xdd", ".xdc")
 MAX_BYTES = 32_000_000
 """Maximum length of a file in bytes; the largest files in use have a few MB."""
 _OBJECT = re.compile(r"([0-9a-f]{4})(?: ?sub ?([0-9a-f]{1,2}))?")
+_SECTION = re.compile(r"^\s*\[[0-9A-Fa-f]{4}", re.MULTILINE)  # of an object
 _RANGE_SUB = re.compile(r"([0-9a-f]{2,4}) ?sub ?0?1")
 _RANGES = range(0x40, 0x260)  # manufacturer-specific data types (CiA 301, 7.4.7)
 _COMPACT = re.compile(r"([0-9a-f]{4})(name|value)")
@@ -488,6 +489,8 @@ def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -
         text = "is a concise DCF (values to write), not an EDS; set it as configuration_file in bus.yml"
         raise EdsError(name, 0, text)
     text, encoding = decode_text(data)
+    if (foreign := foreign_format(data)) and (foreign != BINARY or not _SECTION.search(text)):
+        raise EdsError(name, 0, f"is {foreign}")
     sections = xdd_sections(text, report) if is_xml(text) else split_sections(text, report)
     if not any(_OBJECT.fullmatch(section) for section in sections):
         raise EdsError(name, 1, what_else(text) or _why_not(sections))

@@ -20,6 +20,7 @@ from urllib.parse import unquote, urlsplit
 
 import numpy as np
 
+from canopen_control.data_files import read_utf8
 from canopen_control.errors import ConfigError, RobotConfigError, nearest
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.urdf.document import finite_number, read_document
@@ -198,11 +199,11 @@ class _Reader:
     def root(self, path: Path) -> Element | None:
         """Parse a file and return its root element; on failure add an error and return None."""
         try:
-            root = read_document(path.read_text(encoding="utf-8"), str(path)).root
+            root = read_document(read_utf8(path), str(path)).root
         except RobotConfigError as error:
             self.problems.append(str(error))
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
             self.problems.append(f"{path}: cannot be read: {reason}")
         else:
             if root.tag == "sdf":

@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.data_files import read_utf8
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.runtime.launch_python import LaunchCondition, LaunchInclude, LaunchNode, LaunchText, read_python
 from canopen_control.urdf.document import Element, ElementPlace, read_document
@@ -105,8 +106,8 @@ class LaunchFile:
 def read_launch(path: Path) -> LaunchFile:
     """Read a launch file in XML, YAML or Python; RobotConfigError if it cannot be read or is invalid."""
     try:
-        source = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        source = read_utf8(path)
+    except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise RobotConfigError(f"{path}: cannot be read: {reason}") from error
     if path.suffix == ".py":

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.data_files import read_utf8
 from canopen_control.errors import RobotConfigError
 from canopen_control.host.fork import can_fork, fork
 from canopen_control.urdf import xacro_child
@@ -191,8 +192,8 @@ class DescriptionReader:
     def __init__(self, path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> None:
         self._path, file = str(path), Path(path)
         try:
-            self._source = file.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError, ValueError) as error:
+            self._source = read_utf8(file)
+        except (OSError, ValueError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
             raise RobotConfigError(f"{path}: cannot be read: {reason}") from error
         is_xacro = file.suffix == ".xacro" or "xmlns:xacro" in self._source

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import yaml
 
-from canopen_control.data_files import read_limited
+from canopen_control.data_files import foreign_format, read_limited
 from canopen_control.errors import BusConfigError
 from canopen_control.yamlfile.convert import INVALID, convert
 from canopen_control.yamlfile.node import LINE_END, Node, Problems
@@ -266,7 +266,11 @@ def read_text(path: str | os.PathLike[str], error: type[ConfigError] = BusConfig
     """Return the text of a UTF-8 file; raise `error` if the file cannot be read."""
     problems = Problems(str(path))
     try:
-        return read_limited(Path(path), MAX_BYTES).decode("utf-8")
+        data = read_limited(Path(path), MAX_BYTES)
+        if foreign := foreign_format(data):
+            problems.file_error(0, 0, f"is {foreign}")
+        problems.raise_if_any(error)
+        return data.decode("utf-8")
     except OSError as reason:
         problems.file_error(0, 0, f"cannot be read: {reason.strerror or reason}")
     except UnicodeDecodeError as reason:

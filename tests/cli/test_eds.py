@@ -61,7 +61,7 @@ def test_warnings_alone_are_good(cli):
 
 def test_a_file_that_is_no_eds_is_an_error_among_the_others(cli_json):
     code, reports = cli_json("check", TMCM, malformed("44_xdd"))
-    assert code == 1
+    assert code == 2
     assert [report["errors"] for report in reports] == [0, 1]
     (issue,) = reports[1]["issues"]
     assert (issue["line"], issue["code"], issue["severity"]) == (1, "not-canopen", "error")
@@ -92,10 +92,11 @@ def test_wrong_usage_is_exit_code_2(cli, arguments):
 
 
 @pytest.mark.parametrize("action", ["show", "pdos"])
-def test_a_file_that_is_no_eds_cannot_be_shown(cli, action):
-    code, out, err = cli(action, malformed("43_empty"))
-    assert (code, out) == (1, "")
-    assert "is empty" in err
+def test_a_file_that_is_no_eds_cannot_be_shown(capsys, action):
+    assert main(["eds", action, str(malformed("43_empty"))]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.endswith("43_empty.eds:1: is empty\n")
 
 
 def test_one_value_is_shown_with_type_access_default_and_mappability(cli):

@@ -47,5 +47,5 @@ def test_what_cannot_be_is_a_sentence(tmp_path, capsys):
     assert "/nowhere/x.dbc cannot be written: No such file or directory" in capsys.readouterr().err
     empty = tmp_path / "x.log"
     empty.write_text("")
-    assert main(["export", "csv", str(empty), "robby"]) == 1
+    assert main(["export", "csv", str(empty), "robby"]) == 2
     assert "contains no frames" in capsys.readouterr().err

@@ -92,7 +92,7 @@ def test_what_cannot_be_reported_is_a_sentence_and_exit_code_2(arguments, words,
 @pytest.mark.parametrize(("name", "content", "words"), [("a.log", b"", "contains no frames"), ("a.blf", b"x", "")])
 def test_nothing_is_not_reported_as_nothing_wrong(tmp_path, capsys, name, content, words):
     (tmp_path / name).write_bytes(content)
-    assert main(["report", str(tmp_path / name)]) == 1
+    assert main(["report", str(tmp_path / name)]) == 2
     said = capsys.readouterr()
     assert f"canopen-control: {tmp_path / name}" in said.err
     assert words in said.err

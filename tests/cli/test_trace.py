@@ -77,7 +77,7 @@ def test_a_file_that_breaks_off_is_shown_and_said(tmp_path, capsys):
     assert "SYNC" in out
     assert "1 line is not a frame of classic CAN, left out" in err
     path.write_text("")
-    assert main(["trace", "robby", "--file", str(path)]) == 1
+    assert main(["trace", "robby", "--file", str(path)]) == 2
     assert "contains no frames" in capsys.readouterr().err
 
 
