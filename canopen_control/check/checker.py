@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from canopen_control.check.stop_times import StopTime
+    from canopen_control.check.stop_times import AxisFacts, StopTime
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.budget import Budget
     from canopen_control.master.config import BusConfig
@@ -151,7 +151,8 @@ class _Checker:
         except ConfigError as error:
             self.findings += rules.findings_of(str(error), str(path), 0, Severity.ERROR)
             return
-        self._buses[name] = config
+        if config.nodes or not problems.errors:  # otherwise every joint would lack its node
+            self._buses[name] = config
         if not problems.errors:
             self._valid_buses[name] = config
         self.findings += [_of_problem(problem, Severity.ERROR) for problem in problems.errors]
@@ -234,12 +235,17 @@ def _slow_stops(buses: dict[str, BusConfig], stops: tuple[StopTime, ...]) -> Ite
             continue
         place = config.place(facts.node, "sdo")
         text = (
-            f"{facts.node}: {facts.joint} needs {case.ramp_s:.0f} s to brake from {facts.speed:.0f} units/s "
+            f"{facts.node}: {_subject(facts)} needs {case.ramp_s:.0f} s to brake from {facts.speed:.0f} units/s "
             f"({case.by}); a stop that takes longer than {STOP_TIME_S:.0f} s becomes a quick stop"
         )
         fix = "write a faster ramp to the drive under `sdo`, or lower the joint's velocity limit"
         severity = Severity.WARNING if case.ramp_s > _SLOW_RAMP_S else Severity.NOTE
         yield Finding(place.path, place.line, severity, text, fix, column=place.column)
+
+
+def _subject(facts: AxisFacts) -> str:
+    """Return the joint, or "it" on a bus without controllers, where the joint has the name of its node."""
+    return facts.joint if facts.joint != facts.node else "it"
 
 
 def _sync_words(bus: RobotBus, choice: SyncChoice) -> str:

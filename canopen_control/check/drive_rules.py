@@ -166,7 +166,7 @@ def _targets_unmapped(robot: CheckedRobot) -> Iterator[Finding]:
     bus = robot.bus
     for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
         plan, motion = bus.plans.get(name) if bus is not None else None, node.motion
-        if bus is None or plan is None or motion.motor_subindices:
+        if bus is None or plan is None or motion.motor_subindices or not plan.axes:  # an EDS without controlword
             continue
         carried = {(mapped.index, mapped.subindex) for layout in plan.rpdos for mapped in layout.objects}
         commanded = _commanded(robot, name)
@@ -176,11 +176,20 @@ def _targets_unmapped(robot: CheckedRobot) -> Iterator[Finding]:
             if kind not in commanded or mode is None or target is None or kind in motion.feed_forward:
                 continue
             index, subindex = target
-            if not any((index + offset, subindex) in carried for offset in plan.axes):
+            targets = {(index + offset, subindex) for offset in plan.axes}
+            if targets.isdisjoint(carried) and targets.isdisjoint(_mapped_in_file(node)):
                 place = bus.place(name, f"{kind}_mode")
                 text = f"{name}: no RPDO carries 0x{index:04X}:{subindex:02X}, the target of {mode_words(mode)}"
                 fix = f"map it, or use a {kind}_mode whose target is mapped"
+                if not any(bus.dictionaries[name].get(*target) for target in targets):
+                    fix = f"{node.identity.dcf} has no such object, so use a {kind}_mode whose target it has"
                 yield Finding(place.path, place.line, Severity.ERROR, text, fix, column=place.column)
+
+
+def _mapped_in_file(node: NodeConfig) -> set[tuple[int, int]]:
+    """Return the objects that bus.yml maps to RPDOs, also those that the plan refuses."""
+    pdos = node.boot.pdos("rpdo").values()
+    return {(mapped.index, mapped.sub_index) for pdo in pdos for mapped in pdo.mapping or ()}
 
 
 def _commanded(robot: CheckedRobot, node: str) -> set[str]:

@@ -107,7 +107,7 @@ class StopTime:
     def words(self) -> str:
         """Longest stopping time as a line of text."""
         facts, case = self.facts, self.longest
-        title = f"stop of {facts.joint} ({facts.node})"
+        title = f"stop of {facts.joint}" + (f" ({facts.node})" if facts.node != facts.joint else "")
         if math.isinf(facts.speed) and case.bound:
             noticed = f"{case.cause} {case.detection_s:.3f} s"
             return f"{title}: {noticed}, then {case.by} from an unlimited speed"

@@ -53,3 +53,19 @@ def test_check_refuses_a_mode_whose_target_is_in_no_rpdo(tmp_path):
     assert not any(
         "no RPDO carries" in each for each in findings(folder(tmp_path, "v-3", keys="velocity_target: 0x60FF"))
     )
+
+
+@pytest.mark.parametrize("index", ["6040", "6041", "60FF"])
+def test_an_object_that_the_eds_lacks_is_one_error(tmp_path, index):
+    path = folder(tmp_path, "csv", edit=lambda text: re.sub(rf"(?ms)^\[{index}\]\n.*?(?=^\[)", "", text))
+    errors = [each for each in findings(path) if ": error: " in each]
+    assert len(errors) == 1, errors
+    assert f"0x{index}:00 is not in device.eds" in errors[0]
+
+
+def test_a_target_that_the_eds_lacks_and_no_rpdo_maps_is_named_with_the_eds(tmp_path):
+    path = folder(tmp_path, "csv", edit=lambda text: re.sub(r"(?ms)^\[6042\]\n.*?(?=^\[)", "", text))
+    bus = path / "bus.yml"
+    bus.write_text(bus.read_text().replace("velocity_mode: 9", "velocity_mode: 2"))
+    text = next(each for each in findings(path) if "no RPDO carries 0x6042:00, the target of mode VL" in each)
+    assert "device.eds has no such object, so use a velocity_mode whose target it has" in text

@@ -55,6 +55,10 @@ def test_the_longest_is_the_sum_of_the_reason_that_takes_longest():
     )
 
 
+def test_a_joint_with_the_name_of_its_node_is_named_once():
+    assert stop_time(facts(joint="lift", node="lift")).words.startswith("stop of lift: ")
+
+
 @pytest.mark.parametrize(
     ("objects", "ramp", "by"),
     [
