@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.arguments import timeout_seconds
+from canopen_control.bus.channel import may_host_virtual_drives
+from canopen_control.cli.support.arguments import Names, timeout_seconds
 from canopen_control.cli.support.output import print_result
 from canopen_control.cli.support.target import LABEL, find_eds
 from canopen_control.data_files import data_names
@@ -70,10 +71,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--joint",
-        metavar="NAME",
-        action="append",
-        default=[],
-        help="name of a joint, one for each axis in order (repeatable)",
+        metavar="NAME[,NAME..]",
+        action=Names,
+        help="names of the joints, one for each axis in order (repeatable)",
     )
     parser.add_argument(
         "--base", choices=list(BASES), default="none", help="base that the drives move together (default: none)"
@@ -112,9 +112,8 @@ def run(args: argparse.Namespace) -> int:
     robot = plan_robot(
         folder.name, devices, joints=args.joint, base=args.base, allow_unsupervised=args.allow_unsupervised
     )
-    on_can = args.can is not None and not args.can.startswith(("local:", "memory:"))
     written = write_robot(robot, folder.parent, force=args.force)
-    print_result(args, _report(written), "\n".join(_lines(written, args.can if on_can else "can0")))
+    print_result(args, _report(written), "\n".join(_lines(written, args.can or "can0")))
     return 0
 
 
@@ -291,9 +290,10 @@ def _lines(written: Written, channel: str) -> list[str]:
         lines.append("no device has a known drive or signal profile, so the robot has a bus but no controllers")
         return [*lines, f"boot it on virtual devices: canopen-control run {name}"]
     lines.append(f"{'turn' if robot.drives else 'see'} it on virtual devices: canopen-control demo {name}")
-    if not robot.drives:
-        return [*lines, f"on real devices, after checking bus.yml: canopen-control run {name} --can {channel} --real"]
-    return [*lines, f"on real drives, after checking bus.yml: canopen-control preflight {name} --can {channel}"]
+    kind = "drives" if robot.drives else "devices"
+    owned = f"the {kind} of {channel}" if may_host_virtual_drives(channel) else f"real {kind}"
+    command = f"preflight {name} --can {channel}" if robot.drives else f"run {name} --can {channel} --real"
+    return [*lines, f"on {owned}, after checking bus.yml: canopen-control {command}"]
 
 
 def _node_line(node: NewNode) -> str:

@@ -54,7 +54,8 @@ def run(args: argparse.Namespace) -> int:
     if len(names) > 1:
         return _stop_all(args, names)
     done = _request(args, args.name)
-    print_result(args, done, _done(args.latch, args.release, done["disabled"]))
+    named = "" if args.name is None else f" --name {args.name}"
+    print_result(args, done, f"{_done(args.latch, args.release, done['disabled'])}{named}")
     return 0
 
 
@@ -81,7 +82,7 @@ def _stop_all(args: argparse.Namespace, names: list[str]) -> int:
     for name, error in errors.items():
         if not isinstance(error, CanopenError):
             raise error
-        print(f"canopen-control: {name}: {error}", file=sys.stderr)
+        print(f"canopen-control: {error if name in str(error) else f'{name}: {error}'}", file=sys.stderr)
     return 1 if errors else 0
 
 

@@ -28,7 +28,7 @@ import threading
 import time
 from pathlib import Path
 
-from canopen_control.errors import CanopenError, ConfigError, DiskFull
+from canopen_control.errors import CanopenError, ConfigError, DiskFull, nearest
 
 TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
@@ -363,6 +363,9 @@ def connect(path: Path, timeout: float | None = 5.0) -> socket.socket:
     return sock
 
 
+_START = "start one: canopen-control run robby"
+
+
 def find_robots() -> list[str]:
     """Return the names of this user's running robots, sorted."""
     return list_sockets("robot")
@@ -374,9 +377,12 @@ def select_robot(name: str | None = None) -> str:
     if name is not None:
         if check_name(name) in running:
             return name
-        raise ConfigError(f"no robot {name!r} is running" + (f"; running: {', '.join(running)}" if running else ""))
+        if not running:
+            raise ConfigError(f"no robot {name!r} is running, and no other; {_START} --as {name}")
+        near = nearest(name, running, listed=False) or f"; running: {', '.join(running)}"
+        raise ConfigError(f"no robot {name!r} is running{near}")
     if not running:
-        raise ConfigError("no robot is running; start one: canopen-control run robby")
+        raise ConfigError(f"no robot is running; {_START}")
     if len(running) > 1:
         raise ConfigError(f"several robots are running: {', '.join(running)}; choose one with --name")
     return running[0]

@@ -51,6 +51,11 @@ def test_a_robot_is_made_and_the_next_commands_are_named(capsys):
     assert main(["check", "turntable", "--strict"]) == 0
 
 
+def test_joints_are_named_in_one_list(capsys):
+    assert main(["init", "head", *TMCM, "--node-id", "5,6", "--joint", "pan,tilt"]) == 0
+    assert [line.split()[4] for line in capsys.readouterr().out.splitlines()[1:3]] == ["pan,", "tilt,"]
+
+
 def test_each_eds_has_the_node_ids_at_its_place():
     ids = ["--eds", "generic_cia402.eds", "--node-id", "2,3", *TMCM, "--node-id", "0x10"]
     assert main(["init", "mixed", *ids]) == 0
@@ -169,6 +174,8 @@ def test_an_eds_without_a_product_code_is_taken_where_it_is_given(tmp_path, monk
     found(monkeypatch, FoundNode(5, who(0x99, vendor=device)))
     given = without_product(tmp_path / "maker.eds", vendor)
     assert main(["init", "found", "--can", "local:x", "--eds", given]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.endswith("of local:x, after checking bus.yml: canopen-control preflight found --can local:x")
     assert Path("found/maker.eds").exists()
     assert "product code" in Path("found/bus.yml").read_text()
 

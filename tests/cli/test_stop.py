@@ -27,6 +27,13 @@ def test_with_drives_it_says_what_it_did_and_how_to_go_on(latch, release, begin,
     assert said.endswith(end)
 
 
+def test_the_next_step_names_the_robot_that_was_named(mock_robot, capsys):
+    assert main(["stop", "--latch", "--name", "mock"]) == 0
+    assert capsys.readouterr().out.endswith("canopen-control stop --release --name mock\n")
+    assert main(["stop", "--release", "--name", "mock"]) == 0
+    assert capsys.readouterr().out.endswith("canopen-control stop --latch --name mock\n")
+
+
 def test_a_latched_stop_lasts_until_the_release(mock_robot, capsys):
     assert main(["stop", "--latch"]) == 0
     assert "canopen-control stop --release" in capsys.readouterr().out
