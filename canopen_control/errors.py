@@ -79,11 +79,21 @@ __all__ = [
     "UnreadableMessage",
     "UnsupportedMode",
     "nearest",
+    "without_node",
 ]
 
 
 def _node(node_id: int, name: str = "") -> str:
     return f"node {node_id} ({name})" if name else f"node {node_id}"
+
+
+def without_node(text: str, node_id: int, name: str = "") -> str:
+    """Return the text of an error without the node at its start, for a sentence that already names the node."""
+    for node in (_node(node_id, name), _node(node_id)):
+        rest = text.removeprefix(node)
+        if rest != text and rest[:1] in (":", " ") and not rest.startswith(" ("):
+            return rest.removeprefix(":").strip() if rest.startswith(":") else f"it{rest}"
+    return text
 
 
 class CanopenError(Exception):

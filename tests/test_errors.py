@@ -123,3 +123,19 @@ def test_what_was_typed_wrong_is_of_usage_here_and_over_there():
     assert not errors.ControlError("it is active").of_usage
     assert not errors.RemoteError("Sequence", "no class of errors").of_usage
     assert not errors.RemoteError("nearest", "no class at all").of_usage
+
+
+@pytest.mark.parametrize(
+    ("text", "rest"),
+    [
+        ("node 2 (left): no heartbeat for 0.5 s", "no heartbeat for 0.5 s"),
+        ("node 2: 0x1000:00: no answer", "0x1000:00: no answer"),
+        ("node 2 (left) has restarted by itself", "it has restarted by itself"),
+        ("node 20: no answer", "node 20: no answer"),
+        ("node 2 (right): no answer", "node 2 (right): no answer"),
+        ("EMCY 0x4310", "EMCY 0x4310"),
+        ("", ""),
+    ],
+)
+def test_an_error_is_told_without_the_node_where_the_sentence_names_it(text, rest):
+    assert errors.without_node(text, 2, "left") == rest

@@ -510,10 +510,8 @@ class JointDrive(JointStatus):
         self.reference.forget()
         self._abort_homing("its node was lost")
         self.machine.disable()
-        why = (self.node.error or "it left OPERATIONAL").removeprefix(self.node.label)
-        self._events.append(
-            JointEvent("node_lost", f"lost: {why.lstrip(': ').removesuffix(_BOOTING)}", Level.ERROR, stops=True)
-        )
+        why = (self.node.reason or "it left OPERATIONAL").removesuffix(_BOOTING)
+        self._events.append(JointEvent("node_lost", f"lost: {why}", Level.ERROR, stops=True))
 
     def _feedback_stale(self) -> None:
         """Report stale feedback, which stops the group, and read the statusword by SDO in the meantime."""

@@ -228,7 +228,7 @@ class CanopenSystem(ComponentLifecycle):
         for joint in joints:
             if not joint.node.ready:
                 raise ControlError(
-                    f"{joint.node.label} is not operational: {joint.node.error or 'it has not booted yet'}"
+                    f"{joint.node.label} is not operational: {joint.node.reason or 'it has not booted yet'}"
                 )
         self._choose_modes(joints)
         for joint in joints:

@@ -17,7 +17,7 @@ from canopen_control.cia301.heartbeat import HeartbeatEvent, HeartbeatEventKind
 from canopen_control.cia301.nmt import RESETS, NmtCommand, NmtState
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia402.objects import CONTROLWORD
-from canopen_control.errors import BootError, HeartbeatLost, SdoAbort, SdoStopped, SdoTimeout
+from canopen_control.errors import BootError, HeartbeatLost, SdoAbort, SdoStopped, SdoTimeout, without_node
 from canopen_control.master.boot import BootTask
 from canopen_control.master.event_log import Event, Level
 from canopen_control.master.supervision import DuplicateWatch, EmcyGate
@@ -406,6 +406,11 @@ class RemoteNode:
                 self.error = text
             elif self.ready and not self.log.errors.active:
                 self.error = None
+
+    @property
+    def reason(self) -> str:
+        """Present error without the name of the node, "" without an error."""
+        return without_node(self.error or "", self.node_id, self.name)
 
     @property
     def active_fault(self) -> FaultEvent | None:

@@ -17,7 +17,7 @@ from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode, mode_name
 from canopen_control.cia402.state import decode_statusword
 from canopen_control.client import RobotClient
-from canopen_control.errors import CanopenError, ConfigError, RemoteError
+from canopen_control.errors import CanopenError, ConfigError, RemoteError, without_node
 from canopen_control.monitor.drive_objects import DriveObjects, WorkRun, work_words
 from canopen_control.monitor.frame_tables import BusTap, FrameTable, TraceLog
 from canopen_control.monitor.monitor_content import (
@@ -417,7 +417,7 @@ def _drives(state: StateSample) -> Iterator[tuple[str, tuple[Cell, ...]]]:
 def _drive(name: str, node: NodeReading, axis: AxisReading, *, several: bool) -> tuple[Cell, ...]:
     title = f"{name} ({node.node_id})" + (f" axis {axis.axis}" if several else "")
     dead = 0.0 if node.nmt_state is None else float("inf")
-    error = (axis.error or node.error or "").removeprefix(f"node {node.node_id} ({name}): ")  # the row names the node
+    error = without_node(axis.error or node.error or "", node.node_id, name)  # the row names the node
     return (
         plain(title),
         _nmt(node),

@@ -338,7 +338,7 @@ class LifecycleServices(Endpoint):
         requested = list(self._nodes) if self._node is None else [self._node]
         nodes = {name: self._nodes.get(name) for name in requested}
         not_ready = [
-            f"{name}: {(node and node.error) or 'not ready'}"
+            f"{name}: {(node and node.reason(name)) or 'not ready'}"
             for name, node in nodes.items()
             if node is None or not node.ready
         ]

@@ -189,7 +189,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
         if joint.axis.digital_outputs is output and commanded is not None and commanded.owner is not None:
             raise ControlError(f"{place} is commanded by {commanded.owner}; deactivate that controller first")
     if not node.ready:
-        raise ControlError(f"{place} cannot be sent: the node is not operational: {node.error or 'it has not booted'}")
+        raise ControlError(f"{place} cannot be sent: the node is not operational: {node.reason or 'it has not booted'}")
     output.write(_number(data, mapped, place))
 
 

@@ -161,7 +161,7 @@ class PendingAxisRequest:
         node, state = joint.node, joint.state
         word = "no statusword" if joint.statusword is None else f"statusword 0x{joint.statusword:04X}"
         name = "not there" if state is None else state.name.replace("_", " ")
-        cause = f"; {node.error}" if node.error else ""
+        cause = f"; {node.reason}" if node.error else ""
         if (fault := joint.fault) is not None and fault.error_code is not None:
             cause += f"; 0x603F is {fault.code_text}"
         if self._action is Action.ENABLE and joint.stopped_by:
@@ -276,7 +276,7 @@ def _mode_of(text: str) -> int:
 def _require_present(joint: JointDrive) -> None:
     node = joint.node
     if not node.ready or not joint.parameters.loaded:
-        raise ControlError(f"{node.label} is not operational: {node.error or 'it has not booted yet'}")
+        raise ControlError(f"{node.label} is not operational: {node.reason or 'it has not booted yet'}")
 
 
 _SIMPLE: Mapping[Action, Callable[[JointDrive, int], None]] = MappingProxyType(

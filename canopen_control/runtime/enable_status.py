@@ -150,10 +150,8 @@ def _why_silent(bus: RobotBus) -> str:
 
 
 def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
-    if node.error and node.error.startswith(f"node {node.node_id}"):
-        return node.error
     seconds = bus.config.master.boot_time / 1000
-    reason = node.error or f"not operational within {seconds:g} s; its boot stopped at step {node.boot_step!r}"
+    reason = node.reason or f"not operational within {seconds:g} s; its boot stopped at step {node.boot_step!r}"
     return f"{node.label}: {reason}"
 
 
@@ -282,8 +280,8 @@ class MandatoryNodes(RobotObserver):
         return [node for node in self._nodes if not node.ready]
 
     def _missing(self) -> str:
-        """Return the missing mandatory nodes with reasons, or "" if all are ready."""
-        return ", ".join(f"{node.label} ({node.error or 'it has not booted yet'})" for node in self._absent)
+        """Return the missing mandatory nodes with reasons, "" if all are ready."""
+        return ", ".join(f"{node.label} ({node.reason or 'it has not booted yet'})" for node in self._absent)
 
     def _stop(self, node: RemoteNode, now: int) -> None:
         moving = [joint for joint in self._assembly.joints.values() if joint.enable_requested]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.errors import without_node
 from canopen_control.rpc.messages.health import (
     AXIS_STATES,
     BAD,
@@ -103,7 +104,8 @@ def lost_banner(why: str) -> Banner:
 
 def _causes(rows: Iterable[AxisRow]) -> str:
     """Return a text with the drives that are in a fault or missing, and the reasons."""
-    texts = dict.fromkeys(f"{row.node}: {row.error or row.state}" for row in rows if row.tone == BAD)
+    errors = [(row, without_node(row.error, row.node_id, row.node)) for row in rows if row.tone == BAD]
+    texts = dict.fromkeys(f"{row.node}: {error or row.state}" for row, error in errors)
     return " · ".join(texts) or "A drive is missing or in a fault."
 
 

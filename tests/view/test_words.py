@@ -109,6 +109,8 @@ def test_a_fault_names_its_causes_and_a_latch_who_holds_it():
     assert found.words == "needs enable"  # until the runtime says fault
     nodes = {"left": NODE | {"ready": False, "nmt_state": None, "error": "lost: no heartbeat"}}
     assert banner(state(state="fault", nodes=nodes)).cause == "left: lost: no heartbeat"
+    said = {"left": NODE | {"ready": False, "nmt_state": None, "age": None, "error": "node 3 (left): no heartbeat"}}
+    assert banner(state(state="fault", nodes=said)).cause == "left: no heartbeat"
     assert "view" in banner(state(latched=True, latched_by="view")).cause
 
 

@@ -12,6 +12,7 @@ from typing import Final, TypeAlias, TypeVar
 import msgspec
 
 from canopen_control.cia402.state import State
+from canopen_control.errors import without_node
 from canopen_control.rpc.messages.declare import Count, NodeId, UnixTime
 from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
@@ -72,6 +73,10 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
     void_outputs: tuple[str, ...] = ()
     unsupervised: str = ""
     fault: FaultEvent | None = None
+
+    def reason(self, name: str = "") -> str:
+        """Return the error without the node at its start, for a text that names the node; "" without an error."""
+        return without_node(self.error or "", self.node_id, name or self.name)
 
 
 class TrackingReading(msgspec.Struct, frozen=True):
