@@ -7,11 +7,9 @@ support/examples.py.
 
 import contextlib
 import re
-import shutil
 import signal
 import sys
 import time
-from pathlib import Path
 
 import pytest
 from support.examples import (
@@ -39,7 +37,6 @@ from canopen_control.errors import CanopenError
 from canopen_control.rpc.messages.drive import GetDriveState, SwitchFault
 from canopen_control.rpc.messages.hub import ClearFaults, GetHubStatus
 
-EDS = Path(__file__).parents[2] / "eds"
 FORWARD, BASE = "robby_forward_controller", "robby_base_controller"
 #: Verbs that bring what they need, and so run where nothing else does.
 ALONE = ("run", "demo", "drive", "device")
@@ -104,8 +101,6 @@ def make_cell(stage):
     cell = stage.place / "cell"
     cell.mkdir()
     (cell / "bus.yml").write_text(page_file("bus_alone.md", "cell/bus.yml"), encoding="utf-8")
-    for eds, name in (("TMCM-1270.eds", "lift.eds"), ("generic_cia401.eds", "terminals.eds")):
-        shutil.copy(EDS / eds, cell / name)
 
 
 def make_own_robot(stage):
