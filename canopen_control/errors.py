@@ -19,6 +19,7 @@ CanopenError
       SdoTimeout             no answer: node_id, index, subindex
         SdoStopped             because the node is in NMT STOPPED
       SdoRestarted           the node has booted during a transfer: node_id, index, subindex
+      SdoCancelled           the transfer was cancelled by its client: node_id, index, subindex
       SdoLengthError         an answer whose length does not fit the object: node_id, index, subindex, data
       BootError              the boot of a node failed (CiA 302-2): node_id, letter, step
       HeartbeatLost          a node was silent for longer than its heartbeat time: node_id, age
@@ -69,6 +70,7 @@ __all__ = [
     "RemoteProtocolError",
     "RobotConfigError",
     "SdoAbort",
+    "SdoCancelled",
     "SdoLengthError",
     "SdoRestarted",
     "SdoStopped",
@@ -244,6 +246,14 @@ class SdoRestarted(RemoteProtocolError):
             f"{_node(node_id, name)}: 0x{index:04X}:{subindex:02X}: the node restarted during the "
             "transfer; is its supply stable?",
         )
+
+
+class SdoCancelled(RemoteProtocolError):
+    """SDO transfer that its client has cancelled."""
+
+    def __init__(self, node_id: int, index: int, subindex: int, name: str = "") -> None:
+        self.index, self.subindex = index, subindex
+        super().__init__(node_id, f"{_node(node_id, name)}: 0x{index:04X}:{subindex:02X}: the transfer was cancelled")
 
 
 class SdoLengthError(RemoteProtocolError):

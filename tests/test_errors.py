@@ -41,6 +41,7 @@ MESSAGES = [
         errors.SdoRestarted(3, 0x1F50, 1, "left"),
         "node 3 (left): 0x1F50:01: the node restarted during the transfer",
     ),
+    (errors.SdoCancelled(3, 0x2000, 0, "left"), "node 3 (left): 0x2000:00: the transfer was cancelled"),
     (
         errors.SdoLengthError(3, 0x6041, 0, b"\x50", "UNSIGNED16 has 2", "Statusword", "left"),
         "node 3 (left): 0x6041:00 Statusword: answered 1 byte (50), UNSIGNED16 has 2; is this the EDS",

@@ -23,6 +23,7 @@ from canopen_control.cia301.sdo_codec import (
     CRC_FLAG,
     DONE,
     DOWNLOAD_ANSWER,
+    EXPEDITED_CODES,
     EXPEDITED_LENGTHS,
     IGNORED,
     MAX_BLOCK_SIZE,
@@ -36,7 +37,7 @@ from canopen_control.cia301.sdo_codec import (
 )
 from canopen_control.cia301.sdo_exchange import Phase, SdoOptions, SdoRequest, SdoTransfer, initiate, initiate_block
 from canopen_control.cia301.sdo_transfers import BlockDownload, BlockUpload, SegmentedDownload, SegmentedUpload
-from canopen_control.errors import LocalProtocolError, SdoRestarted
+from canopen_control.errors import LocalProtocolError, SdoCancelled, SdoRestarted
 
 if TYPE_CHECKING:
     from canopen_control.cia301.sdo_exchange import Transfer
@@ -314,6 +315,16 @@ class SdoClient:
         elif request in self._queue:
             self._queue.remove(request)
             self._exchange.report(request, error)
+
+    def cancel_transfer(self, request: SdoRequest) -> None:
+        """End a transfer in segments or blocks with an abort to the server and SdoCancelled; no-op for other requests.
+
+        A request of one frame is completed, because the server executes it anyway.
+        """
+        exchange = self._exchange
+        moving = request is exchange.active and exchange.phase.transfer is not None
+        if not request.done and (moving or (request.is_write and len(request.data) >= len(EXPEDITED_CODES))):
+            self.cancel(request, SdoCancelled(self.node_id, request.index, request.subindex, self.name))
 
     def cancel_all(self, error: CanopenError) -> None:
         """End the active request and all waiting requests with `error`."""

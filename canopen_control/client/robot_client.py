@@ -156,6 +156,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
             data=data[last_piece:],
             timeout=request.timeout,
             source=request.source,
+            session=request.session,
         )
         self.ask(last, timeout)
 

@@ -27,6 +27,8 @@ from canopen_control.errors import ConfigError, DriveError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from canopen_control.commissioning.node_session import Transfers
+
 
 # -- options: the same for the command line, the page and the monitor
 
@@ -312,6 +314,7 @@ class JobRun:
 
     `doing` names the current part of the work. `sentence` is the result; `good` tells whether the job succeeded, None
     while it runs. Further results are `lines`, `table`, `file` (name and bytes) and `document` (for programs).
+    `transfers` are those of the job's session, None if an end must not cancel them.
     """
 
     job: Job
@@ -328,6 +331,7 @@ class JobRun:
     file: tuple[str, bytes] | None = None
     document: object = None
     _rated: tuple[str, float, int] = ("", 0.0, 0)
+    transfers: Transfers | None = None
     _ending: threading.Event = field(default_factory=threading.Event)
 
     def part(self, doing: str, unit: str = "") -> None:
@@ -360,8 +364,10 @@ class JobRun:
         return gained / elapsed, max(0.0, (self.total - self.done) * elapsed / gained)
 
     def end(self) -> None:
-        """Request that the job end at its next progress report."""
+        """Request that the job end at its next progress report; its transfer in progress is cancelled by a thread."""
         self._ending.set()
+        if self.transfers is not None:
+            threading.Thread(target=self.transfers.cancel, name=f"end of {self.job.name}", daemon=True).start()
 
     @property
     def over(self) -> bool:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
+import os
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
@@ -21,7 +23,7 @@ from canopen_control.errors import CanopenError, ConfigError, ControlError, Remo
 from canopen_control.od.codec import decode, encode, fitted
 from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType
-from canopen_control.rpc.messages.robot import MAX_OBJECT, GetSdoProgress, GetStatus, SdoRead, SdoWrite
+from canopen_control.rpc.messages.robot import MAX_OBJECT, CancelSdo, GetSdoProgress, GetStatus, SdoRead, SdoWrite
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -58,6 +60,9 @@ class Transfers(Protocol):
 
     def progress(self) -> tuple[int, int | None]:
         """Return the number of transferred bytes and the total (None if unknown); callable from any thread."""
+
+    def cancel(self) -> None:
+        """Cancel a transfer in segments or blocks, which then aborts and raises an error; callable from any thread."""
 
     def pause(self, seconds: float) -> None:
         """Wait for a time in s, which is simulated time if the node is simulated."""
@@ -209,6 +214,7 @@ def is_abort(error: CanopenError) -> bool:
 TIMEOUT_S: Final = 15.0  # the robot may have queued other requests for the node
 _BYTES_PER_S: Final = 1_000  # rate of the slowest transfer for which the timeout allows
 _WATCH_S: Final = 2.0
+_NUMBERS: Final = itertools.count(1)  # of the sessions of this process
 
 
 class RobotTransfers(Transfers):
@@ -222,10 +228,18 @@ class RobotTransfers(Transfers):
     ) -> None:
         self._robot, self._node_id, self._source = robot, node_id, source
         self._timeout = self._default_timeout = timeout
+        self._session = f"{os.getpid()}-{next(_NUMBERS)}"
         self._watching: RobotClient | None = None
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
-        request = SdoRead(node=str(self._node_id), index=index, subindex=subindex, block=block, timeout=self._timeout)
+        request = SdoRead(
+            node=str(self._node_id),
+            index=index,
+            subindex=subindex,
+            block=block,
+            timeout=self._timeout,
+            session=self._session,
+        )
         timeout = TIMEOUT_S + (MAX_OBJECT / _BYTES_PER_S if block else 0) + (self._timeout or 0)
         return self._robot.ask(request, timeout).data
 
@@ -242,6 +256,7 @@ class RobotTransfers(Transfers):
             data=data,
             timeout=self._timeout,
             source=self._source,
+            session=self._session,
         )
         self._robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
 
@@ -271,6 +286,11 @@ class RobotTransfers(Transfers):
         except CanopenError:
             return 0, None  # the caller of the transfer gets the reason
         return progress_read.done, progress_read.total
+
+    def cancel(self) -> None:
+        """Request the cancel on a separate connection; without effect if the robot does not answer."""
+        with contextlib.suppress(CanopenError), RobotClient.connect(self._robot.robot, _WATCH_S) as robot:
+            robot.ask(CancelSdo(node=str(self._node_id), session=self._session))
 
     def close(self) -> None:
         if self._watching is not None:

@@ -77,6 +77,7 @@ class DirectBus:
         self._watches_writing = False
         self._errors = port.stats.errors
         self._down = ""  # reason why the interface is down, "" if it is up
+        self._cancelled = False
 
     @classmethod
     def open(
@@ -150,7 +151,12 @@ class DirectBus:
             self._clients[node_id] = client
         return client
 
+    def cancel(self) -> None:
+        """Cancel the SDO transfer in progress, whose call raises SdoCancelled; callable from any thread."""
+        self._cancelled = True
+
     def _transfer(self, client: SdoClient, request: SdoRequest) -> bytes:
+        self._cancelled = False
         try:
             self._run(client, request)
         except BaseException:
@@ -176,6 +182,8 @@ class DirectBus:
         cores = (client,)
         now = time.monotonic_ns()
         while True:
+            if self._cancelled:
+                client.cancel_transfer(request)
             if out := client.frames():
                 self.port.send(pack_records(out))
             if request.done:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from canopen_control.cia301.nmt import COMMAND_NAMES
 from canopen_control.cia301.pdo import PdoCodec
@@ -15,6 +15,7 @@ from canopen_control.od.eds_values import format_value
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import (
     MAX_OBJECT,
+    CancelSdo,
     GetSdoProgress,
     MappedValue,
     NmtRequest,
@@ -27,7 +28,7 @@ from canopen_control.rpc.messages.robot import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from canopen_control.cia301.pdo import MappedObject
     from canopen_control.cia301.sdo_exchange import SdoRequest
@@ -212,22 +213,35 @@ def _object_value(mapped: MappedObject, value: Value) -> MappedValue:
     return MappedValue(mapped.index, mapped.subindex, data)
 
 
+class _Transfer(NamedTuple):
+    """SDO transfer of a client, with the name of the client's session."""
+
+    connection: Connection
+    session: str | None
+    node: RemoteNode
+    request: SdoRequest
+
+
 class ObjectMethods:
-    """API methods for NMT commands, SDO transfers and objects in RPDOs."""
+    """API methods for NMT commands, SDO transfers and objects in RPDOs; a transfer ends with its client."""
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot = robot
         self._pieces: dict[Connection, bytearray] = {}  # first bytes of the next SDO write of a connection
+        self._transfers: list[_Transfer] = []
         self._written = WriteLog()
         server.answers(NmtRequest, self._nmt)
         server.answers(SdoRead, self._read)
         server.answers(SdoWrite, self._write)
         server.answers(SdoPiece, self._take_piece)
         server.answers(GetSdoProgress, self._progress)
+        server.answers(CancelSdo, self._cancel)
         server.answers(PdoWrite, self._write_pdo)
 
     def forget(self, connection: Connection) -> None:
+        """Cancel the transfers of a client that has disconnected, so that the next client need not wait for them."""
         self._pieces.pop(connection, None)
+        self._end([transfer for transfer in self._transfers if transfer.connection is connection])
 
     def _nmt(self, call: Call[NmtRequest]) -> None:
         name, node_name, robot = call.request.command, str(call.request.node), self._robot
@@ -245,8 +259,7 @@ class ObjectMethods:
         request = node.sdo.read(
             upload.index, upload.subindex, block=upload.block, timeout_ns=_nanoseconds(upload.timeout)
         )
-        request.context = lambda ended: _answer_read(call, ended)
-        self._robot.bus_of(node).send_waiting()
+        self._begin(call, node, request, lambda ended: _answer_read(call, ended))
 
     def _write(self, call: Call[SdoWrite]) -> None:
         download = call.request
@@ -255,8 +268,34 @@ class ObjectMethods:
         self._robot.latch.check_write(download.index)
         refuse_unsupervised(node, download.index, download.subindex, data)
         request = node.sdo.write(download.index, download.subindex, data, timeout_ns=_nanoseconds(download.timeout))
-        request.context = lambda ended: self._answer_write(call, node, data, ended)
+        self._begin(call, node, request, lambda ended: self._answer_write(call, node, data, ended))
+
+    def _begin(
+        self,
+        call: Call[SdoRead] | Call[SdoWrite],
+        node: RemoteNode,
+        request: SdoRequest,
+        answer: Callable[[SdoRequest], None],
+    ) -> None:
+        transfer = _Transfer(call.connection, call.request.session, node, request)
+        self._transfers.append(transfer)
+
+        def ended(request: SdoRequest) -> None:
+            self._transfers.remove(transfer)
+            answer(request)
+
+        request.context = ended
         self._robot.bus_of(node).send_waiting()
+
+    def _cancel(self, call: Call[CancelSdo]) -> None:
+        node, session = self._robot.node(str(call.request.node)), call.request.session
+        self._end([each for each in self._transfers if each.node is node and each.session == session])
+        call.reply(Done())
+
+    def _end(self, transfers: Iterable[_Transfer]) -> None:
+        for transfer in transfers:
+            transfer.node.sdo.cancel_transfer(transfer.request)
+            self._robot.bus_of(transfer.node).send_waiting()
 
     def _answer_write(self, call: Call[SdoWrite], node: RemoteNode, data: bytes, ended: SdoRequest) -> None:
         if ended.error is not None:

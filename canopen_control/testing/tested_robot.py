@@ -250,6 +250,7 @@ class SimulatedTransfers(Transfers):
     def __init__(self, robot: RobotUnderTest, node_id: int) -> None:
         self._robot, self._node_id = robot, node_id
         self._timeout_ns: int | None = None
+        self._cancelled = False
 
     @property
     def _node(self) -> RemoteNode:
@@ -263,8 +264,11 @@ class SimulatedTransfers(Transfers):
         self._ended(self._node.sdo.write(index, subindex, data, timeout_ns=self._timeout_ns))
 
     def _ended(self, request: SdoRequest) -> SdoRequest:
+        self._cancelled = False
         self._robot.host.call(self._robot.core.bus_of(self._node).send_waiting)
         while not request.done:
+            if self._cancelled:
+                self._robot.host.call(partial(self._node.sdo.cancel_transfer, request))
             self._robot.run_for(_STEP_NS)
         if request.error is not None:
             raise request.error
@@ -294,6 +298,10 @@ class SimulatedTransfers(Transfers):
 
     def progress(self) -> tuple[int, int | None]:
         return self._node.sdo.progress
+
+    def cancel(self) -> None:
+        """Cancel the transfer in progress, from an observer that runs during the transfer."""
+        self._cancelled = True
 
     def pause(self, seconds: float) -> None:
         """Advance the virtual time by `seconds`."""

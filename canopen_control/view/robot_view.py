@@ -103,7 +103,7 @@ class NodeJobs(NodeObjects):
         good = False
         try:
             with self._editing:
-                work.sentence = self.with_session(lambda session: function(session, work))
+                work.sentence = self.with_session(partial(_job, function, work))
             good = not work.failed
         except CanopenError as error:
             work.sentence = str(error)
@@ -111,6 +111,14 @@ class NodeJobs(NodeObjects):
             work.sentence = f"{work.title} ended with {type(error).__name__}: {error}"
         finally:
             work.good = good
+
+
+def _job(function: Callable[[NodeSession, JobRun], str], work: JobRun, session: NodeSession) -> str:
+    work.transfers = session.transfers
+    try:
+        return function(session, work)
+    finally:
+        work.transfers = None
 
 
 # Disturbances in the world of a simulated robot, requested from its virtual drives by their control sockets.

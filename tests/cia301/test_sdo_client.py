@@ -11,7 +11,7 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_client import SdoClient, first_phase
 from canopen_control.cia301.sdo_exchange import SdoOptions, SdoRequest, SdoTransfer
 from canopen_control.cia301.sdo_server import SdoServer
-from canopen_control.errors import BusClosed, LocalProtocolError, SdoAbort, SdoLengthError, SdoTimeout
+from canopen_control.errors import BusClosed, LocalProtocolError, SdoAbort, SdoCancelled, SdoLengthError, SdoTimeout
 from canopen_control.od.model import DataType, Entry
 
 HALF_OF_SEGMENTED = 500_000_000
@@ -441,6 +441,28 @@ class TestQueue:
         hear(client, "583#4300100092010400")
         assert said(client) == ["603#4000200000000000"]
         assert (second.done, third.done) == (False, True)
+
+    def test_a_transfer_in_segments_can_be_cancelled_and_a_request_of_one_frame_is_completed(self, client):
+        long, short = client.write(0x2000, 0, bytes(20), now=0), client.write(0x2001, 0, b"\1")
+        client.frames()
+        hear(client, "583#6000200000000000")
+        client.frames()
+        client.cancel_transfer(short)
+        client.cancel_transfer(long)
+        assert isinstance(long.error, SdoCancelled)
+        assert said(client) == ["603#8000200000000008", "603#2F01200001000000"]
+        client.cancel_transfer(short)
+        hear(client, "583#6001200000000000")
+        assert (short.done, short.error) == (True, None)
+
+    def test_an_upload_is_cancelled_only_while_segments_come(self, client):
+        request = client.read(0x2000, now=0)
+        client.frames()
+        client.cancel_transfer(request)
+        hear(client, "583#4100200014000000")
+        assert not request.done
+        client.cancel_transfer(request)
+        assert isinstance(request.error, SdoCancelled)
 
     def test_cancelling_what_is_done_changes_nothing(self, client):
         request = client.read(0x2000, now=0)

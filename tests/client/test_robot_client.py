@@ -273,7 +273,7 @@ def test_a_robot_that_dies_before_it_greets_is_gone(run_folder):
 def test_a_request_has_parameters_and_an_answer(robot, client):
     assert client.ask(SdoRead(node="a", index=7)) == SdoData(b"\0\7")
     assert client.ask(GetDescription()) == Description("<robot/>")
-    asked = {"node": "a", "index": 7, "subindex": 0, "block": False, "timeout": None}
+    asked = {"node": "a", "index": 7, "subindex": 0, "block": False, "timeout": None, "session": None}
     assert robot.seen == [
         {"id": 1, "method": "sdo_read", "params": asked},
         {"id": 2, "method": "description", "params": {}},

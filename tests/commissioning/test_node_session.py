@@ -56,8 +56,11 @@ def test_objects_are_read_and_written_through_the_robot():
     transfers = RobotTransfers(robot, 3, 0.5)
     assert transfers.read(0x6041, 0) == b"\1\2"
     transfers.write(0x6083, 0, bytes(4))
-    assert robot.requests[0] == SdoRead(node="3", index=0x6041, timeout=0.5)
-    assert robot.requests[1] == SdoWrite(node="3", index=0x6083, data=bytes(4), timeout=0.5)
+    session = robot.requests[0].session
+    assert robot.requests[0] == SdoRead(node="3", index=0x6041, timeout=0.5, session=session)
+    assert robot.requests[1] == SdoWrite(node="3", index=0x6083, data=bytes(4), timeout=0.5, session=session)
+    RobotTransfers(robot, 3).read(0x6041, 0)
+    assert robot.requests[2].session not in (None, session), "each session has a name of its own"
 
 
 def test_what_is_long_goes_in_pieces_and_what_is_too_long_not_at_all():

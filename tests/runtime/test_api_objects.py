@@ -25,6 +25,7 @@ from canopen_control.runtime.api_objects import (
     write_mapped,
     written_words,
 )
+from canopen_control.virtual.quirks import switches_of
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 MS = 1_000_000
@@ -234,7 +235,7 @@ def test_objects_are_read_and_written_through_the_robots_own_client(client):
 @pytest.mark.sources
 def test_a_long_object_is_written_in_pieces(client, robby):
     written = []
-    robby.robot.node("left_drive").sdo.write = lambda *args, **_: written.append(args) or SimpleNamespace()
+    robby.robot.node("left_drive").sdo.write = lambda *args, **_: written.append(args) or SimpleNamespace(done=True)
     for piece in (base64_of("01" * 24_000), base64_of("02" * 24_000)):
         assert client.ask("sdo_data", data=piece)["result"] == {}
     client.send(id=2, method="sdo_write", params={"node": "left_drive", "index": 0x2000, "data": base64_of("03")})
@@ -272,6 +273,37 @@ def test_what_a_node_refuses_was_not_written(client, robby):
 def test_a_client_may_ask_how_far_a_transfer_is(client, robby):
     assert client.ask("sdo_progress", node="left_drive")["result"] == {"done": 0, "total": None}
     assert client.ask("sdo_progress", node="nobody")["error"]["kind"] == "UnknownName"
+
+
+def begin_long_write(bench, client, session=None):
+    """Send a long write to a node that answers late, and wait until a part of it is in the node."""
+    switches_of(bench.drives[2]).set("sdo_late=0.002", on=True, now=bench.reactor.now())
+    for _ in range(2):
+        assert client.ask("sdo_data", data=base64_of("01" * 24_000))["result"] == {}
+    params = {"node": "drive_one", "index": 0x2000, "data": base64_of("03"), "session": session}
+    client.send(id=2, method="sdo_write", params=params)
+    bench.until(lambda: bench.one.sdo.progress[0] > 100)
+
+
+def test_a_cancel_ends_the_long_transfers_of_its_session_alone(api):
+    client, other = Client(api), Client(api)
+    begin_long_write(api, client, "mine")
+    assert other.ask("sdo_cancel", node="drive_one", session="yours")["result"] == {}
+    assert api.one.sdo.busy
+    assert other.ask("sdo_cancel", node="drive_one", session="mine")["result"] == {}
+    error = client.next()["error"]
+    assert error == {"kind": "SdoCancelled", "message": "node 2 (drive_one): 0x2000:00: the transfer was cancelled"}
+    assert not api.one.sdo.busy
+    client.close()
+    other.close()
+
+
+def test_a_client_that_is_gone_does_not_keep_a_node_busy(api):
+    client = Client(api)
+    begin_long_write(api, client)
+    client.close()
+    api.run(20)
+    assert not api.one.sdo.busy
 
 
 def test_the_events_say_who_has_taken_a_node_out(client, robby):

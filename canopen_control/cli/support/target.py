@@ -236,6 +236,9 @@ class BusTransfers(Transfers):
     def progress(self) -> tuple[int, int | None]:
         return self._bus.client(self._node_id).progress
 
+    def cancel(self) -> None:
+        self._bus.cancel()
+
     def command(self, command: NmtCommand) -> None:
         """Send an NMT command, and wait for a heartbeat with the expected state if the node sends heartbeats."""
         seconds = _RESET_S if command in RESETS else _MUTE_S if self._mute else _NMT_S

@@ -101,19 +101,24 @@ class SdoData(msgspec.Struct, frozen=True):
 
 
 class SdoRead(Request[SdoData], frozen=True, kw_only=True):
-    """Upload an object; `timeout` is in s per answer (null: the timeout of the node), `block` uses block transfer."""
+    """Upload an object; `timeout` is in s per answer (null: the timeout of the node), `block` uses block transfer.
+
+    `session` is a name that the client chooses, by which `sdo_cancel` selects the transfer.
+    """
 
     node: NodeName
     index: Index
     subindex: Subindex = 0
     block: bool = False
     timeout: Seconds | None = None
+    session: str | None = None
 
 
 class SdoWrite(Request[Done], frozen=True, kw_only=True):
     """Download an object; downloads that move an axis are refused while a stop is latched.
 
-    An event of the robot names the sender, which is `source`, or the client's program if `source` is null.
+    An event of the robot names the sender, which is `source`, or the client's program if `source` is null. `session`
+    is as in `sdo_read`.
     """
 
     node: NodeName
@@ -122,6 +127,7 @@ class SdoWrite(Request[Done], frozen=True, kw_only=True):
     data: bytes
     timeout: Seconds | None = None
     source: str | None = None
+    session: str | None = None
 
 
 class SdoProgress(msgspec.Struct, frozen=True):
@@ -135,6 +141,13 @@ class GetSdoProgress(Request[SdoProgress], frozen=True, kw_only=True):
     """Return the progress of the current SDO transfer with a node, even of another client."""
 
     node: NodeName
+
+
+class CancelSdo(Request[Done], frozen=True, kw_only=True):
+    """Cancel the transfers of a session with a node, which then abort; a transfer of one frame is completed."""
+
+    node: NodeName
+    session: str
 
 
 class SdoPiece(Request[Done], frozen=True, kw_only=True):
@@ -176,6 +189,7 @@ NODE_METHODS: Final = (
     ("sdo_write", Effect.MOVES, SdoWrite),
     ("sdo_data", Effect.CHANGES, SdoPiece),
     ("sdo_progress", Effect.READS, GetSdoProgress),
+    ("sdo_cancel", Effect.CHANGES, CancelSdo),
     ("pdo_write", Effect.CHANGES, PdoWrite),
     ("touch_probe", Effect.READS, ReadTouchProbe),
 )

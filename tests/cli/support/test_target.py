@@ -94,9 +94,10 @@ def test_transfers_through_a_robot_carry_block_and_timeout():
         robot.session("3").write(0x2000, 0, b"\xff")
         with pytest.raises(ConfigError, match="400000"):
             robot.session("3").write(0x2000, 0, bytes(400_001))
+    session = fake.requests[1].session
     assert fake.requests[1:] == [
-        SdoRead(node="3", index=0x1008, subindex=1, block=True, timeout=2.0),
-        SdoWrite(node="3", index=0x2000, subindex=0, data=b"\xff", timeout=2.0, source=who),
+        SdoRead(node="3", index=0x1008, subindex=1, block=True, timeout=2.0, session=session),
+        SdoWrite(node="3", index=0x2000, subindex=0, data=b"\xff", timeout=2.0, source=who, session=session),
         "close",
     ]
 
