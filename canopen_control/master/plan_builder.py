@@ -143,14 +143,17 @@ def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us
 
 
 def plan_offsets(builder: PlanBuilder, axes: Sequence[int]) -> None:
-    """Plan 0 for offsets (0x60B0, 0x60B1, 0x60B2) with another default; `axes` are the index offsets of the axes.
+    """Plan 0 for offsets (0x60B0, 0x60B1, 0x60B2) that `sdo` does not set; `axes` are the index offsets of the axes.
 
-    An offset is added to the target (CiA 402-2), so that the axis would move without a command.
+    An offset is added to the target (CiA 402-2), so that the axis would move without a command. The drive may have
+    stored an offset that neither the EDS nor a file contains.
     """
     for offset in axes:
         for index in (POSITION_OFFSET + offset, VELOCITY_OFFSET + offset, TORQUE_OFFSET + offset):
-            if builder.listed_value(index) is None and builder.can_write(index, 0) and builder.final(index, 0):
-                builder.write(index, 0, 0, "dcf", "an offset would move the axis without a command", optional=True)
+            zeroed = builder.is_requested(index) and not builder.final(index, 0)
+            if builder.listed_value(index) is None and builder.can_write(index, 0) and not zeroed:
+                reason = "an offset would move the axis without a command" if builder.final(index, 0) else STORED
+                builder.write(index, 0, 0, "dcf", reason, optional=True)
 
 
 def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:

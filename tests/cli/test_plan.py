@@ -21,7 +21,7 @@ def test_the_tutorials_file_gives_35_writes_for_a_drive_and_names_the_reason_of_
     sync, *lines = plan(capsys, "--bus", TUTORIAL, "--node", "left_drive").splitlines()
     assert sync.startswith("bus can: SYNC every ")
     assert "after the RPDOs of its cycle (sync_order: last), by the kernel on a SocketCAN interface where" in sync
-    assert lines[0] == "node 3 (left_drive, TMCM-1270.eds): 46 writes, 11 of them added"
+    assert lines[0] == "node 3 (left_drive, TMCM-1270.eds): 48 writes, 13 of them added"
     assert sum("   + " not in line for line in lines[1:]) == 35
     assert "   + a lost master stops the motor" in next(line for line in lines if "0x1029:01" in line)
     assert next(line for line in lines if "0x60C2:02" in line).endswith("= -3 (0xFD)")
@@ -45,7 +45,7 @@ def test_as_json_each_write_has_its_bytes_its_value_and_its_reason(capsys):
 
 def test_a_robot_needs_nothing_but_its_bus_files(tmp_path, capsys):
     (tmp_path / "bus.yml").write_text(TUTORIAL.read_text())
-    assert "46 writes" in plan(capsys, tmp_path)
+    assert "48 writes" in plan(capsys, tmp_path)
     (tmp_path / "bus_arm.yml").write_text("master: {node_id: 1}\nnodes: {elbow: {dcf: TMCM-1270.eds, node_id: 9}}\n")
     assert "node 9 (elbow, TMCM-1270.eds)" in plan(capsys, tmp_path)
 

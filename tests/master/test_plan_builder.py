@@ -4,12 +4,14 @@ import re
 import shutil
 
 import pytest
+from support.simulated import setup_of
 
 from canopen_control.data_files import data_path
 from canopen_control.master.config import inspect_bus
 from canopen_control.master.keys import NodeConfig
 from canopen_control.master.plan_builder import PlanBuilder
 from canopen_control.od.eds import read_eds
+from canopen_control.simulation.robot_under_test import RobotUnderTest
 from canopen_control.yamlfile.convert import convert
 from canopen_control.yamlfile.reader import read
 
@@ -283,3 +285,13 @@ def test_an_offset_that_would_move_the_axis_is_written_as_0_unless_sdo_lists_it(
     )
     writes = [write for write in inspect_bus(path)[0].plans["lift"].writes if write.index == 0x60B1]
     assert int.from_bytes(writes[-1].data, "little") == written
+
+
+def test_an_offset_that_only_the_drive_has_stored_is_cleared_before_an_enable():
+    robot = RobotUnderTest(setup_of("robby"))
+    robot.start()
+    store = robot.drives[2].device.store
+    store.set(0x60B1, 0, 500)
+    robot.run_for(600_000_000)
+    assert store.get(0x60B1, 0) == 0
+    robot.close()
