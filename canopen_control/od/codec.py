@@ -82,6 +82,17 @@ def outside_limits(entry: Entry, value: float) -> bool:
     return above_limit(entry, value) or below_limit(entry, value)
 
 
+def accepts(entry: Entry | None, value: Value) -> bool:
+    """Whether an EDS allows a write of `value`: an entry that is writable, with a fitting type and fitting limits."""
+    if entry is None or not entry.writable:
+        return False
+    try:
+        encode(value, entry.data_type)
+    except ValueError:
+        return False
+    return not (isinstance(value, int | float) and outside_limits(entry, value))
+
+
 REALS = {DataType.REAL32: struct.Struct("<f"), DataType.REAL64: struct.Struct("<d")}
 _TEXT = {DataType.VISIBLE_STRING: "latin-1", DataType.UNICODE_STRING: "utf-16-le"}
 

@@ -18,7 +18,7 @@ from canopen_control.cia402.objects import (
     object_name,
 )
 from canopen_control.master.known_drives import proposals
-from canopen_control.od.codec import outside_limits
+from canopen_control.od.codec import accepts
 from canopen_control.profiles import Profile, has_error_mode
 from canopen_control.scaffold.drive_choice import POSITION
 from canopen_control.scaffold.new_robot import FASTEST_MEASURED
@@ -262,15 +262,15 @@ def _counts_comment(axis: AxisChoice) -> str:
 
 def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
     """Return the `sdo` entries: manufacturer's needs, reaction to a lost master, and ramps missing in the EDS."""
-    lines = []
-    if _accepts(node, ABORT_CONNECTION_OPTION, 0, _QUICK_STOP):
+    lines, od = list[str](), node.device.od
+    if accepts(od.get(ABORT_CONNECTION_OPTION, 0), _QUICK_STOP):
         lines.append(remark("  - {index: 0x6007, sub_index: 0, value: 3}", "when the master is lost: quick stop"))
     for axis in drive.axes:
         unit = 60.0 / math.tau / axis.rpm if axis.rpm else axis.counts / math.tau
         for base, value, words, modes in _RAMPS:
             address, raw = (axis.index(base), 0), round(value * unit)
             address = address if drive.motors is None else drive.motors.address(*address)
-            if axis.mode in modes and not _eds_value(node, *address) and _accepts(node, *address, raw):
+            if axis.mode in modes and not _eds_value(node, *address) and accepts(od.get(*address), raw):
                 text = f"{words}: {value:g} {'rad/s' if base == PROFILE_VELOCITY else 'rad/s^2'}"
                 line = f"  - {{index: 0x{address[0]:04X}, sub_index: {address[1]}, value: {raw}}}"
                 lines.append(remark(line, text))
@@ -285,11 +285,6 @@ def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
 def _eds_value(node: NewNode, index: int, subindex: int) -> bool:
     entry = node.device.od.get(index, subindex)
     return entry is not None and bool(entry.value)
-
-
-def _accepts(node: NewNode, index: int, subindex: int, value: int) -> bool:
-    entry = node.device.od.get(index, subindex)
-    return entry is not None and entry.writable and not outside_limits(entry, value)
 
 
 def _pdos(drive: DriveChoice) -> list[str]:

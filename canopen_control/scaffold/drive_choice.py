@@ -17,6 +17,8 @@ from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode, mode_nam
 from canopen_control.cia402.motors import MODES, MotorMap, motors_of
 from canopen_control.cia402.units import counts_of_objects, rpm_of_unit
 from canopen_control.errors import RobotConfigError
+from canopen_control.frame import MAX_NODE_ID
+from canopen_control.od.codec import accepts
 from canopen_control.scaffold.pdo_choice import PdoRequirement, PdoUse, choose_pdos
 
 if TYPE_CHECKING:
@@ -180,17 +182,19 @@ def _named(addresses: Sequence[Address]) -> str:
     return ", ".join(f"0x{index:04X}" for index, _ in addresses)
 
 
+_CONSUMER, _PRODUCER, _GUARD_TIME, _LIFE_TIME = 0x1016, 0x1017, 0x100C, 0x100D
+_PERIOD_MS: Final = 100  # as in the bus.yml of a new robot
+_LIFE: Final = 5
+_ENTRY: Final = MAX_NODE_ID << 16 | _LIFE * _PERIOD_MS  # CiA 301, 7.5.2.19: node id and time
+
+
 def supervision_of(od: ObjectDictionary) -> Supervision:
     """Return the supervision that the EDS permits: heartbeat (0x1016, 0x1017), else guarding."""
-
-    def writable(index: int, subindex: int = 0) -> bool:
-        entry = od.get(index, subindex)
-        return entry is not None and entry.writable
-
     # CiA 301, 7.2.8.3.2.1: a heartbeat producer time above 0 disables node guarding
-    producer = writable(0x1017)
-    consumer = any(writable(0x1016, subindex) for subindex in od.subindices(0x1016)[1:])
-    return Supervision(producer, consumer, not (producer and consumer) and writable(0x100C) and writable(0x100D))
+    producer = accepts(od.get(_PRODUCER, 0), _PERIOD_MS)
+    consumer = any(accepts(od.get(_CONSUMER, subindex), _ENTRY) for subindex in od.subindices(_CONSUMER)[1:])
+    guarding = accepts(od.get(_GUARD_TIME, 0), _PERIOD_MS) and accepts(od.get(_LIFE_TIME, 0), _LIFE)
+    return Supervision(producer, consumer, not (producer and consumer) and guarding)
 
 
 _Chosen = list[tuple[str, OperationMode]]

@@ -7,6 +7,7 @@ from support.eds import DEVICE_TYPE, codes, eds, parse, section
 
 from canopen_control.od.codec import (
     above_limit,
+    accepts,
     below_limit,
     decode,
     default_of,
@@ -64,6 +65,25 @@ def test_other_limits_count(entry):
     if entry.low is not None:
         assert below_limit(entry, entry.low - 1)
         assert not below_limit(entry, entry.low)
+
+
+@pytest.mark.parametrize(
+    ("edit", "value", "accepted"),
+    [
+        ({}, 250, True),
+        ({}, 256, False),
+        ({}, 1.5, False),
+        ({"access": "ro"}, 1, False),
+        ({"high": 100}, 100, True),
+        ({"high": 100}, 101, False),
+        ({"data_type": DataType.VISIBLE_STRING}, 1, False),
+        ({"data_type": DataType.VISIBLE_STRING}, "a", True),
+    ],
+)
+def test_what_a_write_of_a_value_needs(edit, value, accepted):
+    entry = Entry(0x2000, 0, "Any", **{"data_type": DataType.UNSIGNED8, "access": "rw", **edit})
+    assert accepts(entry, value) is accepted
+    assert not accepts(None, value)
 
 
 def test_the_check_of_a_file_notes_it():

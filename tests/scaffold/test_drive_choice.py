@@ -1,5 +1,7 @@
 """How a new robot moves a drive: interface, mode, units and supervision, from the EDS alone."""
 
+from dataclasses import replace
+
 import pytest
 from support.drive_shapes import SHAPES, TWO_PAIRS, UNWATCHED, guarded, modes, record, shape, slots_of
 
@@ -62,6 +64,14 @@ def test_who_watches_whom():
     assert supervision_of(shape()).guarding is False  # heartbeats go before it
     assert supervision_of(guarded()).guarding
     assert not supervision_of(next(iter(UNWATCHED.values()))()).stops_alone
+
+
+@pytest.mark.parametrize("data_type", [DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.VISIBLE_STRING])
+def test_a_consumer_that_cannot_hold_a_node_id_and_a_time_watches_nobody(data_type):
+    od = shape()
+    for subindex in od.subindices(0x1016)[1:]:
+        od.entries[0x1016, subindex] = replace(od[0x1016, subindex], data_type=data_type)
+    assert not supervision_of(od).consumer
 
 
 def test_a_dictionary_without_a_controlword_is_no_drive():
