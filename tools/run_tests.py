@@ -252,17 +252,18 @@ def rest_steps() -> list[list[list[Part]]]:
     """Return the steps of ./tools/test --rest, each a list of lanes: what the default run leaves out.
 
     Whole robots whose reactions have a limit in time (`timed`) run two at a time, what measures (`alone`) runs alone.
-    What only computes has the lowest priority, and takes what they leave. The loops of ROS programs are a step of their
-    own where they run for longer.
+    What only computes has the lowest priority, and takes what they leave: the compiled package and the long tests
+    without a process, in one pytest process each, since workers of pytest-xdist would each collect all of them. The
+    loops of ROS programs are a step of their own where they run for longer.
     """
     compiled = Path("build/compiled").absolute()
     rest = rest_files()
     with_processes = set(files_with(*PROCESS_MARKS))
     long = pytest("long tests with processes", "process and rest and not alone and not timed", *SHARED,
                   *(path for path in rest if path in with_processes), again=True)  # fmt: skip
-    long_fast = pytest("long tests without a process", "not process and rest and not alone and not timed", *DEALT,
-                       *rest, again=True)  # fmt: skip
-    compiled_modules = pytest("compiled, tests of its modules", "not sources and not rest", *DEALT,
+    long_fast = pytest("long tests without a process", "not process and rest and not alone and not timed", *rest,
+                       again=True)  # fmt: skip
+    compiled_modules = pytest("compiled, tests of its modules", "not sources and not rest",
                               *files_of_compiled_modules(), *(f"tests/{name}" for name in COMPILED_SIMULATIONS),
                               compiled=compiled, again=True)  # fmt: skip
     compiled_robots = pytest("compiled, whole robots", "not sources", *SHARED,
@@ -272,9 +273,9 @@ def rest_steps() -> list[list[list[Part]]]:
                    *(path for path in files_with("timed") if path not in loops), again=True)  # fmt: skip
     long_loops = pytest("loops of ROS programs", "timed", *APART, *loops, again=True)
     alone = pytest("tests that measure", "alone", *files_with("alone"), again=True)
-    computing = [Part(_COMPILE, ("tools/compile",)), compiled_modules, long_fast]
+    computing = [[Part(_COMPILE, ("tools/compile",)), compiled_modules], [long_fast]]
     return [
-        [[replace(part, nice=_LEAVING_ALL) for part in computing], [long, compiled_robots, timed]],
+        [*([replace(part, nice=_LEAVING_ALL) for part in lane] for lane in computing), [long, compiled_robots, timed]],
         guests(),  # a guest's time goes slower than ours: nothing runs beside them
         *([[[long_loops]]] if loops else []),
         [[alone]],
