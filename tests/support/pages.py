@@ -156,19 +156,19 @@ def seen(kind):
     return [element for element in ElementFilter(kind=kind) if element.visible]
 
 
-async def upload(user, name, data):
-    """Choose a file in the page's only upload that is seen, and wait until the page has said what it is."""
+async def upload(user, name, data, until=None):
+    """Choose a file in the page's only upload that is seen; wait `until`, or until the page has said what it is."""
     from nicegui import ui
     from nicegui.elements.upload_files import SmallFileUpload
 
     await seen(ui.upload)[0].handle_uploads([SmallFileUpload(name, "", data)])
-    await settle(lambda: f"{name}: " in html(user) or f". {name}" in html(user), turns=500)
+    await settle(until or (lambda: f"{name}: " in html(user) or f". {name}" in html(user)))
 
 
-async def settle(condition=lambda: False, turns=50):
-    """Let the loop run until `condition`."""
-    for _ in range(turns):
-        if condition():
+async def settle(condition=None, turns=50):
+    """Let the loop run until `condition`, however long a busy machine takes for it; without one for some turns."""
+    for _ in range(turns if condition is None else 2000):
+        if condition is not None and condition():
             return
         with contextlib.suppress(asyncio.CancelledError):
             await asyncio.sleep(0.01)

@@ -167,7 +167,7 @@ def play(private_folders, monkeypatch):
     return play
 
 
-async def until(condition, seconds=5.0):
+async def until(condition, seconds=20.0):
     begin = time.monotonic()
     while not condition():
         assert time.monotonic() - begin < seconds, "not within the time"
@@ -309,7 +309,7 @@ def test_a_held_button_drives_until_it_is_silent(robot, play):
         await until(lambda: command(robot) == 3.0)
         begin = time.monotonic()
         await until(lambda: command(robot) == 0.0)
-        assert time.monotonic() - begin < 0.4
+        assert time.monotonic() - begin < 1.5  # the controller's own timeout is 2 s: it is the page's hold that ends
         await until(lambda: app._hold_timer is None)
 
     play(act)

@@ -50,7 +50,7 @@ def played(act, desk=None, other=None, **how):
 async def press(user, label, tab, page):
     tab.show(page.content())
     user.find(label).click()
-    await settle(lambda: tab._node_jobs.work is not None and tab._node_jobs.work.over, turns=300)
+    await settle(lambda: tab._node_jobs.work is not None and tab._node_jobs.work.over)
     tab.show(page.content())
     return tab._node_jobs.work
 

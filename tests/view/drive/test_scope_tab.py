@@ -170,11 +170,9 @@ def test_a_file_that_was_saved_is_laid_below_the_shot_and_a_bad_one_is_told(bega
         await settle(lambda: bool(began))
         finish(began[0], NAMED)
         tab.show(page.content())
-        await upload(user, "old.csv", csv_of(NAMED).encode())
-        await settle(lambda: tab._overlay is not None)
+        await upload(user, "old.csv", csv_of(NAMED).encode(), until=lambda: tab._overlay is not None)
         both = [each["name"] for each in tab._chart.options["series"][:2]]
-        await upload(user, "photo.csv", b"\xff\xd8\xff")
-        await settle(lambda: bool(told))
+        await upload(user, "photo.csv", b"\xff\xd8\xff", until=lambda: bool(told))
         return both, tab._overlay.label, tab._drop.visible
 
     both, label, can_be_dropped = played(act)

@@ -62,7 +62,7 @@ def played(act, controllers=(FORWARD, ARM), **how):
 async def upload(user, data=None, name="wave.json"):
     given = json.dumps(WAVE).encode() if data is None else data
     await seen(ui.upload)[0].handle_uploads([SmallFileUpload(name, "", given)])
-    await settle(lambda: "Preview" in html(user), 100 if data is None else 20)
+    await settle(lambda: "Preview" in html(user) or "Not loaded." in html(user))
 
 
 @pytest.mark.rest
