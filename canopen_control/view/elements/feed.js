@@ -1,7 +1,7 @@
 export default {
   template: "<div style='display: none'></div>",
   methods: {
-    take(data) {
+    dispatch(data) {
       for (const [key, detail] of Object.entries(data)) {
         window.dispatchEvent(new CustomEvent(`cc-${key}`, { detail }));
       }

@@ -3,10 +3,10 @@
 export default {
   template: `
     <div @contextmenu.prevent>
-      <button v-for="each in buttons" :key="each.key" type="button" :class="['cc-held-' + each.key, { 'cc-down': down === each.key }]"
-        :aria-label="each.label" @pointerdown="press($event, each.key)" @pointerup="leave(each.key)" @pointercancel="leave(each.key)"
-        @lostpointercapture="leave(each.key)" @keydown="type($event, each.key)" @keyup.enter="leave(each.key)" @blur="leave(each.key)">
-        <span class="cc-sign" aria-hidden="true">{{ each.sign }}</span><span>{{ each.label }}</span>
+      <button v-for="button in buttons" :key="button.key" type="button" :class="['cc-held-' + button.key, { 'cc-down': down === button.key }]"
+        :aria-label="button.label" @pointerdown="press($event, button.key)" @pointerup="leave(button.key)" @pointercancel="leave(button.key)"
+        @lostpointercapture="leave(button.key)" @keydown="type($event, button.key)" @keyup.enter="leave(button.key)" @blur="leave(button.key)">
+        <span class="cc-sign" aria-hidden="true">{{ button.sign }}</span><span>{{ button.label }}</span>
       </button>
     </div>`,
   props: { buttons: Array, period: Number },
@@ -38,11 +38,11 @@ export default {
       if (event.key === "Enter" && !event.repeat) this.hold(key);
     },
     keyboard(event) {
-      const found = this.buttons.find((each) => each.keyboard && each.keyboard === event.key);
-      if (!found || event.target.closest("input, textarea, select, [role=slider]")) return;
+      const match = this.buttons.find((button) => button.keyboard && button.keyboard === event.key);
+      if (!match || event.target.closest("input, textarea, select, [role=slider]")) return;
       event.preventDefault();
-      if (event.type === "keyup") this.leave(found.key);
-      else if (!event.repeat) this.hold(found.key);
+      if (event.type === "keyup") this.leave(match.key);
+      else if (!event.repeat) this.hold(match.key);
     },
     hold(key) {
       this.release();

@@ -69,7 +69,7 @@ class Feed(Element, component="feed.js"):
 
     def send(self, data: FeedMessage) -> None:
         """Send changed data; an empty message shows that the view is running."""
-        self.run_method("take", data)
+        self.run_method("dispatch", data)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ const Row = {
       <div v-if="open" class="cc-o-more">
         <p class="cc-note">{{ row.type }}, {{ row.access }}<template v-if="row.mappable">, PDO {{ row.mappable }}</template><template v-if="row.limits">; {{ row.limits }} {{ row.unit }}</template><template v-if="row.default != null">; default {{ row.default }}</template></p>
         <p v-if="live.error" class="cc-line cc-bad">{{ live.error }}</p>
-        <div v-if="bits && bits.length" class="cc-bits"><span v-for="each in bits" :key="each[0]" :class="{ 'cc-set': each[2] }">{{ each[0] }} {{ each[1] }}</span></div>
+        <div v-if="bits && bits.length" class="cc-bits"><span v-for="element in bits" :key="element[0]" :class="{ 'cc-set': element[2] }">{{ element[0] }} {{ element[1] }}</span></div>
         <p v-if="row.fixed" class="cc-note">Cannot be written here: the object {{ row.fixed }}.</p>
         <p v-else-if="!writes" class="cc-note">This page is read-only. To write, start <code>canopen-control view --teleop</code></p>
         <form v-else class="cc-o-edit cc-acts" @submit.prevent="$emit('write', text)">
@@ -26,10 +26,10 @@ const Row = {
           <button type="submit" class="cc-button">Write</button>
           <button v-if="row.default != null" type="button" class="cc-button cc-plain" @click="text = row.default">Default</button>
         </form>
-        <p v-if="told" :class="['cc-line', told.good ? 'cc-good' : 'cc-bad']" role="status">{{ told.text }}</p>
+        <p v-if="result" :class="['cc-line', result.good ? 'cc-good' : 'cc-bad']" role="status">{{ result.text }}</p>
       </div>
     </div>`,
-  props: { row: Object, live: Object, star: Boolean, open: Boolean, bits: Array, told: Object, writes: Boolean },
+  props: { row: Object, live: Object, star: Boolean, open: Boolean, bits: Array, result: Object, writes: Boolean },
   emits: ["star", "toggle", "write"],
   data: () => ({ text: "" }),
 };
@@ -50,10 +50,10 @@ export default {
         <template v-if="!closed[group.title]">
           <template v-for="object in group.objects" :key="object.index">
             <button v-if="object.name" type="button" class="cc-o-record" :aria-expanded="isWide(object)" @click="wide[object.index] = !isWide(object)">
-              <span>{{ isWide(object) ? "▾" : "▸" }}</span><code>{{ object.place }}</code><span>{{ object.name }}</span><small>{{ object.rows.length }}</small><i v-if="object.rows.some((each) => live[each.a]?.changed)">●</i></button>
+              <span>{{ isWide(object) ? "▾" : "▸" }}</span><code>{{ object.place }}</code><span>{{ object.name }}</span><small>{{ object.rows.length }}</small><i v-if="object.rows.some((element) => live[element.a]?.changed)">●</i></button>
             <template v-if="!object.name || isWide(object)">
               <Row v-for="row in object.rows" :key="row.a" :row="row" :live="live[row.a] || none" :star="!!stars[row.a]" :open="!!opened[row.a]" :bits="opened[row.a] ? live[row.a]?.bits : null"
-                :told="told[row.a]" :writes="writes" @star="favour(row.a)" @toggle="toggle(row.a)" @write="(text) => $emit('write', { address: row.a, text })" />
+                :result="results[row.a]" :writes="writes" @star="toggleFavourite(row.a)" @toggle="toggle(row.a)" @write="(text) => $emit('write', { address: row.a, text })" />
             </template>
           </template>
         </template>
@@ -61,19 +61,19 @@ export default {
       <p v-if="!shown.size && !problem" class="cc-note">{{ filter === "star" ? "No favourites yet: press the star of an object." : filter === "changed" ? "No object that was read differs from its default. Only visible objects are read." : "No objects." }}</p>
     </div>`,
   props: { rows: Array, writes: Boolean, product: String },
-  data: () => ({ search: "", filter: "all", found: null, problem: "", live: {}, stars: {}, opened: {}, told: {}, wide: {}, closed: {}, none: {} }),
+  data: () => ({ search: "", filter: "all", found: null, problem: "", live: {}, stars: {}, opened: {}, results: {}, wide: {}, closed: {}, none: {} }),
   computed: {
     filters: () => [["all", "All"], ["star", "★ Favourites"], ["changed", "● Changed"]],
     shown() {
-      const kept = (row) => (!this.found || this.found.has(row.a)) && (this.filter === "all" || (this.filter === "star" ? this.stars[row.a] : this.live[row.a]?.changed));
-      return new Set(this.rows.filter(kept).map((row) => row.a));
+      const passes = (row) => (!this.found || this.found.has(row.a)) && (this.filter === "all" || (this.filter === "star" ? this.stars[row.a] : this.live[row.a]?.changed));
+      return new Set(this.rows.filter(passes).map((row) => row.a));
     },
     groups() {
-      const made = GROUPS.map(([title]) => ({ title, objects: [], count: 0 }));
+      const groups = GROUPS.map(([title]) => ({ title, objects: [], count: 0 }));
       let last = null;
       for (const row of this.rows) {
         if (!this.shown.has(row.a)) continue;
-        const group = made[GROUPS.findIndex(([, first, end]) => row.index >= first && row.index <= end)];
+        const group = groups[GROUPS.findIndex(([, first, end]) => row.index >= first && row.index <= end)];
         if (!last || last.index !== row.index) {
           last = { index: row.index, place: row.a.slice(0, 6), name: row.object, rows: [] };
           group.objects.push(last);
@@ -81,7 +81,7 @@ export default {
         last.rows.push(row);
         group.count += 1;
       }
-      return made.filter((group) => group.count);
+      return groups.filter((group) => group.count);
     },
   },
   mounted() {
@@ -92,23 +92,23 @@ export default {
       this.stars = {};
     }
     this.seen = new Set();
-    this.heard = false;
+    this.isConnected = false;
     this.answered = "";
     this.watcher = new IntersectionObserver((entries) => {
-      for (const each of entries) {
-        if (each.isIntersecting) this.seen.add(each.target.dataset.a);
-        else this.seen.delete(each.target.dataset.a);
+      for (const element of entries) {
+        if (element.isIntersecting) this.seen.add(element.target.dataset.a);
+        else this.seen.delete(element.target.dataset.a);
       }
-      this.tell();
+      this.reportVisible();
     });
     this.observe();
     // events sent before the connection is open are lost, so the visible objects are reported until the server answers
-    this.again = setInterval(() => {
-      if (!this.heard) {
-        this.before = null;
-        this.tell();
+    this.retryTimer = setInterval(() => {
+      if (!this.isConnected) {
+        this.reported = null;
+        this.reportVisible();
       }
-      if (this.search !== this.answered) this.ask();
+      if (this.search !== this.answered) this.sendSearch();
     }, 1000);
   },
   updated() {
@@ -116,39 +116,39 @@ export default {
   },
   beforeUnmount() {
     this.watcher.disconnect();
-    clearTimeout(this.telling);
-    clearInterval(this.again);
+    clearTimeout(this.reportTimer);
+    clearInterval(this.retryTimer);
   },
   methods: {
     observe() {
-      const there = new Set(this.$el.querySelectorAll("[data-a]"));
-      for (const each of this.watched || []) {
-        if (there.has(each)) continue;
-        this.watcher.unobserve(each);
-        this.seen.delete(each.dataset.a);
+      const elements = new Set(this.$el.querySelectorAll("[data-a]"));
+      for (const element of this.watched || []) {
+        if (elements.has(element)) continue;
+        this.watcher.unobserve(element);
+        this.seen.delete(element.dataset.a);
       }
-      for (const each of there) if (!this.watched?.has(each)) this.watcher.observe(each);
-      this.watched = there;
-      this.tell();
+      for (const element of elements) if (!this.watched?.has(element)) this.watcher.observe(element);
+      this.watched = elements;
+      this.reportVisible();
     },
-    tell() {
-      clearTimeout(this.telling);
-      this.telling = setTimeout(() => {
+    reportVisible() {
+      clearTimeout(this.reportTimer);
+      this.reportTimer = setTimeout(() => {
         const addresses = [...this.seen].sort();
         const now = addresses.join();
-        if (now === this.before) return;
-        this.before = now;
+        if (now === this.reported) return;
+        this.reported = now;
         this.$emit("seen", addresses);
       }, 150);
     },
-    ask() {
-      clearTimeout(this.asking);
-      this.asking = setTimeout(() => this.$emit("search", this.search), 200);
+    sendSearch() {
+      clearTimeout(this.searchTimer);
+      this.searchTimer = setTimeout(() => this.$emit("search", this.search), 200);
     },
     isWide(object) {
       return this.wide[object.index] ?? (!!this.found || this.filter !== "all");
     },
-    favour(address) {
+    toggleFavourite(address) {
       if (this.stars[address]) delete this.stars[address];
       else this.stars[address] = true;
       try {
@@ -159,11 +159,11 @@ export default {
     },
     toggle(address) {
       this.opened[address] = !this.opened[address];
-      delete this.told[address];
+      delete this.results[address];
     },
     // methods called by the server
     values(news) {
-      this.heard = true;
+      this.isConnected = true;
       Object.assign(this.live, news);
     },
     matches(addresses, problem, text) {
@@ -172,7 +172,7 @@ export default {
       this.problem = problem;
     },
     answer(address, text, good) {
-      this.told[address] = { text, good };
+      this.results[address] = { text, good };
     },
   },
 };

@@ -44,7 +44,7 @@ export default {
     if (this.latestWorld) this.setWorld(this.latestWorld);
     window.ccScene = { place: (name, ghost) => this.place(name, ghost), trail: (name) => this.trails[name].points,
       drawn: () => this.drawn, visible: () => this.visible,
-      world: () => (this.world ? this.world.group.children.map((each) => each.getWorldPosition(new parts.THREE.Vector3()).toArray()) : []) };
+      world: () => (this.world ? this.world.group.children.map((object) => object.getWorldPosition(new parts.THREE.Vector3()).toArray()) : []) };
   },
   beforeUnmount() {
     for (const [name, handler] of this.handlers || []) window.removeEventListener(name, handler);
@@ -373,11 +373,11 @@ export default {
       this.drawn += 1;
       const begin = performance.now();
       this.renderer.render(this.scene, this.camera);
-      if (this.tried === undefined || this.ratio > LEAST_RATIO) this.judge(performance.now() - begin);
+      if (this.frames === undefined || this.ratio > LEAST_RATIO) this.adaptResolution(performance.now() - begin);
     },
-    judge(took) {
-      this.tried = (this.tried || 0) + 1;
-      this.slow = took > SLOW_MS && this.tried > 2 ? (this.slow || 0) + 1 : 0;
+    adaptResolution(duration) {
+      this.frames = (this.frames || 0) + 1;
+      this.slow = duration > SLOW_MS && this.frames > 2 ? (this.slow || 0) + 1 : 0;
       if (this.slow < 4) return;
       this.slow = 0;
       this.ratio = Math.max(LEAST_RATIO, this.ratio * 0.75);

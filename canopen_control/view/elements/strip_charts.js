@@ -25,29 +25,29 @@ export default {
     for (const chart of this.plain) chart.columns = chart.lines.map((line) => this.names.indexOf(line.row) + 1);
   },
   mounted() {
-    this.onPlots = (event) => this.take(event.detail);
+    this.onPlots = (event) => this.addRows(event.detail);
     this.onTitles = (event) => (this.titles = event.detail);
     window.addEventListener("cc-plots", this.onPlots);
     window.addEventListener("cc-titles", this.onTitles);
-    this.seen = new ResizeObserver(() => this.draw());
-    this.seen.observe(this.$el);
+    this.resizeObserver = new ResizeObserver(() => this.draw());
+    this.resizeObserver.observe(this.$el);
   },
   beforeUnmount() {
     window.removeEventListener("cc-plots", this.onPlots);
     window.removeEventListener("cc-titles", this.onTitles);
-    this.seen.disconnect();
+    this.resizeObserver.disconnect();
   },
   methods: {
-    take(news) {
+    addRows(news) {
       if (news.replace) this.rows = [];
       for (const row of news.rows) {
         if (this.rows.length && row[0] < this.rows[this.rows.length - 1][0]) this.rows = [];
         this.rows.push(row);
       }
       const newest = this.rows.length ? this.rows[this.rows.length - 1][0] : 0;
-      let old = 0;
-      while (old < this.rows.length && this.rows[old][0] < newest - this.span) old += 1;
-      if (old) this.rows.splice(0, old);
+      let outdated = 0;
+      while (outdated < this.rows.length && this.rows[outdated][0] < newest - this.span) outdated += 1;
+      if (outdated) this.rows.splice(0, outdated);
       if (!this.pending) {
         this.pending = true;
         requestAnimationFrame(() => {
@@ -148,9 +148,9 @@ export default {
         }
       }
       chart.lines.forEach((line, number) => {
-        const told = this.$refs["v-" + line.row]?.[0];
+        const label = this.$refs["v-" + line.row]?.[0];
         const value = row?.[columns[number]];
-        if (told) told.textContent = value === null || value === undefined ? "" : value.toFixed(3);
+        if (label) label.textContent = value === null || value === undefined ? "" : value.toFixed(3);
       });
     },
   },

@@ -29,7 +29,7 @@ def test_what_is_sent_goes_out_in_one_message(monkeypatch):
         feed.send({})
 
     visited(Feed, act)
-    assert called == [("take", ({"scene": {"angles": [1.0]}, "lost": False},)), ("take", ({},))]
+    assert called == [("dispatch", ({"scene": {"angles": [1.0]}, "lost": False},)), ("dispatch", ({},))]
 
 
 def test_a_held_button_says_so_and_a_foreign_word_is_nothing():
