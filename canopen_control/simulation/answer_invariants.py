@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 ANSWER_NS: Final = 2_000_000_000
 _RENEWED_NS: Final = 500_000_000  # maximum age of a velocity command that is renewed
 _KEPT: Final = 100  # number of reports kept
-_LEAST: Final = 5.0  # counts/s: slower is not a motion
+_LEAST: Final = 5.0  # counts/s: slower is not a motion, and a slower command requires none
 _WAY: Final = 0.02  # rad or m: a smaller distance to a target commands no motion
 _VELOCITIES, _POSITIONS = (OperationMode.PV, OperationMode.CSV), (OperationMode.PP, OperationMode.CSP)
 _REASONS: Final = (
@@ -62,6 +62,7 @@ class _Axis:
     view: ObservedNode
     joints: list[str]
     way: float  # _WAY in counts
+    rate: float  # velocity units of the drive per rad/s (m/s)
     moved_at: int = 0
     requested_since: int | None = None
     reported: bool = False
@@ -95,8 +96,9 @@ class AnswerInvariants:
         self._axes: dict[int, _Axis] = {}
         self._axis_of: dict[str, _Axis] = {}
         for joint, config in watched_joints(robot.setup):
-            way = _WAY * abs(config.units.of_axis(0)["pos_to_dev"])
-            axis = self._axes.setdefault(config.node_id, _Axis(nodes[config.node_id], [], way))
+            scale = config.units.of_axis(0)
+            way, rate = _WAY * abs(scale["pos_to_dev"]), abs(scale["vel_to_dev"])
+            axis = self._axes.setdefault(config.node_id, _Axis(nodes[config.node_id], [], way, rate))
             axis.joints.append(joint)
             self._axis_of[joint] = axis
         self._requests: dict[tuple[str, str], _Request] = {}  # by joint and interface
@@ -147,7 +149,7 @@ class AnswerInvariants:
         key = joint, interface
         self._has_positions = self._has_positions or interface == POSITION
         request = self._requests.get(key)
-        if interface == VELOCITY and not value:
+        if interface == VELOCITY and self._is_slow(self._axis_of[joint], value):
             self._requests.pop(key, None)
         elif request is None or (interface == VELOCITY and now - request.last > _RENEWED_NS):
             # the position before the first request is unknown, so that this request commands no motion
@@ -157,16 +159,26 @@ class AnswerInvariants:
                 request.since = now
             request.last, request.value = now, value
 
+    def _is_slow(self, axis: _Axis, velocity: float) -> bool:
+        """Whether a commanded velocity is not a visible motion of the shaft."""
+        drive = self._drive_of(axis)
+        return not velocity or (
+            drive is not None and abs(velocity) * axis.rate * abs(drive.objects.units.velocity) <= _LEAST
+        )
+
+    def _drive_of(self, axis: _Axis) -> VirtualDrive | None:
+        """Return the first drive of the axis' device, None while the device is without power."""
+        device = self._robot.drives[axis.view.node_id].device
+        return None if device is None else device.drives.get(0)
+
     # -- what is observed
 
     def sampled(self, now: int) -> None:
         """Check all axes and the pending breaches."""
         if self._robot.floor is not None:
             return
-        for node_id, axis in self._axes.items():
-            device = self._robot.drives[node_id].device
-            drive = None if device is None else device.drives.get(0)
-            if drive is None:
+        for axis in self._axes.values():
+            if (drive := self._drive_of(axis)) is None:
                 axis.requested_since = None
                 continue
             self._judge(axis, drive, now)
@@ -225,8 +237,7 @@ class AnswerInvariants:
 
     def _limit(self, axis: _Axis) -> int:
         """Return the time in ns within which an axis must start to move."""
-        device = self._robot.drives[axis.view.node_id].device
-        drive = None if device is None else device.drives.get(0)
+        drive = self._drive_of(axis)
         gate = None if drive is None else drive.modes.gate
         return ANSWER_NS + (0 if gate is None else gate.brake_ns)
 

@@ -4,6 +4,7 @@ import functools
 
 import pytest
 from support import makers
+from support.robots import FORWARD
 
 from canopen_control.hardware import joint_events
 from canopen_control.hardware.joint_targets import JointTargets
@@ -110,3 +111,41 @@ def test_a_value_that_a_drive_keeps_and_no_report_names_is_told(robot, monkeypat
     slow = robot("pv", "parameter_clamped=30000")
     slow.run(0.1)
     assert rules(slow) == {"plan_unwritten"}
+
+
+SLOWEST = 5 * 0.003926990816987242  # rad/s of a wheel of robby that turns by 5 counts/s
+
+
+@pytest.fixture
+def robby():
+    robot = TestedRobot(read_robot(find_robot("robby")))
+    yield robot
+    robot.close()
+
+
+def drive(robot, *values, seconds):
+    robot.command(FORWARD, *values, seconds=seconds)
+    robot.run(seconds)
+
+
+def test_a_wheel_that_creeps_as_it_is_commanded_breaks_no_rule(robby):
+    """Seed 299: 0.013 rad/s is 3 counts/s, which is no visible motion; so it is no motion that was asked for."""
+    drive(robby, 5.093, 4.0, seconds=0.6)
+    drive(robby, 5.093, 0.013, seconds=2.6)
+    assert robby.breaches == []
+    drive(robby, 5.093, 4.0, seconds=0.6)  # the time of an answer counts from here
+    assert robby.breaches == []
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize(("speed", "told"), [(1.1 * SLOWEST, {"motion_missing"}), (0.9 * SLOWEST, set())])
+def test_what_is_visible_must_move(robby, monkeypatch, speed, told):
+    follow = JointTargets.follow
+
+    def withheld(self, now, period):
+        self.hold() if self._axis.joint == "right_wheel_joint" else follow(self, now, period)
+
+    monkeypatch.setattr(JointTargets, "follow", withheld)
+    monkeypatch.setattr(joint_events, "STANDING_LOOKS", 1000)
+    drive(robby, 5.0, speed, seconds=3.0)
+    assert rules(robby) & {"motion_missing"} == told
