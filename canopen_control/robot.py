@@ -127,15 +127,16 @@ class Robot:
 
     # -- motion
 
-    def command(self, controller: str, values: Sequence[float] | Mapping[str, float]) -> None:
+    def command(self, controller: str, values: Sequence[float] | Mapping[str, float]) -> dict[str, str]:
         """Command a controller with one value per joint; velocity and effort commands expire after the command timeout.
 
         Outputs of a GPIO command controller can be given by name, `{"io/lamp": 1.0}`; other outputs are unchanged.
+        Returns the joints that do not follow, such as a single disabled axis, each with the reason and the remedy.
         """
         if isinstance(values, Mapping):
-            self._ask(messages.CommandByName(controller=controller, values=dict(values), source=_SOURCE))
-            return
-        self._ask(messages.CommandController(controller=controller, values=list(values), source=_SOURCE))
+            by_name = messages.CommandByName(controller=controller, values=dict(values), source=_SOURCE)
+            return self._ask(by_name).idle
+        return self._ask(messages.CommandController(controller=controller, values=list(values), source=_SOURCE)).idle
 
     def twist(self, controller: str, linear: float, angular: float, lateral: float = 0.0) -> None:
         """Command the velocity of a base: `linear` forward and `lateral` to the left in m/s, `angular` in rad/s."""

@@ -3,7 +3,8 @@
 Outputs of a GPIO command controller can be named, as in `io/lamp=1`; the others keep their values. When the command
 ends, they go to their safe values.
 
-Exit codes: 0 sent; 1 refused by the robot, or the robot stopped; 2 wrong usage, no robot runs, or no such controller.
+Exit codes: 0 sent; 1 the robot refused it or stopped, or a joint does not follow; 2 wrong usage, no robot runs, or no
+such controller.
 """
 
 from __future__ import annotations

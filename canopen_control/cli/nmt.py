@@ -2,7 +2,7 @@
 
 NODE is a node of a running robot (name or node id in bus.yml), with --can any node of a bare bus (node id), or all. An
 NMT command has no answer: heartbeats and boot-ups show its effect. A running robot takes a node that leaves OPERATIONAL
-out of its process data, and boots it again with `start`; then `axis enable` lets it move.
+out of its process data, and boots it again with `start`; then `axis fault-reset` and `axis enable` let it move.
 
 Exit codes: 0 confirmed, or sent to nodes without heartbeat; 1 a node shows another state; 2 wrong usage.
 """

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
-    from canopen_control.rpc.messages.declare import Done, Request
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.robot import CommandDone
     from canopen_control.rpc.messages.state import ControllerReading
 
 
@@ -245,7 +246,7 @@ class TeleopRobot:
     def send(self, velocities: Velocities) -> None:
         """Send a twist to a base controller, or wheel velocities to a controller of two wheels."""
         linear, angular = velocities.linear, velocities.angular
-        request: Request[Done]
+        request: Request[CommandDone]
         # dead_man: if this process is killed, the robot stops as soon as the connection is gone
         if self._is_base:
             request = TwistController(

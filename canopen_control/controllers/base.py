@@ -146,6 +146,10 @@ class EnableStatus:
         """Return a message with the joints that are not enabled and the remedy."""
         return f"{joint_names(waiting)}: not enabled; enable it"
 
+    def idle(self, waiting: Sequence[CommandInterface]) -> dict[str, str]:
+        """Return by joint why it does not follow a command that other joints follow, and the remedy."""
+        return {interface.joint: "not enabled; enable it" for interface in waiting}
+
     def stop_groups(self, interfaces: Interfaces) -> Sequence[Interfaces]:
         """Return the command interfaces in stop groups; by default all are in one group."""
         return (interfaces,)

@@ -1,14 +1,14 @@
-"""Timeout of a controller's command, with the source of the command and the reason for its end.
+"""Timeout and senders of a controller's commands, with the reason for the end of a command.
 
 A velocity or effort command that is not renewed expires after the timeout of the YAML file or, without one, after
 `DEFAULT_LIFE_S`; an explicit timeout of 0 means unlimited, which is upstream's default. A position command does not
-expire.
+expire. The newer command applies; clients that command one controller alternately are reported (`SenderWatch`).
 """
 
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, VELOCITY
 
@@ -32,16 +32,62 @@ class GoalState(enum.Enum):
     CANCELED = "canceled"
 
 
+class CommandSender(NamedTuple):
+    """Sender of commands: `identity` differs for two connections, `name` is for messages."""
+
+    identity: object
+    name: str
+
+
+ALTERNATION_NS: Final = 2_000_000_000
+"""Maximum time between two changes of the sender for senders that alternate."""
+_CALM_NS: Final = 10_000_000_000  # time without a change after which an alternation is reported again
+_RETURNS: Final = 2  # a sender that returns once may have been interrupted intentionally
+_KNOWN: Final = 4  # number of senders that are distinguished
+
+
+class SenderWatch:
+    """Detection of senders that command one controller alternately, so that its joints jerk between two commands.
+
+    A new sender that takes over, and a sender that returns once, are normal.
+    """
+
+    __slots__ = ("_changed_at", "_known", "_reported", "_returns")
+
+    def __init__(self) -> None:
+        self._known: list[CommandSender] = []  # the present sender is the last
+        self._changed_at = self._returns = 0
+        self._reported = False
+
+    def take(self, sender: CommandSender, now: int) -> tuple[str, str] | None:
+        """Record the sender of a command; return the names of two senders once when they begin to alternate."""
+        known = self._known
+        if known and known[-1].identity == sender.identity:
+            return None
+        since, self._changed_at = now - self._changed_at, now
+        if since > ALTERNATION_NS:
+            del known[:-1]
+            self._returns = 0
+            self._reported = self._reported and since <= _CALM_NS
+        earlier = [other for other in known if other.identity != sender.identity]
+        self._returns += len(earlier) < len(known)
+        self._known = [*earlier[1 - _KNOWN :], sender]
+        if self._reported or self._returns < _RETURNS:
+            return None
+        self._reported = True
+        return earlier[-1].name, sender.name
+
+
 class CommandTimeout:
     """Validity of a controller's current command, without the values of the command.
 
     - `live`: whether the command is valid; `created`: its creation time in ns; `limit_ns`: the timeout, 0 if unlimited.
-    - `source`: text that names the sender.
+    - `source`: text that names the sender; `senders` detects senders that alternate.
     - `holder`: connection whose end also ends the command; None if the command outlives the connection.
     - `ended_by`: reason for the end of the previous command, "" if unknown.
     """
 
-    __slots__ = ("created", "ended_by", "holder", "limit_ns", "live", "source")
+    __slots__ = ("created", "ended_by", "holder", "limit_ns", "live", "senders", "source")
 
     def __init__(self) -> None:
         self.limit_ns = 0
@@ -49,6 +95,7 @@ class CommandTimeout:
         self.live = False
         self.source = self.ended_by = ""
         self.holder: object = None
+        self.senders = SenderWatch()
 
     def give(self, now: int) -> None:
         """Start the validity of a command that was created at `now`, in ns."""

@@ -12,6 +12,7 @@ command.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final, Protocol
 
@@ -23,6 +24,7 @@ from canopen_control.controllers.base import (
     sample_type_of,
     twist_axes_of,
 )
+from canopen_control.controllers.command_timeout import MOVING, CommandSender
 from canopen_control.controllers.declared import checked, declared_by, given_in
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.request_protocols import (
@@ -39,6 +41,7 @@ from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ControlError, NotYetEnabled, UnknownName, nearest
 from canopen_control.rpc.messages.samples import kind_of
 from canopen_control.rpc.messages.state import ControllerReading
+from canopen_control.urdf.joint_element import POSITION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -48,6 +51,7 @@ if TYPE_CHECKING:
     from canopen_control.controllers.trajectory.goal import TrajectoryGoal
     from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import (
+        CommandInterface,
         HardwareComponent,
         InterfaceRegistry,
     )
@@ -66,6 +70,7 @@ Parameters = tuple["ParameterReading", ...]
 
 
 _NO_TRAJECTORIES: Final = "is not a joint trajectory controller"
+_AT_TARGET: Final = 1e-3  # rad or m: a smaller distance commands no motion
 
 
 def _command(
@@ -130,6 +135,7 @@ class ControllerManager:
         self.limiter: CommandLimiter | None = None
         self.enable_status = enable_status or EnableStatus()
         self._reported_refusals: set[str] = set()
+        self._reported_idle: dict[str, set[str]] = {}  # by controller: joints that do not follow
         self._controllers: dict[str, Controller] = {}
         self._params: dict[str, Params] = {}
         self._fallbacks: dict[str, tuple[str, ...]] = {}
@@ -345,26 +351,79 @@ class ControllerManager:
         *,
         source: str = "",
         holder: object = None,
-    ) -> None:
+        sender: CommandSender | None = None,
+    ) -> dict[str, str]:
         """Pass a command to a controller; raise ControlError if refused, NotEnabled if the drives are not enabled.
 
         `values` are all values, or some by interface names; times are in ns. `source` names the sender; the command
         ends with the connection `holder`, unless it commands standstill. A refusal is reported once, until a command is
-        accepted.
+        accepted. Returns the joints that do not follow an accepted command, with the reason and the remedy. `sender`
+        is the source with its identity, by default the source alone.
         """
         controller = self.get(name)
         self._pass(controller, lambda: _command(controller, values, now, stamp), source)
         numbers = list(values.values()) if isinstance(values, Mapping) else values
-        controller.life.source, controller.life.holder = source, None if controller.is_standstill(numbers) else holder
+        self._accepted(controller, source, None if controller.is_standstill(numbers) else holder, sender, now)
+        return self._idle(controller, numbers)
 
-    def send_goal(self, name: str, goal: AnyGoal, now: int, *, source: str = "", holder: object = None) -> None:
+    def send_goal(
+        self,
+        name: str,
+        goal: AnyGoal,
+        now: int,
+        *,
+        source: str = "",
+        holder: object = None,
+        sender: CommandSender | None = None,
+    ) -> None:
         """Pass a trajectory or a gripper goal to a controller, as `command` does.
 
         The goal is aborted when the connection `holder` ends.
         """
         controller = self.get(name)
         self._pass(controller, lambda: _send_goal(controller, goal, now), source)
-        controller.life.source, controller.life.holder = source, holder
+        self._accepted(controller, source, holder, sender, now)
+
+    def _accepted(
+        self, controller: Controller, source: str, holder: object, sender: CommandSender | None, now: int
+    ) -> None:
+        """Record the sender of an accepted command, and report two senders that begin to alternate."""
+        life = controller.life
+        life.source, life.holder = source, holder
+        if (both := life.senders.take(sender or CommandSender(source, source), now)) is not None:
+            text = (
+                f"{controller.name}: {' and '.join(both)} command it alternately, so its motion jerks; each newer "
+                "command applies; end one of the two"
+            )
+            self._report("two_senders", controller.name, text)
+
+    def _idle(self, controller: Controller, values: Sequence[float]) -> dict[str, str]:
+        """Return why joints do not follow an accepted command that requires their motion; report new joints once."""
+        name, entry = controller.name, self.running.entry_of(controller)
+        disabled = [] if entry is None else entry.disabled
+        if not disabled:
+            self._reported_idle.pop(name, None)
+            return {}
+        if len(values) == len(controller.commands):  # each interface has its own value
+            pairs = zip(controller.commands, values, strict=True)
+            still = {command.name for command, value in pairs if not self._requires_motion(command, value)}
+            disabled = [command for command in disabled if command.name not in still]
+        reasons = self.enable_status.idle(disabled)
+        reported = self._reported_idle.setdefault(name, set())
+        if not reported.issuperset(reasons):
+            reported.update(reasons)
+            named = "; ".join(f"{joint} does not follow: {reason}" for joint, reason in reasons.items())
+            self._report("not_followed", name, f"{name}: {named} (reported once)")
+        return reasons
+
+    def _requires_motion(self, command: CommandInterface, value: float) -> bool:
+        """Whether a value commands a motion; a position does not if the joint is already there."""
+        if command.quantity in MOVING:
+            return value != 0.0
+        if command.quantity != POSITION:
+            return True
+        known = {state.name: state.value for state in self.registry.state_interfaces}
+        return not abs(known.get(f"{command.joint}/{POSITION}", math.nan) - value) < _AT_TARGET
 
     def _pass(self, controller: Controller, command: Callable[[], None], source: str) -> None:
         """Pass a command to a controller with enabled drives through `command`, and report the first refusal."""

@@ -212,6 +212,11 @@ def require_own_start(axis: AxisProcessData, mode: int) -> None:
         )
 
 
+def has_target(axis: AxisProcessData) -> bool:
+    """Return whether an RPDO contains the target of any mode that can serve a TARGET."""
+    return any(_is_mapped(axis, mode) for mode in (*axis.own_modes, *_SERVED[TARGET]))
+
+
 def _is_mapped(axis: AxisProcessData, mode: int) -> bool:
     address = axis.target_objects.get(mode)
     return address is not None and axis.output(*address) is not None

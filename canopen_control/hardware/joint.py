@@ -16,7 +16,7 @@ from canopen_control.cia402.setpoint import SetPointDeferred, SetPointReached, S
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import DriveError, RobotConfigError
 from canopen_control.hardware.axis import BLIND_STOP_NS, AxisProcessData, AxisStatus, configured_machine
-from canopen_control.hardware.axis_parameters import AxisParameters, listed_modes, unlisted_modes
+from canopen_control.hardware.axis_parameters import AxisParameters, has_target, listed_modes, unlisted_modes
 from canopen_control.hardware.axis_statechart import (
     RISING,
     STOPPED,
@@ -104,6 +104,11 @@ class JointStatus:
     def claimed(self) -> str | None:
         """Command interface that a controller has claimed, or None."""
         return self.targets.claimed
+
+    @property
+    def lacks_target(self) -> bool:
+        """Whether the joint cannot be enabled, because no RPDO contains a target; only of a bus without controllers."""
+        return TARGET in self.commands and not has_target(self.axis)
 
     @property
     def enable_requested(self) -> bool:

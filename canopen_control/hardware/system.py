@@ -94,6 +94,8 @@ def _can_go(joint: JointDrive) -> bool:
 
 
 _SUPERVISE_NS: Final = 100_000_000
+ENABLE_AFTER_LOSS: Final = "canopen-control axis fault-reset all, then canopen-control axis enable all"
+"""Advice after an NMT stop: by 0x6007 of CiA 402-2, an enabled drive that leaves OPERATIONAL may enter a fault."""
 
 #: plugin names that select this component, including those of other stacks
 PLUGINS: Final[tuple[str, ...]] = (
@@ -227,9 +229,7 @@ class CanopenSystem(ComponentLifecycle):
         """Set the modes of drives before they are enabled; ControlError or DriveError if one cannot be enabled."""
         for joint in joints:
             if not joint.node.ready:
-                raise ControlError(
-                    f"{joint.node.label} is not operational: {joint.node.reason or 'it has not booted yet'}"
-                )
+                raise ControlError(joint.node.absence)
         self._choose_modes(joints)
         for joint in joints:
             joint.require_enable()
@@ -315,6 +315,8 @@ class CanopenSystem(ComponentLifecycle):
 
 def _then(cause: JointDrive, *, resumable: bool) -> str:
     """Return the advice after a stop: commands to enter, or that the joints are enabled automatically."""
+    if cause.node.is_taken_out:
+        return f"; to continue: canopen-control nmt start {cause.node.name}, then {ENABLE_AFTER_LOSS}"
     if resumable:
         return "; they are enabled again when the node has returned (recovery: enable)"
     first = "canopen-control axis fault-reset all, then " if cause.machine.fault else ""

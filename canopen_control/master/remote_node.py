@@ -242,6 +242,8 @@ class RemoteNode:
         self.fault: FaultEvent | None = None
         """Fault in the last EMCY message of the node, which may be an error reset."""
         self.expected_state: NmtState | None = None  # by the last NMT command of a user
+        self.restart_command = ""
+        """Shell command that starts the node's virtual drive again, after its process has ended; else ""."""
         self.log = NodeLog(config, owner.report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
         self.label = self.log.label
         """Node id and name, as in every message."""
@@ -261,6 +263,13 @@ class RemoteNode:
     def is_taken_out(self) -> bool:
         """Whether a user's NMT command has taken the node out of use until it is started again."""
         return self.expected_state is not None
+
+    @property
+    def absence(self) -> str:
+        """Sentence on why the node is not operational, with the command that starts the node again, if any."""
+        command = f"canopen-control nmt start {self.name}" if self.is_taken_out else self.restart_command
+        again = f"; start it again: {command}" if command else ""
+        return f"{self.label} is not operational: {self.reason or 'it has not booted yet'}{again}"
 
     def begin_boot(self, now: int, *, reset: bool = True) -> None:
         """Start a boot of the node, aborting a boot in progress."""

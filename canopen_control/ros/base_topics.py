@@ -19,12 +19,13 @@ sample already defines the frame of its child.
 from __future__ import annotations
 
 import math
+import time
 from typing import TYPE_CHECKING, Any, Final
 
 from geometry_msgs.msg import TransformStamped, Twist, TwistStamped
 
 from canopen_control.ros.conversions import located_frames, odometry_pose, positions_of, seconds_of, transform_of
-from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples, success_of
+from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples, PublisherWatch, success_of
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.rcl import REFERENCE, SYSTEM_DEFAULT, TF, TF_STATIC
 from canopen_control.ros.sample_publisher import time_message
@@ -69,7 +70,8 @@ class TwistSubscription:
         first: str = "",
         quality: object = SYSTEM_DEFAULT,
     ) -> None:
-        self._ros, self._topic, self._on_message, self._auto = ros, topic, on_message, kind == AUTO
+        self._ros, self._topic, self._deliver, self._auto = ros, topic, on_message, kind == AUTO
+        self._watch = PublisherWatch(ros, topic)
         self._subscription: object = None
         self._quality = quality
         self._type, self._next = "", 0.0
@@ -95,6 +97,11 @@ class TwistSubscription:
     def close(self) -> None:
         if self._subscription is not None:
             self._ros.unsubscribe(self._subscription)
+
+    def _on_message(self, message: Twist | TwistStamped) -> None:
+        twist = message.twist if isinstance(message, TwistStamped) else message
+        self._watch.take((twist.linear.x, twist.linear.y, twist.angular.z), time.monotonic())
+        self._deliver(message)
 
     def _change(self, name: str) -> None:
         """Unsubscribe from the old type; the next check subscribes to the new one."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from typing import TYPE_CHECKING, Any
 
 from std_msgs.msg import Float64MultiArray
 
 from canopen_control.ros.conversions import command_refusal
-from canopen_control.ros.endpoint import COMMANDER, Endpoint, success_of
+from canopen_control.ros.endpoint import COMMANDER, Endpoint, PublisherWatch, success_of
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.rcl import REFERENCE, SYSTEM_DEFAULT
 from canopen_control.rpc.messages.robot import CommandByName, CommandController, SetFeedForward, SetMeasuredStates
@@ -31,10 +32,9 @@ class ForwardCommands(Endpoint):
     """Subscription of `~/commands` of one forward command controller."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller = ros, controller
-        self._subscription = ros.subscribe(
-            Float64MultiArray, f"{controller.name}/commands", self._on_message, SYSTEM_DEFAULT
-        )
+        self._ros, self._controller, topic = ros, controller, f"{controller.name}/commands"
+        self._watch = PublisherWatch(ros, topic)
+        self._subscription = ros.subscribe(Float64MultiArray, topic, self._on_message, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
         self._controller = controller
@@ -48,6 +48,7 @@ class ForwardCommands(Endpoint):
         if refusal is not None:
             self._ros.warn(f"{self._controller.name}/commands", refusal)
             return
+        self._watch.take(values, time.monotonic())
         self._ros.command(
             CommandController(controller=self._controller.name, values=values, source=COMMANDER, dead_man=True)
         )
@@ -151,6 +152,7 @@ class PidReferences(Endpoint):
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/{self.topic}"
+        self._watch = PublisherWatch(ros, self._topic)
         self._subscription: object = None
         self.on_controller(controller)
 
@@ -176,6 +178,7 @@ class PidReferences(Endpoint):
         except ValueError as error:
             self._ros.warn(self._topic, f"{self._topic}: {error}; the message was dropped")
             return
+        self._watch.take(values, time.monotonic())
         self._hand_over(values)
 
     def _hand_over(self, values: list[float]) -> None:

@@ -5,7 +5,8 @@ reason. If an action applied to several drives, because a base controller claims
 No service waits for another service: each request is sent to the robot at once, so that `halt`, `disable` and
 `quick_stop` are never delayed by a long `init` or `home`. `recover` resets a fault and does not enable the drive:
 nothing moves without an enable. `target` is sent through the controller that commands the drive, with the controller's
-limits and timeout; without such a controller the target is refused. A node with several axes has the services for each
+limits and timeout; without such a controller, or while the drive does not follow commands, the answer is false and a
+warning of the bridge has the reason. A node with several axes has the services for each
 axis below its channel; the services of the node itself affect all its axes, and do not include `target`. A node without
 a joint is a proxy, and has only the services for SDO and NMT. `nmt_reset_node` boots the node again, as ros2_canopen's
 master does.
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.ros.endpoint import COMMANDER, Endpoint
 from canopen_control.ros.sdo_services import NodeSdo, master_handlers
-from canopen_control.rpc.messages.robot import AxisDone, AxisRequest, CommandController, NmtRequest
+from canopen_control.rpc.messages.robot import AxisDone, AxisRequest, CommandController, CommandDone, NmtRequest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -137,7 +138,9 @@ class DriveServices(Endpoint):
         return handler
 
     def _take_target(self, joint: str | None, request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        def answer(_result: object, error: str | None) -> None:
+        def answer(result: CommandDone | None, error: str | None) -> None:
+            if result is not None and joint in result.idle:  # other joints of the controller follow
+                error = f"{joint} does not follow: {result.idle[joint]}"
             if error is not None:
                 self._ros.warn(f"{self._node.name}/target", f"{self._node.name}: {error}")
             response.success = error is None

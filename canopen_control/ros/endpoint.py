@@ -109,7 +109,7 @@ def runs(lowest: int, procfs: Path = _PROCFS) -> bool:
 
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from canopen_control.ros.rcl import Node
     from canopen_control.rpc.client import ReactorClient
@@ -216,6 +216,54 @@ class Endpoint:
 
     def close(self) -> None:
         """Destroy the publishers, subscriptions, services and action servers."""
+
+
+_RETURN: Final = 0.2  # share of a change that the next message has to take back
+_RETURNS: Final = 4  # a single publisher may reverse a command twice
+_GAP_S: Final = 2.0  # maximum time between two of them
+_CALM_S: Final = 10.0  # time without one after which an alternation is reported again
+
+
+class PublisherWatch:
+    """Detection of publishers that command one controller alternately on the same topic.
+
+    The EventsExecutor of rclpy does not pass on who has published a message. So the values decide: they repeatedly
+    change and return to the values before, while the topic has several publishers. Publishers of the same values, or
+    of which only one is active, are normal.
+    """
+
+    def __init__(self, ros: NodeContext, topic: str) -> None:
+        self._ros, self._topic = ros, topic
+        self._last: Sequence[float] = ()
+        self._before: Sequence[float] = ()
+        self._returns, self._return_at = 0, -_CALM_S
+        self._reported = False
+
+    def take(self, values: Sequence[float], now: float) -> None:
+        """Record a command, and warn of several publishers once when they begin to alternate; `now` is in s."""
+        last, before = self._last, self._before
+        self._before, self._last = last, values
+        if not len(values) == len(last) == len(before) or not _returns(values, last, before):
+            return
+        since, self._return_at = now - self._return_at, now
+        self._returns = self._returns + 1 if since <= _GAP_S else 1
+        self._reported = self._reported and since <= _CALM_S
+        if self._reported or self._returns < _RETURNS:
+            return
+        infos = self._ros.node.get_publishers_info_by_topic(self._topic)
+        if len(infos) > 1:
+            self._reported = True
+            nodes = dict.fromkeys(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
+            names = " and ".join(nodes) if len(nodes) > 1 else f"{len(infos)} publishers of {next(iter(nodes))}"
+            text = f"{self._topic}: {names} publish alternately, so the motion jerks; each newer command applies"
+            self._ros.warn(f"{self._topic} publishers", f"{text}; end all but one of them")
+
+
+def _returns(values: Sequence[float], last: Sequence[float], before: Sequence[float]) -> bool:
+    """Return whether values take back the last change; False if a value is nan."""
+    change = max((abs(value - other) for value, other in zip(values, last, strict=True)), default=0.0)
+    back = max((abs(value - other) for value, other in zip(values, before, strict=True)), default=0.0)
+    return change > 0.0 and back <= _RETURN * change
 
 
 RosMessage = Any

@@ -57,7 +57,13 @@ if TYPE_CHECKING:
     from canopen_control.ros.bridge_options import BridgeOptions
     from canopen_control.ros.rcl import Context, Node
     from canopen_control.rpc.messages.declare import Request
-    from canopen_control.rpc.messages.robot import CommandController, HardwareReading, RobotPush, TwistController
+    from canopen_control.rpc.messages.robot import (
+        CommandController,
+        CommandDone,
+        HardwareReading,
+        RobotPush,
+        TwistController,
+    )
     from canopen_control.rpc.messages.state import ControllerReading
 
     States = dict[str, str]
@@ -331,6 +337,7 @@ class RosSession:
         self._rate = options.rate
         self._outpaced: str | None = None
         self._refusals = Refusals()
+        self._idle: dict[str, frozenset[str]] = {}  # by controller: joints that did not follow the last command
         self._mailbox: Mailbox[Command] = Mailbox(0)
         self._process_data_watchers: set[object] = set()
         self._ended = False
@@ -584,10 +591,15 @@ class RosSession:
         if later is not None:
             self._reactor.call_at(later, self._deliver)
 
-    def _on_command_answered(self, controller: str, _result: object, error: str | None) -> None:
+    def _on_command_answered(self, controller: str, result: CommandDone | None, error: str | None) -> None:
         sentence = None if self._ended else self._refusals.answered(controller, error)
         if sentence is not None:
             self.node.get_logger().warning(sentence)
+        idle = {} if result is None else result.idle
+        if not self._ended and idle.keys() - self._idle.get(controller, frozenset()):
+            reasons = "; ".join(f"{joint} does not follow: {reason}" for joint, reason in idle.items())
+            self.node.get_logger().warning(f"{controller}: {reasons}")
+        self._idle[controller] = frozenset(idle)
 
     def _on_callback_error(self, error: Exception) -> None:
         self._warn("callback", f"a callback failed: {type(error).__name__}: {error}")

@@ -42,6 +42,10 @@ class Call(Generic[R_co]):
         """Name and process id of the client, for messages."""
         return f"client {self.connection.name} (pid {self.connection.pid})"
 
+    def sender(self, source: str | None) -> str:
+        """Return the name and process id of a command's sender; `source` is the name that the request gives."""
+        return f"{source} (pid {self.connection.pid})" if source else self.client
+
     def reply(self: Call[Request[A]], answer: A) -> None:
         """Answer the request with a result of the declared type."""
         if self._number is not None:

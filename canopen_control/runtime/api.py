@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, get_args
 
 from canopen_control.controllers.base import twist_axes_of
+from canopen_control.controllers.command_timeout import CommandSender
 from canopen_control.controllers.controllers_file import SpawnedControllers
 from canopen_control.controllers.declared import checked, declared_by
 from canopen_control.controllers.types import TYPES
@@ -54,7 +55,7 @@ from canopen_control.version import __version__
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
 
     from canopen_control.hardware.interfaces import HardwareComponent
     from canopen_control.host.lineserver import Connection
@@ -498,17 +499,23 @@ class ApiServer(RobotObserver):
     # ------------------------------------------------------------------------------------------- motion
 
     def _command(self, call: Call[messages.CommandController]) -> None:
-        request = call.request
-        source = request.source or call.client
-        self._require_interface(request)
-        self._robot.command(request.controller, request.values, source, holder=self._holder(call))
-        call.reply(Done())
+        self._require_interface(call.request)
+        self._pass(call, call.request.values)
 
     def _command_by_name(self, call: Call[messages.CommandByName]) -> None:
-        request = call.request
-        source = request.source or call.client
-        self._robot.command(request.controller, request.values, source, holder=self._holder(call))
-        call.reply(Done())
+        self._pass(call, call.request.values)
+
+    def _pass(
+        self, call: Call[Commands], values: Sequence[float] | Mapping[str, float], stamp: float | None = None
+    ) -> None:
+        """Pass a command to its controller, and answer with the joints that do not follow the command."""
+        request, source = call.request, call.request.source
+        sender = CommandSender(call.connection, call.sender(source))
+        holder = self._holder(call)
+        idle = self._robot.command(
+            request.controller, values, source or call.client, stamp, holder=holder, sender=sender
+        )
+        call.reply(messages.CommandDone(idle))
 
     def _require_interface(self, request: messages.CommandController) -> None:
         """Raise ControlError if a request names a command interface that the controller is not using."""
@@ -518,11 +525,7 @@ class ApiServer(RobotObserver):
             raise ControlError(f"{name} currently accepts {expected}, not {request.interface}; nothing was applied")
 
     def _twist(self, call: Call[messages.TwistController]) -> None:
-        request = call.request
-        name = request.controller
-        values, source = self._twist_values(request), request.source or call.client
-        self._robot.command(name, values, source, request.stamp, holder=self._holder(call))
-        call.reply(Done())
+        self._pass(call, self._twist_values(call.request), call.request.stamp)
 
     def _twist_values(self, request: messages.TwistController) -> list[float]:
         """Return the values of a twist in the controller's order; ControlError if the controller accepts no twists."""

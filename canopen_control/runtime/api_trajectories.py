@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 from canopen_control.controllers.base import finite
+from canopen_control.controllers.command_timeout import CommandSender
 from canopen_control.controllers.request_protocols import GripperGoal, Grips
 from canopen_control.controllers.trajectory.goal import ResultCode, TrajectoryGoal
 from canopen_control.controllers.trajectory.params import GoalTolerances, JointTolerance
@@ -117,7 +118,8 @@ class TrajectoryMethods(RobotObserver):
         if request.dead_man:
             self._keep(call.connection)
         holder = call.connection if request.dead_man else None
-        self._robot.send_goal(request.controller, goal, request.source or call.client, holder=holder)
+        sender = CommandSender(call.connection, call.sender(request.source))
+        self._robot.send_goal(request.controller, goal, request.source or call.client, holder=holder, sender=sender)
         self.require_heartbeat(call.connection, request.controller, request.heartbeat if request.dead_man else None)
 
     # ------------------------------------------------------------------------------------------------- heartbeats
@@ -302,9 +304,11 @@ class GripperMethods:
         sent = _SentGoal(goal, _gripper_result)
         if request.dead_man:
             self._keep(connection)
-        robot.send_goal(
-            request.controller, goal, request.source or call.client, holder=connection if request.dead_man else None
+        holder, sender = (
+            connection if request.dead_man else None,
+            CommandSender(connection, call.sender(request.source)),
         )
+        robot.send_goal(request.controller, goal, request.source or call.client, holder=holder, sender=sender)
         self._require_heartbeat(connection, request.controller, request.heartbeat if request.dead_man else None)
         self._sent[connection] = sent
         return sent

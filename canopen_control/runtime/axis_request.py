@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from canopen_control.master.remote_node import RemoteNode
 
 
+ALL: Final = "all"
+"""Name of all nodes in a request."""
 _PROBE = {
     "function": objects.TOUCH_PROBE_FUNCTION,
     "status": objects.TOUCH_PROBE_STATUS,
@@ -84,9 +86,9 @@ def axes_of(
 ) -> tuple[JointDrive, ...]:
     """Return the axes of a node or of "all" nodes; `only` selects one joint. ControlError if no axis matches."""
     axes = tuple(joints)
-    if name == "all" and nodes and not axes:
+    if name == ALL and nodes and not axes:
         raise ControlError("no node drives a joint, so the robot has no axis")
-    if name != "all":
+    if name != ALL:
         node = find_node(nodes, name)
         axes = tuple(joint for joint in joints if joint.node is node)
         if not axes:
@@ -96,6 +98,20 @@ def axes_of(
         names = ", ".join(joint.joint for joint in axes) or "none"
         raise UnknownName(f"{name} has no joint {only!r}; available: {names}")
     return selected
+
+
+def without_target(
+    joints: tuple[JointDrive, ...], action: Action, name: str
+) -> tuple[tuple[JointDrive, ...], list[JointDrive]]:
+    """Leave axes that cannot be enabled, because no RPDO has a target, out of an enable of "all".
+
+    Returns the other axes, and the omitted axes. If every axis lacks a target none is omitted, so that the enable is
+    refused with the reason.
+    """
+    omitted = [joint for joint in joints if joint.lacks_target] if action is Action.ENABLE and name == ALL else []
+    if len(omitted) == len(joints):
+        return joints, []
+    return tuple(joint for joint in joints if joint not in omitted), omitted
 
 
 def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[JointDrive, ...], str]:
@@ -276,7 +292,7 @@ def _mode_of(text: str) -> int:
 def _require_present(joint: JointDrive) -> None:
     node = joint.node
     if not node.ready or not joint.parameters.loaded:
-        raise ControlError(f"{node.label} is not operational: {node.reason or 'it has not booted yet'}")
+        raise ControlError(node.absence)
 
 
 _SIMPLE: Mapping[Action, Callable[[JointDrive, int], None]] = MappingProxyType(

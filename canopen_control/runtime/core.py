@@ -27,6 +27,7 @@ from canopen_control.runtime.axis_request import (
     begin_action,
     find_node,
     whole_bases,
+    without_target,
 )
 from canopen_control.runtime.enable_status import (
     DriveEnableStatus,
@@ -36,6 +37,7 @@ from canopen_control.runtime.enable_status import (
     cost_of_skipping,
     enable_hint,
     in_fault,
+    no_target,
     startup_complete,
     stop_summary,
     why_not_started,
@@ -51,6 +53,7 @@ from canopen_control.urdf.robot_model import WheelGeometry
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from canopen_control.controllers.command_timeout import CommandSender
     from canopen_control.controllers.manager import AnyGoal
     from canopen_control.hardware.interfaces import HardwareComponent
     from canopen_control.hardware.joint import JointDrive
@@ -395,17 +398,19 @@ class RobotCore:
         stamp: float | None = None,
         *,
         holder: object = None,
-    ) -> None:
+        sender: CommandSender | None = None,
+    ) -> dict[str, str]:
         """Pass a command to a controller; ControlError if STOP is latched or the controller refuses the command.
 
         `stamp` is the creation time in Unix s. The command ends when `client_disconnected` is called with the `holder`;
-        without a holder it ends only by its timeout.
+        without a holder it ends only by its timeout. Returns why joints do not follow the command, by joint name.
         """
         self.latch.refuse("a command to", controller)
         self._require_active(controller, source)
-        created_at = None if stamp is None else self.made_at(stamp)
-        self.manager.command(controller, values, self.cycle.clock.now(), created_at, source=source, holder=holder)
+        created_at, now = None if stamp is None else self.made_at(stamp), self.cycle.clock.now()
+        idle = self.manager.command(controller, values, now, created_at, source=source, holder=holder, sender=sender)
         self.commander = source
+        return idle
 
     @property
     def wall_offset_ns(self) -> int:
@@ -426,11 +431,13 @@ class RobotCore:
         if moved:
             self.report(Event(self.reactor.now(), "clock_step", "", step_words(moved), Level.WARNING))
 
-    def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:
+    def send_goal(
+        self, controller: str, goal: AnyGoal, source: str, *, holder: object = None, sender: CommandSender | None = None
+    ) -> None:
         """Pass a goal to a controller; the goal ends when the client `holder` disconnects. ControlError if refused."""
         self.latch.refuse("a goal to", controller)
         self._require_active(controller, source)
-        self.manager.send_goal(controller, goal, self.cycle.clock.now(), source=source, holder=holder)
+        self.manager.send_goal(controller, goal, self.cycle.clock.now(), source=source, holder=holder, sender=sender)
         self.commander = source
 
     def _require_active(self, controller: str, source: str) -> None:
@@ -481,20 +488,21 @@ class RobotCore:
     ) -> str:
         """Start an action on the axes of a node or of "all"; `done(error)` is called when it has ended.
 
-        ControlError if the action is refused. The action includes all axes of a base; returns a sentence that names the
-        added axes, or "". `joint` selects one of several axes of a node. `method` is the homing method (None: the
-        method in 0x6098), `mode` is the mode of operation by name or number.
+        ControlError if the action is refused. The action includes all axes of a base; returns a text that names the
+        added axes, and the axes that "all" cannot enable, or "". `joint` selects one of several axes of a node.
+        `method` is the homing method (None: the method in 0x6098), `mode` the mode of operation by name or number.
         """
         now = self.reactor.now()
         self.needed.check_action(action)
-        joints, together = whole_bases(axes_of(self.nodes, self.joints.values(), name, joint), action)
+        axes, omitted = without_target(axes_of(self.nodes, self.joints.values(), name, joint), action, name)
+        joints, together = whole_bases(axes, action)
         extra_ns = begin_action(action, joints, self.systems, now, method=method, mode=mode)
         if action in ALONE:
             self.manager.running.exclude([joint_drive.joint for joint_drive in joints], self.cycle.clock.now())
         self._requests.append(PendingAxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + extra_ns, done))
         if together:
             self.report(Event(now, "together", "", together))
-        return together
+        return "; ".join(filter(None, [together, no_target(omitted) if omitted else ""]))
 
     def touch_probe(self, name: str, done: Callable[[dict[str, int] | str], None]) -> None:
         """Read the touch probes of a node's first axis; `done` receives the values by name, or an error text."""

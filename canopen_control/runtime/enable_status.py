@@ -11,12 +11,13 @@ import os
 import time
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.objects import CONTROLWORD, axis_of
+from canopen_control.cia402.objects import CONTROLWORD, TARGET_POSITION, TARGET_VELOCITY, axis_of
 from canopen_control.cia402.state import POWERED_STATES
 from canopen_control.controllers.base import EnableStatus
 from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.interfaces import TARGET
+from canopen_control.hardware.system import ENABLE_AFTER_LOSS
 from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.observer import RobotObserver
 
@@ -34,8 +35,7 @@ if TYPE_CHECKING:
     Interfaces = tuple[CommandInterface, ...]
 
 
-_ENABLE: Final = "canopen-control axis enable all"
-_RESET: Final = "canopen-control axis fault-reset all"
+_ALL: Final = "all"
 _MOVING: Final = (Action.ENABLE, Action.HOME)
 
 
@@ -50,8 +50,11 @@ def is_rising(joint: JointDrive) -> bool:
 
 
 def claimed_off(joints: Iterable[JointDrive]) -> list[JointDrive]:
-    """Return the drives that an active controller claims but that do not follow commands."""
-    return [joint for joint in _claimed(joints) if is_off(joint)]
+    """Return the drives that an active controller claims but that do not follow commands.
+
+    A drive without a target in an RPDO is only observed, and left out.
+    """
+    return [joint for joint in _claimed(joints) if is_off(joint) and not joint.lacks_target]
 
 
 def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
@@ -67,11 +70,23 @@ def enable_hint(joints: Sequence[JointDrive]) -> str | None:
     """Return why drives do not follow commands, with the command that enables them; None if `joints` is empty."""
     if not joints:
         return None
+    if any(joint.lacks_target for joint in joints):
+        return no_target([joint for joint in joints if joint.lacks_target])
     waiting = [joint for joint in joints if not is_rising(joint)]
     if not waiting:
         homing = [joint for joint in joints if joint.homing is not None]
         return f"{_names(homing)}: homing is under way" if homing else f"{_names(joints)}: being enabled"
     return f"{_names(waiting)} {_are(waiting)} {_condition(waiting)} and will not move: {_remedy(waiting)}"
+
+
+def no_target(joints: Sequence[JointDrive]) -> str:
+    """Return a sentence about drives that cannot be enabled because no RPDO has a target, with the remedy."""
+    axis = joints[0].axis
+    position, velocity = (axis.index(index) for index in (TARGET_POSITION, TARGET_VELOCITY))
+    return (
+        f"{_names(joints)} {_are(joints)} only observed and will not move, since no RPDO contains a target: "
+        f"map 0x{position:04X} or 0x{velocity:04X} in bus.yml, then start the robot again"
+    )
 
 
 class DriveEnableStatus(EnableStatus):
@@ -104,6 +119,10 @@ class DriveEnableStatus(EnableStatus):
                 text = ", ".join(f"{name} ({drives[name].node.name})" for name in names)
                 return f"{text}: {cause}; {_remedy(list(drives.values()))}"
         return super().reason(waiting)
+
+    def idle(self, waiting: Sequence[CommandInterface]) -> dict[str, str]:
+        names = [name for name in dict.fromkeys(interface.joint for interface in waiting) if name in self._joints]
+        return {name: _why_idle(self._joints[name]) for name in names}
 
     def stop_groups(self, interfaces: Interfaces) -> list[Interfaces]:
         groups: dict[int | str, list[CommandInterface]] = {}
@@ -188,22 +207,38 @@ def _condition(joints: Sequence[JointDrive]) -> str:
     return "halted" if all(joint.machine.halted and joint.enable_requested for joint in joints) else "not enabled"
 
 
-def _remedy(joints: Sequence[JointDrive]) -> str:
-    absent = [joint for joint in joints if not joint.node.ready]
+def _why_idle(joint: JointDrive) -> str:
+    """Return why one drive does not follow a command that others follow, with the remedy for this drive alone."""
+    if is_rising(joint):
+        return f"{_names([joint])}: being enabled"
+    condition = "in fault" if joint.machine.fault else _condition([joint])
+    return f"{_names([joint])} is {condition}: {_remedy([joint], joint.node.name)}"
+
+
+def _remedy(joints: Sequence[JointDrive], of: str = _ALL) -> str:
+    """Return the commands after which drives follow commands; `of` is the node to enable."""
+    enable, reset = (f"canopen-control axis {action} {of}" for action in ("enable", "fault-reset"))
+    absent = list(dict.fromkeys(joint.node for joint in joints if not joint.node.ready))
+    if any(node.is_taken_out for node in absent):
+        return f"{return_hint(absent)}, then {ENABLE_AFTER_LOSS}"
     if absent:
-        later = f"then {_ENABLE}" if any(not joint.enable_requested for joint in joints) else "they are enabled then"
-        return f"{return_hint([joint.node for joint in absent])}, {later}"
-    faulty = any(joint.machine.fault for joint in joints)
-    return f"{_RESET}, then {_ENABLE}" if faulty else _ENABLE
+        later = f"then {enable}" if any(not joint.enable_requested for joint in joints) else "they are enabled then"
+        return f"{return_hint(absent)}{'; ' if _ended(absent) else ', '}{later}"
+    return f"{reset}, then {enable}" if any(joint.machine.fault for joint in joints) else enable
 
 
-def return_hint(absent: Iterable[RemoteNode]) -> str:
-    """Return the advice for absent nodes: start nodes that a user has stopped, otherwise wait."""
-    nodes = list(dict.fromkeys(absent))
-    names = [node.name for node in nodes if node.is_taken_out]
-    if names:
+def return_hint(absent: Sequence[RemoteNode]) -> str:
+    """Return the advice for absent nodes: start stopped nodes and ended virtual drives again, otherwise wait."""
+    if names := [node.name for node in absent if node.is_taken_out]:
         return f"start the stopped nodes: {', '.join(f'canopen-control nmt start {name}' for name in names)}"
-    return f"wait for {', '.join(node.name for node in nodes)}"
+    if ended := _ended(absent):
+        commands = " and ".join(dict.fromkeys(node.restart_command for node in ended))
+        return f"start {', '.join(node.name for node in ended)} again in another terminal: {commands}"
+    return f"wait for {', '.join(node.name for node in absent)}"
+
+
+def _ended(absent: Sequence[RemoteNode]) -> list[RemoteNode]:
+    return [node for node in absent if node.restart_command]
 
 
 def cost_of_skipping(joints: Iterable[JointDrive]) -> str:

@@ -207,7 +207,7 @@ class RunSession(RobotObserver):
         self.robot.latch.keep(state_dir(setup.name) / "stop_latched")
         self.reactor.on_error = ProgramErrors(self.reactor.now, self.robot.report)
         claims = cleanup.enter_context(contextlib.ExitStack())
-        self.supervisor = Supervisor(setup.name, self.reactor, self.robot.report, self.realtime)
+        self.supervisor = Supervisor(setup.name, self.reactor, self.robot.report, self.realtime, self.robot.nodes)
         self.robot.missing_programs = self.supervisor.missing
         cleanup.callback(self.supervisor.end)
         try:
@@ -303,6 +303,10 @@ class RunSession(RobotObserver):
     def _take_true_pose(self, base: BasePose) -> None:
         odometry = odometry_at(self.robot.manager, base.time_ns - self.reactor.now())
         self.robot.truth.take(base, odometry, self.robot.wall_offset_ns)
+
+    def event(self, event: Event) -> None:
+        if event.kind == "ready":
+            self.supervisor.node_ready(event.node)
 
     def stopped(self) -> None:
         self.reactor.stop()

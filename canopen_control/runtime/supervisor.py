@@ -10,6 +10,7 @@ it is killed, and its end is handled like any other.
 
 from __future__ import annotations
 
+import shlex
 from collections import deque
 from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from canopen_control.host.spawn import Child
     from canopen_control.host.timer import Timer
     from canopen_control.master.config import BusConfig
+    from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.realtime import RealTime
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.virtual.node_host import NodeHost
@@ -86,15 +88,22 @@ class _Restartable(NamedTuple):
 class Supervisor:
     """Supervisor of a robot's child processes; unexpected ends are reported to `report`.
 
-    With `realtime`, the CPU binding of this process is undone for the children.
+    With `realtime`, the CPU binding of this process is undone for the children. `nodes` are the robot's nodes, which
+    get the command that starts their virtual drive again when its process has ended.
     """
 
     def __init__(
-        self, name: str, reactor: Reactor, report: Callable[[Event], None], realtime: RealTime | None = None
+        self,
+        name: str,
+        reactor: Reactor,
+        report: Callable[[Event], None],
+        realtime: RealTime | None = None,
+        nodes: Mapping[str, RemoteNode] | None = None,
     ) -> None:
         self._name, self._reactor, self._report = name, reactor, report
-        self._realtime = realtime
+        self._realtime, self._nodes = realtime, nodes or {}
         self._drives: list[Child] = []
+        self._drive_commands: dict[str, tuple[tuple[str, ...], str]] = {}  # by child name: nodes, and the shell command
         self._world: tuple[Child, tuple[str, ...]] | None = None  # process of all drives, names of their nodes
         self.refused = False  # the drives refused their files
         self._clients: list[Child] = []
@@ -331,7 +340,7 @@ class Supervisor:
                 *self._like,
                 *(f"--quirk={quirk}" for quirk in unit_quirks(bus, node.name)),
             ]
-            self._drives.append(self._start_module(arguments, f"{_DRIVE}{node.name}", reports=True))
+            self._start_drives(arguments, f"{_DRIVE}{node.name}", (node.name,))
 
     def _spawn_world(self, setup: RobotSetup, plant: Path) -> None:
         """Start all virtual drives of a robot in one process, which simulates the robot from the file `plant`."""
@@ -347,9 +356,23 @@ class Supervisor:
         quirks = {tuple(unit_quirks(bus, node.name)) for bus, node in nodes}
         if len(quirks) == 1:  # the process applies its quirks to all of its drives
             arguments += [f"--quirk={quirk}" for quirk in quirks.pop()]
-        child = self._start_module([*arguments, *self._like], "drives", reports=True)
-        self._world = child, tuple(node.name for _, node in nodes)
+        names = tuple(node.name for _, node in nodes)
+        self._world = self._start_drives([*arguments, *self._like], "drives", names), names
+
+    def _start_drives(self, arguments: Sequence[str], name: str, nodes: tuple[str, ...]) -> Child:
+        """Start a process of virtual drives for `nodes`, and store the shell command that starts the process again."""
+        self._drive_commands[name] = nodes, shlex.join(["canopen-control", *arguments[1:]])
+        child = self._start_module(arguments, name, reports=True)
         self._drives.append(child)
+        return child
+
+    def node_ready(self, name: str) -> None:
+        """Discard the advice to start a virtual drive again, since its node has returned."""
+        if name in self._nodes and self._nodes[name].restart_command:
+            for child, (nodes, _) in self._drive_commands.items():
+                if name in nodes:
+                    self._nodes[name].restart_command = ""
+                    self.missing.pop(child, None)
 
     def _host_drives(self, bus: BusConfig, channel: str) -> None:
         from canopen_control.personality import read_personality
@@ -424,9 +447,14 @@ class Supervisor:
             if self._run is not None:
                 self._run.child_failed(text)
             return
-        text = f"process {child.name} (pid {child.pid}) {outcome}{last_output}"
+        nodes, command = self._drive_commands.get(child.name, ((), ""))
+        for name in nodes:
+            if name in self._nodes:
+                self._nodes[name].restart_command = command
+        again = f"; start it again: {command}" if command else ""
+        text = f"process {child.name} (pid {child.pid}) {outcome}{last_output}{again}"
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
-        self.missing[child.name] = outcome
+        self.missing[child.name] = f"{outcome}{again}"
         self._stop_waiting_for(child)
         restartable = self._restartable.pop(child, None)
         if restartable is not None and not self._over:

@@ -7,7 +7,7 @@ import math
 import pytest
 from support.control import DIFF_DRIVE, FORWARD, Hardware, S, add, manager
 
-from canopen_control.controllers.command_timeout import timeout_ns
+from canopen_control.controllers.command_timeout import CommandSender, SenderWatch, timeout_ns
 from canopen_control.errors import NotEnabled
 
 WHEELS = ["left", "right"]
@@ -195,3 +195,59 @@ def test_who_has_said_to_stand_may_go_and_nothing_is_told(make):
     assert (hardware.values()[1] > 0.0) is (make is base)
     assert hardware.values()[1] < before
     assert not control.events()
+
+
+ONE, OTHER, THIRD = (CommandSender(object(), name) for name in ("one (pid 1)", "other (pid 2)", "third (pid 3)"))
+
+
+def alternations(*takes):
+    """Return what is reported for senders and their times in s."""
+    watch = SenderWatch()
+    reports = [watch.take(sender, round(seconds * S)) for sender, seconds in takes]
+    return [report for report in reports if report is not None]
+
+
+def test_two_senders_that_alternate_are_reported_once_with_both_names():
+    turns = [((ONE, OTHER)[turn % 2], 1 + turn * 0.05) for turn in range(200)]
+    assert alternations(*turns) == [("one (pid 1)", "other (pid 2)")]
+
+
+def test_three_senders_that_alternate_are_reported_once():
+    turns = [((ONE, OTHER, THIRD)[turn % 3], 1 + turn * 0.05) for turn in range(200)]
+    assert len(alternations(*turns)) == 1
+
+
+@pytest.mark.parametrize(
+    "takes",
+    [
+        [(ONE, 1 + turn / 10) for turn in range(100)],
+        [(ONE, 1), (OTHER, 1.1), (OTHER, 1.2), (ONE, 1.3), (ONE, 1.4)],  # one interruption
+        [(ONE, 1), (OTHER, 3.5), (ONE, 6), (OTHER, 8.5), (ONE, 11)],  # each when the command before has ended
+        [(CommandSender(object(), "command"), 1 + turn / 10) for turn in range(100)],  # a script that starts many
+    ],
+)
+def test_a_sender_that_takes_over_is_normal(takes):
+    assert alternations(*takes) == []
+
+
+def test_an_alternation_after_a_quiet_time_is_reported_again():
+    turns = [((ONE, OTHER)[turn % 2], start + turn * 0.1) for start in (1, 15) for turn in range(10)]
+    assert len(alternations(*turns)) == 2
+    turns = [((ONE, OTHER)[turn % 2], start + turn * 0.1) for start in (1, 8) for turn in range(10)]
+    assert len(alternations(*turns)) == 1
+
+
+def test_a_controller_reports_who_commands_it_alternately_and_the_newer_command_applies():
+    hardware, control = forward()
+    control.events()
+    for turn in range(20):
+        source, value = ("teleop", 1.0) if turn % 2 else ("command", 2.0)
+        control.command("forward", [value, value], turn * S // 10, source=source)
+        control.update(turn * S // 10, 0.01)
+        assert hardware.values() == [value, value]
+    (event,) = control.events()
+    assert (event.kind, event.controller) == ("two_senders", "forward")
+    assert event.text == (
+        "forward: command and teleop command it alternately, so its motion jerks; each newer command applies; "
+        "end one of the two"
+    )

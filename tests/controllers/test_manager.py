@@ -323,3 +323,38 @@ def test_a_command_is_refused_while_its_drive_is_off_and_counts_for_nothing_afte
     left.enabled = True
     control.update(S // 100, 0.01)
     assert not left.value > 0.0
+
+
+def test_a_joint_that_does_not_follow_an_accepted_command_is_named_once_with_the_reason(robot):
+    hardware, control = robot
+    control.switch(["both"], now=0)
+    control.events()
+    left = hardware.command_interfaces[0]
+    left.enabled, left.excluded = False, True  # a user has disabled only this axis
+    for now in range(3):
+        assert control.command("both", [1.0, 2.0], now) == {"l": "not enabled; enable it"}
+    (event,) = control.events()
+    assert (event.kind, event.text) == (
+        "not_followed",
+        "both: l does not follow: not enabled; enable it (reported once)",
+    )
+    assert control.command("both", [0.0, 2.0], 4) == {}  # standstill needs no drive
+    control.command("both", [1.0, 2.0], 5)
+    assert not control.events()
+    left.enabled, left.excluded = True, False
+    assert control.command("both", [1.0, 2.0], 6) == {}
+    left.enabled, left.excluded = False, True
+    control.command("both", [1.0, 2.0], 7)
+    assert [event.kind for event in control.events()] == ["not_followed"]
+
+
+@pytest.mark.parametrize(("target", "idle"), [(0.5, []), (0.6, ["l"])])
+def test_a_disabled_joint_that_is_at_its_commanded_position_is_not_named(target, idle):
+    hardware = Hardware("l/position", "r/position", states=("l/position", "r/position"))
+    control = manager(hardware)
+    add(control, "both", FORWARD, joints=["l", "r"], interface_name="position")
+    control.switch(["both"], now=0)
+    hardware.set("l/position", 0.5)
+    left = hardware.command_interfaces[0]
+    left.enabled, left.excluded = False, True
+    assert list(control.command("both", [target, 1.0], 0)) == idle

@@ -1,6 +1,7 @@
 """Every process of a robot is killed in turn: the wheels stop, the death is named, nobody survives."""
 
 import os
+import shlex
 import signal
 import time
 
@@ -183,6 +184,23 @@ def test_when_a_drive_is_killed_the_robot_stops_and_names_it_and_runs_on(stage, 
     assert eventually(lambda: rest.power == "SWITCH_ON_DISABLED")
     assert robot.running
     assert robot.end() == 0, robot
+
+
+def test_the_advice_after_the_death_of_a_drive_works_word_by_word(stage, turning):
+    _, probes = turning("advised")
+    os.kill(probes[0].hello.pid, signal.SIGKILL)
+    with RobotClient.connect("advised") as client:
+        told = lambda: client.ask(GetStatus()).hint or ""  # noqa: E731
+        assert eventually(lambda: "start left_drive again in another terminal: " in told())
+        start, enable = told().partition("terminal: ")[2].split("; then ")
+        assert any(text.endswith(f"; start it again: {start}") for text in events(client))
+        stage.start(*shlex.split(start)[1:])
+        assert eventually(lambda: client.ask(GetStatus()).nodes["left_drive"].ready)
+        assert client.ask(GetStatus()).missing_programs == {}
+        assert stage.call(*shlex.split(enable)[1:]).wait() == 0
+        assert (client.ask(GetStatus()).state, told()) == ("running", "")
+    command_again(stage, "advised")
+    assert eventually(lambda: abs(probes[1].speed) > 1)
 
 
 def test_a_frozen_drive_stops_the_robot_and_is_booted_again_when_it_thaws(stage, turning):

@@ -1,9 +1,10 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
-from support.ros import eventually
+from support.ros import Peer, eventually
 
 pytestmark = pytest.mark.ros
 TOPIC, TYPE = "/forward/commands", "std_msgs/msg/Float64MultiArray"
@@ -62,3 +63,20 @@ def test_a_flood_arrives_as_one_command_per_cycle_with_the_newest_value(fresh):
     values = [each["values"][0] for each in commands(fresh)]
     assert values == sorted(values)
     assert 0 < sum(value < 3000.0 for value in values) < 1000, "superseded, not queued"
+
+
+def test_two_publishers_that_alternate_are_named_in_one_warning_of_the_robot(fresh):
+    def told():
+        return [each["text"] for each in fresh.robot.commands("tell") if "publish alternately" in each["text"]]
+
+    with Peer(fresh.domain) as other:
+        for peer, value in ((fresh.peer, 1.0), (other, 2.0)):
+            peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [value, value]}, rate=20)
+        assert eventually(told)
+        sent = len(commands(fresh))
+        assert eventually(lambda: len(commands(fresh)) > sent + 20)
+        fresh.peer.order("silence", topic=TOPIC)
+    assert len(told()) == 1
+    assert re.match(
+        r"ROS: forward/commands: \d publishers of /peer publish alternately, so the motion jerks", told()[0]
+    )

@@ -131,3 +131,18 @@ def test_a_node_that_moves_nothing_has_the_services_of_a_proxy_alone(fresh, call
 def test_a_reset_is_asked_for_with_the_boot_after_it(fresh, call):
     assert call("/terminals/nmt_reset_node")["success"]
     assert fresh.robot.commands("nmt") == [{"node": "terminals", "command": "reset-node", "boot": True}]
+
+
+def test_a_target_of_a_drive_that_does_not_follow_is_answered_false_with_the_reason_as_a_warning(fresh, call):
+    reason = "left_drive is halted: canopen-control axis enable left_drive"
+    fresh.robot.answers["command"] = {"idle": {"left": reason}}
+    try:
+        assert ros.eventually(lambda: _refused_with(fresh, call, reason))  # one warning a second
+        assert call("/test1/right_drive/target", TARGET, target=1.0) == {"success": True}
+    finally:
+        del fresh.robot.answers["command"]
+
+
+def _refused_with(stage, call, reason):
+    assert call("/left_drive/target", TARGET, target=1.0) == {"success": False}
+    return any(reason in each["text"] for each in stage.robot.commands("tell"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 
 import pytest
@@ -416,6 +417,35 @@ def test_a_command_moves_the_wheels(robby, client):
     robby.run(500)
     assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.01)
     assert client.ask("status")["result"]["commander"] == "test"
+
+
+def test_two_clients_that_command_one_controller_alternately_are_named_in_one_warning(robby, client):
+    other, mine = Client(robby), os.getpid()
+    for _ in range(20):
+        for who, source, speed in ((client, "teleop", 1.0), (other, "command", 2.0)):
+            assert who.ask("command", controller=FORWARD, values=[speed, speed], source=source)["result"] == {}
+            robby.run(50)
+    other.close()
+    (told,) = [event for event in client.ask("status")["result"]["events"] if event["kind"] == "two_senders"]
+    assert (told["level"], told["controller"]) == ("warning", FORWARD)
+    assert told["text"].startswith(f"{FORWARD}: teleop (pid {mine}) and command (pid {mine}) command it alternately")
+
+
+def test_one_client_with_several_sources_is_one_sender(robby, client):
+    """As the bridge is: the services `target` of two drives command one controller in turn."""
+    for turn in range(20):
+        source = ("ros left_drive/target", "ros right_drive/target")[turn % 2]
+        client.ask("command", controller=FORWARD, values=[1.0, 1.0], source=source)
+        robby.run(50)
+    assert robby.texts("two_senders") == []
+
+
+def test_the_answer_to_a_command_names_the_joints_that_do_not_follow(robby, client):
+    assert client.ask("axis", action="halt", node="left_drive")["result"] == {}
+    reason = "left_drive is halted: canopen-control axis enable left_drive"
+    done = client.ask("command", controller=FORWARD, values=[10, 10])["result"]
+    assert done == {"idle": {"left_wheel_joint": reason}}
+    assert client.ask("command", controller=FORWARD, values=[0, 10])["result"] == {}
 
 
 @pytest.mark.parametrize(

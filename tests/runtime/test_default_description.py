@@ -174,9 +174,46 @@ def test_a_drive_whose_rpdos_carry_no_target_is_watched_homed_and_refuses_what_n
         robot.robot.axis(Action.ENABLE, "drive_one", print)
     with pytest.raises(DriveError, match=r"no RPDO carries 0x60FF:00"):
         robot.robot.axis(Action.MODE, "drive_one", print, mode="PV")
-    assert "not enabled" in robot.target(1.0)
+    assert "drive_one is only observed and will not move" in robot.target(1.0)
     assert not robot.powered(2)
     assert robot.axis(Action.HOME, "drive_one", method=37) is None
+
+
+def observed(folder):
+    """Write two drives, of which drive_one has no target in an RPDO."""
+    config = write_drives(folder)
+    bus = config / "bus.yml"
+    lines = "    node_id: 2\n    rpdo:\n      2: {enabled: false}\n      3: {enabled: false}\n"
+    bus.write_text(bus.read_text().replace("    node_id: 2\n", lines))
+    return config
+
+
+OBSERVED = (
+    "drive_one is only observed and will not move, since no RPDO contains a target: "
+    "map 0x607A or 0x60FF in bus.yml, then start the robot again"
+)
+
+
+def test_the_advice_beside_a_drive_without_a_target_works(bench, tmp_path):
+    robot = bench(observed(tmp_path), (2, 3))
+    assert robot.robot.state is RobotState.DISABLED
+    assert robot.robot.hint == "drive_two is not enabled and will not move: canopen-control axis enable all"
+    answers = []
+    assert robot.robot.axis(Action.ENABLE, "all", answers.append) == OBSERVED
+    robot.until(lambda: answers)
+    assert answers == [None]
+    assert (robot.robot.state, robot.robot.hint) == (RobotState.RUNNING, None)
+    assert (robot.powered(2), robot.powered(3)) == (False, True)
+    robot.mode("PV", "drive_two")
+    assert robot.target(1.0, "drive_two") is None
+    assert robot.target(1.0, "drive_one") == f"{OBSERVED}; an earlier command is refused and not kept"
+
+
+def test_a_bus_whose_drives_all_lack_a_target_waits_for_no_enable(bench, tmp_path):
+    robot = bench(without(write_drives(tmp_path), *TARGETS), (2, 3))
+    assert (robot.robot.state, robot.robot.hint) == (RobotState.RUNNING, None)
+    with pytest.raises(DriveError, match=r"drive_one.*no RPDO carries 0x607A:00.*map it in bus.yml"):
+        robot.robot.axis(Action.ENABLE, "all", print)
 
 
 def test_a_drive_that_no_joint_of_a_robot_names_is_a_proxy_beside_the_others_and_told(tmp_path):

@@ -7,6 +7,7 @@ from support.iomodule import with_io_module
 from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby
 from support.samples import state_dict, status_dict
 
+from canopen_control.cia301.nmt import COMMAND_NAMES, NmtCommand
 from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
 from canopen_control.hardware.axis_statechart import Action
@@ -535,3 +536,82 @@ def test_the_api_names_what_is_only_in_the_file_where_it_is_asked(bench):
     finally:
         client.close()
         api.close()
+
+
+@pytest.mark.parametrize(
+    ("action", "condition"),
+    [(Action.DISABLE, "not enabled"), (Action.HALT, "halted"), (Action.QUICK_STOP, "not enabled")],
+)
+def test_a_command_names_the_joint_that_does_not_follow_and_the_advice_works(bench, action, condition):
+    robby = bench()
+    act(robby, action, "left_drive")
+    advice = f"left_drive is {condition}: canopen-control axis enable left_drive"
+    assert robby.robot.command(FORWARD, [5.0, 5.0], "test") == {"left_wheel_joint": advice}
+    robby.hold(5.0, 5.0, ms=600)
+    assert (robby.velocity(LEFT), robby.velocity(RIGHT)) == (0.0, pytest.approx(5.0, rel=0.02))
+    assert robby.texts("not_followed") == [f"{FORWARD}: left_wheel_joint does not follow: {advice} (reported once)"]
+    act(robby, Action.ENABLE, "left_drive")
+    assert robby.robot.command(FORWARD, [5.0, 5.0], "test") == {}
+    robby.hold(5.0, 5.0, ms=600)
+    assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.02)
+
+
+def followed(robby, advice):
+    """Execute the commands in an advice literally, as far as they are those of this program."""
+    for command in advice.split(", then "):
+        _, _, words = command.partition("canopen-control ")
+        verb, action, node = words.split()
+        if verb == "nmt":
+            remote = robby.robot.nodes[node]
+            remote.command(COMMAND_NAMES[action], robby.reactor.now())
+            robby.until(lambda remote=remote: remote.ready)
+            robby.run(500)
+        else:
+            act(robby, Action(action), node)
+
+
+@pytest.mark.parametrize("command", [NmtCommand.STOP, NmtCommand.ENTER_PRE_OPERATIONAL, NmtCommand.RESET_NODE])
+@pytest.mark.parametrize("told", ["hint", "refused", "stop"])
+def test_the_advice_after_an_nmt_command_works(bench, command, told):
+    robby = bench()
+    robby.hold(5.0, 5.0, ms=600)
+    robby.robot.nodes["left_drive"].command(command, robby.reactor.now())
+    robby.run(2000)
+    with pytest.raises(NotEnabled) as refused:
+        robby.command(5.0, 5.0)
+    hint = robby.robot.hint
+    advice = {
+        "hint": hint.partition("start the stopped nodes: ")[2],
+        "refused": str(refused.value)
+        .removesuffix("; an earlier command is refused and not kept")
+        .partition("nodes: ")[2],
+        "stop": robby.texts("stop")[0].partition("; to continue: ")[2],
+    }[told]
+    assert advice.count("canopen-control") == 3
+    followed(robby, advice)
+    assert (robby.robot.state, robby.robot.hint) == (RobotState.RUNNING, None)
+    robby.hold(5.0, 5.0, ms=600)
+    assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.02)
+
+
+def test_the_advice_after_an_nmt_start_works(bench):
+    robby = bench()
+    robby.hold(5.0, 5.0, ms=600)
+    node = robby.robot.nodes["left_drive"]
+    for command in (NmtCommand.STOP, NmtCommand.START):
+        node.command(command, robby.reactor.now())
+        robby.run(2000)
+    followed(robby, robby.robot.hint.partition("will not move: ")[2])
+    assert (robby.robot.state, robby.robot.hint) == (RobotState.RUNNING, None)
+
+
+def test_a_virtual_drive_whose_process_has_ended_is_started_again_by_its_command(bench):
+    robby = bench()
+    robby.robot.nodes["left_drive"].restart_command = "canopen-control drive --node-id 3"
+    robby.power_off(LEFT)
+    robby.until(lambda: not robby.robot.nodes["left_drive"].ready)
+    robby.run(1000)
+    assert robby.robot.hint == (
+        "left_drive, right_drive are not enabled and will not move: start left_drive again in another terminal: "
+        "canopen-control drive --node-id 3; then canopen-control axis enable all"
+    )

@@ -1,8 +1,10 @@
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -424,3 +426,37 @@ def test_who_dies_now_and_then_is_never_given_up():
     for number in range(50):
         assert restarts.died(number * (WINDOW_NS // 2)).startswith("it is restarted")
     assert not restarts.given_up
+
+
+def test_a_drive_that_is_killed_is_told_with_the_command_that_starts_it_again(monkeypatch):
+    """Until its node is back, which needs no further advice."""
+    reactor, events = Reactor(), []
+    nodes = {name: SimpleNamespace(restart_command="") for name in ("left_drive", "right_drive")}
+    supervisor = Supervisor("test", reactor, events.append, nodes=nodes)
+    monkeypatch.setattr(supervisor, "_start", partial(_idle, supervisor))
+    try:
+        supervisor.start_drives(read_robot(find_robot("robby"), can=["local:a"]), like="elmo")
+        os.kill(supervisor.pids["drive-left_drive"], signal.SIGKILL)
+        assert reactor.run_until(lambda: bool(events), 20 * SECOND)
+        command = nodes["left_drive"].restart_command
+        words = shlex.split(command)
+        assert words[:2] == ["canopen-control", "drive"]
+        assert words[words.index("--node-id") + 1] == "3"
+        assert words[words.index("--can") + 1] == "local:a"
+        assert words[words.index("--like") + 1] == "elmo"
+        assert os.path.isabs(words[words.index("--eds") + 1])
+        assert nodes["right_drive"].restart_command == ""
+        assert events[0].text.endswith(f"was ended by signal 9; start it again: {command}")
+        assert supervisor.missing["drive-left_drive"].endswith(command)
+        supervisor.node_ready("right_drive")
+        assert supervisor.missing
+        supervisor.node_ready("left_drive")
+        assert (supervisor.missing, nodes["left_drive"].restart_command) == ({}, "")
+    finally:
+        supervisor.end()
+        reactor.close()
+
+
+def _idle(supervisor, _argv, name, _main, **_how):
+    """Start a process that does nothing in place of a drive."""
+    return supervisor._supervised(spawn(IDLES, name=name, log_dir=state_dir("test")))

@@ -1,8 +1,9 @@
 """Commands to a controller, repeated until Ctrl-C or for a given time, then set to zero.
 
 Repeated commands end with this process; a command with `--once` ends after its timeout. Drives that are being enabled
-are awaited; if nothing can move, the command ends with the robot's error and exit code 1. The end of a command causes
-no new motion: a velocity or an effort becomes zero. A position is not set to zero, which would be a new target; when
+are awaited; if nothing can move, the command ends with the robot's error and exit code 1. A joint that does not follow
+while others move is named, and the exit code is 1 if the last command left a joint out. The end of a command causes no
+new motion: a velocity or an effort becomes zero. A position is not set to zero, which would be a new target; when
 the connection closes, the joint holds its actual position.
 """
 
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import sys
 import threading
 import time
 from typing import TYPE_CHECKING
@@ -20,7 +22,7 @@ from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.signals import SuspensionWatch, on_signals
-from canopen_control.rpc.messages.robot import ListControllers
+from canopen_control.rpc.messages.robot import CommandDone, ListControllers
 
 if TYPE_CHECKING:
     import argparse
@@ -59,13 +61,14 @@ def send(args: argparse.Namespace, command: Command, zeros: Command | None) -> i
         SuspensionWatch() as suspension,
         RobotClient.connect(args.name) as robot,
     ):
-        _begin(robot, command, stopped, suspension)
+        idle = _Idle(_begin(robot, command, stopped, suspension))
         sent = 1
         end = None if args.seconds is None else time.monotonic() + args.seconds
         commands = () if args.once else _repeat(robot, command, end, stopped, suspension)
         try:
-            for sent in commands:  # noqa: B007 - the last one counts
-                pass
+            for done in commands:
+                sent += 1
+                idle.take(done)
         except KeyboardInterrupt:
             pass  # the usual end of the verb
         finally:
@@ -73,8 +76,24 @@ def send(args: argparse.Namespace, command: Command, zeros: Command | None) -> i
                 # after a suspension the robot may have closed the connection, which has ended the command
                 with contextlib.suppress(RemoteError) if suspension.seconds else _ignore_disabled_drives():
                     robot.ask(zeros)
-    print_result(args, {"controller": args.controller, "sent": sent, "once": args.once})
-    return 0
+    print_result(args, {"controller": args.controller, "sent": sent, "once": args.once, "idle": idle.last})
+    return 1 if idle.last else 0
+
+
+class _Idle:
+    """Joints that do not follow the commands, each printed once; `last` are those of the last command, with reasons."""
+
+    def __init__(self, first: CommandDone) -> None:
+        self._named: set[str] = set()
+        self.last: dict[str, str] = {}
+        self.take(first)
+
+    def take(self, done: CommandDone) -> None:
+        self.last = done.idle
+        for joint, reason in done.idle.items():
+            if joint not in self._named:
+                self._named.add(joint)
+                print(f"canopen-control: {joint} does not follow: {reason}", file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager
@@ -87,25 +106,25 @@ def _ignore_disabled_drives() -> Iterator[None]:
             raise
 
 
-def _begin(robot: RobotClient, command: Command, stopped: threading.Event, suspension: SuspensionWatch) -> None:
+def _begin(robot: RobotClient, command: Command, stopped: threading.Event, suspension: SuspensionWatch) -> CommandDone:
     """Send the first command, repeatedly while drives are being enabled, for at most `ENABLING_S`."""
     end = time.monotonic() + ENABLING_S
     while True:
         suspension.require_unsuspended()
         try:
-            robot.ask(command)
+            return robot.ask(command)
         except RemoteError as error:
             if error.kind != _NOT_YET_ENABLED or time.monotonic() > end or stopped.wait(_RETRY_S):
                 raise
-        else:
-            return
 
 
 def _repeat(
     robot: RobotClient, command: Command, end: float | None, stopped: threading.Event, suspension: SuspensionWatch
-) -> Iterator[int]:
-    """Send the command every `PERIOD_S`; yield the number of commands sent so far. CanopenError after a suspension."""
-    sent = 1
+) -> Iterator[CommandDone]:
+    """Send the command every `PERIOD_S`; yield each answer, an empty one while drives are being enabled.
+
+    CanopenError after a suspension.
+    """
     while not stopped.is_set():
         delay = PERIOD_S if end is None else min(PERIOD_S, end - time.monotonic())
         ended = delay <= 0 or stopped.wait(delay)
@@ -113,12 +132,12 @@ def _repeat(
         if ended:
             return
         try:
-            robot.ask(command)
+            done = robot.ask(command)
         except RemoteError as error:
             if error.kind != _NOT_YET_ENABLED:
                 raise
-        sent += 1
-        yield sent
+            done = CommandDone()
+        yield done
 
 
 def ask_for_controllers(robot: str | None) -> Sequence[ControllerReading]:

@@ -269,8 +269,17 @@ class PublishEvent(Request[Done], frozen=True, kw_only=True):
 # -- motion
 
 
+class CommandDone(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Result of a command; `idle` has the joints that do not follow the command, each with the reason and the remedy.
+
+    A command is accepted if at least one joint follows.
+    """
+
+    idle: dict[str, str] = {}
+
+
 @ROBOT.method("command", Effect.MOVES)
-class CommandController(Request[Done], frozen=True, kw_only=True):
+class CommandController(Request[CommandDone], frozen=True, kw_only=True):
     """Send command values to a controller; a `dead_man` command ends when this connection is closed.
 
     Refused with NotEnabled while a drive of the controller is disabled, and with NotYetEnabled while it is being
@@ -286,7 +295,7 @@ class CommandController(Request[Done], frozen=True, kw_only=True):
 
 
 @ROBOT.method("command_by_name", Effect.MOVES)
-class CommandByName(Request[Done], frozen=True, kw_only=True):
+class CommandByName(Request[CommandDone], frozen=True, kw_only=True):
     """Command some interfaces of a controller by name, such as "io/lamp"; the others are unchanged.
 
     Only GPIO command controllers accept this request. A `dead_man` command ends when this connection is closed.
@@ -299,7 +308,7 @@ class CommandByName(Request[Done], frozen=True, kw_only=True):
 
 
 @ROBOT.method("twist", Effect.MOVES)
-class TwistController(Request[Done], frozen=True, kw_only=True):
+class TwistController(Request[CommandDone], frozen=True, kw_only=True):
     """Command a base with a twist: `linear` forward and `lateral` to the left in m/s, `angular` in rad/s.
 
     `lateral` must be 0 for a base that cannot drive sideways. `stamp` is the Unix time of the twist in s, null for now.

@@ -1,4 +1,5 @@
 import argparse
+import json
 import threading
 
 import pytest
@@ -106,6 +107,29 @@ def test_a_command_that_moves_nothing_is_exit_code_1_and_the_sentence(robby, cap
     assert error.count("\n") == 1
     assert main(["axis", "enable", "all"]) == 0
     assert main(["command", FORWARD, "5", "5", "--for", "0.3"]) == 0
+
+
+@pytest.mark.rest
+@pytest.mark.parametrize("how", [["--for", "0.5"], ["--once"]])
+def test_a_joint_that_does_not_follow_is_named_once_and_exit_code_1_until_the_advice_is_followed(robby, capsys, how):
+    assert main(["axis", "disable", "left_drive"]) == 0
+    capsys.readouterr()
+    assert main(["command", FORWARD, "5", "5", *how]) == 1
+    advice = "canopen-control axis enable left_drive"
+    said = f"canopen-control: left_wheel_joint does not follow: left_drive is not enabled: {advice}\n"
+    assert capsys.readouterr().err == said
+    assert main(["command", FORWARD, "0", "5", *how]) == 0  # this joint is to stand
+    assert main(advice.split()[1:]) == 0
+    assert main(["command", FORWARD, "5", "5", *how]) == 0
+
+
+@pytest.mark.rest
+def test_the_json_of_a_command_has_the_joints_that_do_not_follow(robby, capsys):
+    assert main(["axis", "halt", "right_drive"]) == 0
+    capsys.readouterr()
+    assert main(["command", FORWARD, "5", "5", "--once", "--json"]) == 1
+    idle = json.loads(capsys.readouterr().out)["idle"]
+    assert idle == {"right_wheel_joint": "right_drive is halted: canopen-control axis enable right_drive"}
 
 
 @pytest.mark.rest
