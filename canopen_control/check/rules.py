@@ -364,13 +364,13 @@ def _joints(robot: CheckedRobot) -> Iterator[Finding]:
     parts: dict[str, list[ControlJoint]] = {}
     for part in (part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)):
         parts.setdefault(part.name, []).append(part)
-    # the interfaces of their plugin depend on a node whose keys have errors, which are reported
+    # the interfaces of their plugin depend on a node that is missing or whose keys have errors, which are reported
     unknown = {
         joint.name
         for tag in description.hardware
         if tag.plugin in PLUGINS
         for joint in tag.joints
-        if not joint.command_interfaces and _is_unreadable(robot, joint)
+        if not joint.command_interfaces and (robot.bus is None or _is_unreadable(robot, joint))
     }
     for name, controller in robot.configured.items():
         config = robot.config(name)

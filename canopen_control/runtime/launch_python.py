@@ -24,6 +24,9 @@ _SPAWNER_CALLS: Final = (
     "generate_controllers_spawner_launch_description",
     "generate_load_controller_launch_description",
 )
+_ACTIONS: Final = frozenset(
+    (*_NODES, *_SPAWNER_CALLS, "IncludeLaunchDescription", "GroupAction", "TimerAction", "RegisterEventHandler")
+)
 _PACKAGE_CALLS: Final = ("FindPackageShare", "FindPackage", "get_package_share_directory", "get_package_share_path")
 _THROUGH: Final = ("ParameterValue", "TextSubstitution", "str", "Path", "PythonLaunchDescriptionSource", "Command",
                    "AnyLaunchDescriptionSource", "XMLLaunchDescriptionSource", "FrontendLaunchDescriptionSource",
@@ -120,24 +123,28 @@ class _Reader:
 
     def read(self) -> None:
         """Collect declared arguments, started nodes, includes, file names and commands."""
+        unused = _unused_actions(self._tree)
         for node in ast.walk(self._tree):
             if isinstance(node, ast.FunctionDef) and node.name == "generate_launch_description":
                 self.launch.generates = True
-            if isinstance(node, ast.Call):
-                name = _called(node)
-                if name == "DeclareLaunchArgument":
-                    self._argument(node)
-                elif name in _NODES or name == "ComposableNode":
-                    self._node(node)
-                elif name in _SPAWNER_CALLS:
-                    self._spawner(node)
-                elif name == "IncludeLaunchDescription":
-                    self._include(node)
-                elif name.lower() == "pushrosnamespace":
-                    self.launch.pushed.append((self.text(node.args[0]) if node.args else None) or "$(computed)")
-                elif name == "ReplaceString":
-                    self._replaced(_keyword(node, "replacements"))
+            if isinstance(node, ast.Call) and id(node) not in unused:
+                self._call(node)
         self._files(self._tree)
+
+    def _call(self, call: ast.Call) -> None:
+        name = _called(call)
+        if name == "DeclareLaunchArgument":
+            self._argument(call)
+        elif name in _NODES or name == "ComposableNode":
+            self._node(call)
+        elif name in _SPAWNER_CALLS:
+            self._spawner(call)
+        elif name == "IncludeLaunchDescription":
+            self._include(call)
+        elif name.lower() == "pushrosnamespace":
+            self.launch.pushed.append((self.text(call.args[0]) if call.args else None) or "$(computed)")
+        elif name == "ReplaceString":
+            self._replaced(_keyword(call, "replacements"))
 
     def _argument(self, call: ast.Call) -> None:
         name_node = call.args[0] if call.args else _keyword(call, "name")
@@ -457,6 +464,31 @@ def _assignments(tree: ast.Module) -> Iterator[tuple[str, ast.expr | None]]:
         elif isinstance(node, ast.arg):
             yield node.arg, None
             yield node.arg, None
+
+
+def _unused_actions(tree: ast.Module) -> set[int]:
+    """Return the ids of the syntax nodes of actions that are assigned to a name that nothing reads.
+
+    Such an action never starts: ros2_canopen's robot_control_setup.launch.py has a spawner, whose name is commented out
+    of the LaunchDescription.
+    """
+    actions = [
+        (node.targets[0].id, node.value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name)
+        if isinstance(node.value, ast.Call) and _called(node.value) in _ACTIONS
+    ]
+    unused = set[int]()
+    while True:
+        read = {
+            node.id
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and id(node) not in unused
+        }
+        more = {id(node) for name, call in actions if name not in read for node in ast.walk(call)}
+        if more <= unused:
+            return unused
+        unused |= more
 
 
 def _called(call: ast.Call) -> str:

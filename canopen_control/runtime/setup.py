@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, may_host_virtual_drives, name_and_channel, parse_channel
@@ -32,7 +33,6 @@ from canopen_control.urdf.description import DescriptionReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
-    from pathlib import Path
 
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.config import BusConfig
@@ -339,10 +339,12 @@ def _require_bus(
     """Raise RobotConfigError if the description has CANopen drives but bus.yml is missing."""
     for tag in () if buses else description.hardware:
         if kind_of(description, tag, mock=mock, real=real) is PluginKind.CANOPEN:
-            raise RobotConfigError(
-                f"{files.controllers.parent} has no bus.yml, and {tag.name} at {description.path}:{tag.place.line} "
-                "moves CANopen drives; write a bus.yml, give --bus, or use --mock"
-            )
+            named = tag.parameters.get("bus_config", "").strip().strip("\"'")
+            problem = f"its bus_config {named} is not a file" if named else f"{files.controllers.parent} has no bus.yml"
+            found = sorted(Path(named).parent.glob("bus*.y*ml")) if named else []  # as bus.yaml instead of bus.yml
+            remedy = f"give --bus {found[0]}" if found else "write a bus.yml, give --bus"
+            place = f"{description.path}:{tag.place.line}"
+            raise RobotConfigError(f"{place}: {tag.name} moves CANopen drives, but {problem}; {remedy}, or use --mock")
 
 
 def _choose_sync(

@@ -234,11 +234,28 @@ def test_a_robot_on_drives_needs_one(tmp_path):
     config = without_bus(tmp_path, "robby")
     (error,) = texts(check(config), Severity.ERROR)
     assert re.fullmatch(
-        rf".*: error: {config} has no bus\.yml, and \w+ at .*robby\.urdf\.xacro:\d+ moves CANopen drives; "
-        "write a bus.yml, give --bus, or use --mock",
+        rf".*robby\.urdf\.xacro:\d+: error: \w+ moves CANopen drives, but {config} has no bus\.yml; "
+        r"write a bus\.yml, give --bus, or use --mock",
         error,
     )
     assert check(config, mock=True).passes()
+
+
+def test_a_description_that_names_another_bus_file_tells_it_and_no_lack_of_interfaces(tmp_path):
+    config = without_bus(tmp_path, "robby")  # a fork of ros2_canopen renamed its bus.yml to bus.yaml
+    named = tmp_path / "config" / "bus.yml"
+    named.parent.mkdir()
+    (named.parent / "bus.yaml").touch()
+    description = config / "robby.urdf.xacro"
+    text = re.sub(r"<(command|state)_interface.*?/>", "", description.read_text())
+    plugin = "canopen_ros2_control/RobotSystem</plugin>"
+    assert plugin in text
+    description.write_text(text.replace(plugin, f'{plugin}\n<param name="bus_config">"{named}"</param>'))
+    errors = texts(check(config), Severity.ERROR)
+    assert [error.partition(": error: ")[2] for error in errors] == [
+        f"robby moves CANopen drives, but its bus_config {named} is not a file; "
+        f"give --bus {named.parent / 'bus.yaml'}, or use --mock"
+    ]
 
 
 def test_a_start_tells_every_warning_of_the_check_and_no_note(tmp_path):

@@ -194,3 +194,35 @@ def generate_launch_description():
     assert [file.text for file in launch.nodes[0].parameters] == ["$(find bot)/config/controllers.yaml"]
     assert launch.replaced == {"__namespace__/": "$(var ns)/"}
     assert launch.pushed == ["$(var ns)"]
+
+
+@pytest.mark.parametrize(
+    ("listed", "started"),
+    [
+        ("first, second, later, more", ["first", "second", "third", "fourth"]),
+        ("first", ["first"]),
+        ("first, later", ["first", "third"]),
+        ("first, more", ["first", "fourth"]),
+        ("", []),
+    ],
+)
+def test_an_action_that_nothing_reads_is_not_started(listed, started):  # as in ros2_canopen's robot_control_setup
+    def spawner(name):
+        return f"Node(package='controller_manager', executable='spawner', arguments=['{name}'])"
+
+    source = f"""
+def generate_launch_description():
+    first = {spawner("first")}
+    second = {spawner("second")}
+    third = {spawner("third")}
+    later = RegisterEventHandler(OnProcessExit(target_action=first, on_exit=[third]))
+    more = GroupAction([{spawner("fourth")}])
+    return LaunchDescription([{listed}])
+"""
+    nodes = read_python(source, "x.launch.py").nodes
+    assert sorted(node.arguments[0].text for node in nodes) == sorted(started)
+
+
+def test_actions_that_are_added_one_by_one_are_started():
+    source = "node = Node(package='a', executable='b')\nld = LaunchDescription()\nld.add_action(node)\n"
+    assert len(read_python(source, "x.launch.py").nodes) == 1
