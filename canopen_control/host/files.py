@@ -122,7 +122,7 @@ class LogFile:
         except OSError as error:
             title = f"cannot write the log {self.path}"
             if advice := space_advice(self.path, error):
-                raise DiskFull(title, error.strerror or str(error), f"nothing was started{advice}") from error
+                raise DiskFull(title, error.strerror or str(error), f"its process was not started{advice}") from error
             raise ConfigError(f"{title}: {error.strerror}; set XDG_STATE_HOME to a writable folder") from error
         with file:
             yield file

@@ -30,6 +30,7 @@ from canopen_control.runtime.axis_request import (
     without_target,
 )
 from canopen_control.runtime.enable_status import (
+    MOVING_ACTIONS,
     DriveEnableStatus,
     MandatoryNodes,
     StopLatch,
@@ -405,6 +406,7 @@ class RobotCore:
         `stamp` is the creation time in Unix s. The command ends when `client_disconnected` is called with the `holder`;
         without a holder it ends only by its timeout. Returns why joints do not follow the command, by joint name.
         """
+        self._refuse_at_the_end("a command to", controller)
         self.latch.refuse("a command to", controller)
         self._require_active(controller, source)
         created_at, now = None if stamp is None else self.made_at(stamp), self.cycle.clock.now()
@@ -435,10 +437,16 @@ class RobotCore:
         self, controller: str, goal: AnyGoal, source: str, *, holder: object = None, sender: CommandSender | None = None
     ) -> None:
         """Pass a goal to a controller; the goal ends when the client `holder` disconnects. ControlError if refused."""
+        self._refuse_at_the_end("a goal to", controller)
         self.latch.refuse("a goal to", controller)
         self._require_active(controller, source)
         self.manager.send_goal(controller, goal, self.cycle.clock.now(), source=source, holder=holder, sender=sender)
         self.commander = source
+
+    def _refuse_at_the_end(self, *request: str) -> None:
+        """Raise ControlError while the robot stops: a drive that is enabled again would never be at rest."""
+        if self._phase in (RobotState.STOPPING, RobotState.STOPPED):
+            raise ControlError(f"{' '.join(request)} is refused: the robot is stopping")
 
     def _require_active(self, controller: str, source: str) -> None:
         """Raise ControlError for an inactive controller, and report the refusal as an event."""
@@ -454,6 +462,8 @@ class RobotCore:
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
         """Switch controllers; new ones are loaded and configured first. ControlError, before any change, if refused."""
+        if activate:
+            self._refuse_at_the_end("activating", ", ".join(activate))
         switch_controllers(
             self.setup, self.manager, activate, deactivate, strict=strict, check=self.needed.check_controllers
         )
@@ -493,6 +503,8 @@ class RobotCore:
         `method` is the homing method (None: the method in 0x6098), `mode` the mode of operation by name or number.
         """
         now = self.reactor.now()
+        if action in MOVING_ACTIONS:
+            self._refuse_at_the_end("axis", action.value)
         self.needed.check_action(action)
         axes, omitted = without_target(axes_of(self.nodes, self.joints.values(), name, joint), action, name)
         joints, together = whole_bases(axes, action)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 _ALL: Final = "all"
-_MOVING: Final = (Action.ENABLE, Action.HOME)
+MOVING_ACTIONS: Final = (Action.ENABLE, Action.HOME)
 
 
 def is_off(joint: JointDrive) -> bool:
@@ -288,7 +288,7 @@ class MandatoryNodes(RobotObserver):
     def check_action(self, action: Action) -> None:
         """Raise ControlError for enabling or homing while a mandatory node is missing or STOP is latched."""
         self._latch.check_action(action)
-        if action in _MOVING:
+        if action in MOVING_ACTIONS:
             self._require(f"axis {action.value}")
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
@@ -421,7 +421,7 @@ class StopLatch:
 
     def check_action(self, action: Action) -> None:
         """Raise ControlError for enabling or homing while STOP is latched; all other actions are allowed."""
-        if action in _MOVING:
+        if action in MOVING_ACTIONS:
             self.refuse("axis", action.value)
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:

@@ -339,13 +339,12 @@ class RunSession(RobotObserver):
 
     def _on_elapsed(self) -> None:
         """End the run; it has failed if STOP, latched at first, has kept the robot from running."""
-        if self.robot.has_run:
-            self.robot.shutdown("duration elapsed")
-            return
-        latched_by = self.robot.latch.by
-        held = f"STOP is latched (by {latched_by}); start the robot without --for, then: {RELEASE}"
-        why = held if latched_by is not None else "STOP was released too late; allow more time with --for"
-        self.robot.fail(f"{self.setup.name} did nothing within {self.options.duration:g} s: {why}")
+        if not self.robot.has_run:
+            latched_by = self.robot.latch.by
+            held = f"STOP is latched (by {latched_by}); start the robot without --for, then: {RELEASE}"
+            why = held if latched_by is not None else "STOP was released too late; allow more time with --for"
+            self.robot.failure = f"{self.setup.name} did nothing within {self.options.duration:g} s: {why}"
+        self.robot.shutdown("duration elapsed")
 
 
 def _claim(channel: str) -> int:

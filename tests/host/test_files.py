@@ -174,7 +174,7 @@ def test_a_log_on_a_full_disk_names_the_file_system_and_no_other_folder(tmp_path
         start(LogFile(tmp_path / "state" / "robby", "drive-3"))
     log = tmp_path / "state" / "robby" / "drive-3.log"
     assert str(caught.value) == (
-        f"cannot write the log {log}: No space left on device; nothing was started; "
+        f"cannot write the log {log}: No space left on device; its process was not started; "
         f"free some space on the file system {tmp_path}"
     )
 

@@ -183,7 +183,8 @@ def test_when_a_drive_is_killed_the_robot_stops_and_names_it_and_runs_on(stage, 
         assert any(f"({node})" in text and "no heartbeat" in text for text in events(client))
     assert eventually(lambda: rest.power == "SWITCH_ON_DISABLED")
     assert robot.running
-    assert robot.end() == 0, robot
+    assert robot.end() == 1, robot
+    assert robot.err.startswith(f"canopen-control: could not confirm that {node} is disabled")
 
 
 def test_the_advice_after_the_death_of_a_drive_works_word_by_word(stage, turning):

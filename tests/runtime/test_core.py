@@ -548,6 +548,39 @@ def test_a_robot_runs_without_a_wheel_that_is_not_required_but_moves_none_before
     robby.until(lambda: all(joint.enabled for joint in robby.robot.joints.values()))
 
 
+AT_THE_END = {
+    "axis enable": lambda robot: robot.axis(Action.ENABLE, "all", print),
+    "axis home": lambda robot: robot.axis(Action.HOME, "left_drive", print),
+    f"activating {FORWARD}": lambda robot: robot.switch([FORWARD], [], strict=True),
+    f"a command to {FORWARD}": lambda robot: robot.command(FORWARD, [1.0, 1.0], "test"),
+    "a goal to arm": lambda robot: robot.send_goal("arm", None, "test"),
+}
+
+
+@pytest.mark.parametrize("what", AT_THE_END)
+def test_what_would_enable_or_move_is_refused_while_the_robot_stops_and_the_stop_ends(bench, what):
+    robby = bench()
+    robby.start()
+    robby.hold(5.0, 5.0, ms=500)
+    robby.robot.shutdown("a test")
+    robby.run(40)
+    with pytest.raises(ControlError, match=f"^{what} is refused: the robot is stopping$"):
+        AT_THE_END[what](robby.robot)
+    robby.until(lambda: robby.texts("stopped"), ms=1000)
+    assert robby.texts("stopped") == ["robby has stopped, its drives are disabled"]
+
+
+@pytest.mark.parametrize("action", [Action.DISABLE, Action.HALT, Action.QUICK_STOP, Action.FAULT_RESET])
+def test_what_stops_is_never_refused(bench, action):
+    robby = bench()
+    robby.start()
+    robby.robot.shutdown("a test")
+    robby.robot.axis(action, "all", lambda _error: None)
+    robby.robot.stop(lambda _error: None)
+    robby.until(lambda: robby.texts("stopped"), ms=1000)
+    assert robby.texts("stopped") == ["robby has stopped, its drives are disabled"]
+
+
 def test_a_wheel_that_never_booted_is_no_doubt_about_the_stop(bench, tmp_path):
     config = copy_robby(tmp_path, bus={"    node_id: 2\n": "    node_id: 2\n    required: false\n"})
     robby = bench(config=str(config), drives=(LEFT,))
