@@ -27,7 +27,7 @@ BUS_YML: dict[str, dict[str, str]] = {
     "`master`": {
         "node_id": "node id of the master, whose heartbeat the drives monitor",
         "channel": "channel of the bus (`can0`, `local:NAME`, ...); `--can` takes precedence",
-        "baudrate": "bit rate in kbit/s, used by `check` for the bus load, and compared by the pre-flight",
+        "baudrate": "bit rate in kbit/s, used by `check` for the bus load, and compared by the preflight",
         "sync_period": "period of SYNC in us, which is the cycle of the robot; 0: no SYNC, the cycle is the "
         "`update_rate` of the controller manager",
         "sync_window": "time in us for the synchronous PDOs; `check` reports where they need longer",

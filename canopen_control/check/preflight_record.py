@@ -244,14 +244,14 @@ def find_record(setup: RobotSetup) -> PreflightRecord | None:
 def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[str, int | None]) -> str | None:
     """Return why a record does not permit full speed, or None if it does."""
     if passed is None:
-        return "this robot has not passed a pre-flight on this machine"
+        return "this robot has not passed a preflight on this machine"
     if passed.config != config_hash(setup):
-        return "its files have changed since it passed the pre-flight"
+        return "its files have changed since it passed the preflight"
     for name, serial in serials.items():
         if serial is None:
-            return f"{name} does not answer, so it may be another drive than in the pre-flight"
+            return f"{name} does not answer, so it may be another drive than in the preflight"
         if passed.serials.get(name) != serial:
-            return f"{name} is not the drive that passed the pre-flight (serial number {serial})"
+            return f"{name} is not the drive that passed the preflight (serial number {serial})"
     return None
 
 
@@ -266,7 +266,7 @@ def slow_reason(setup: RobotSetup) -> SlowReason | None:
     if why is not None or passed is None:
         return SlowReason(why or "", joints)
     missing = tuple(joint for joint in joints if joint not in passed.joints)
-    return SlowReason(f"the pre-flight could not turn {', '.join(missing)}", missing) if missing else None
+    return SlowReason(f"the preflight could not turn {', '.join(missing)}", missing) if missing else None
 
 
 def _turns(setup: RobotSetup, joint: ControlJoint) -> bool:

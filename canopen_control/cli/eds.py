@@ -235,7 +235,7 @@ _ADDRESS = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{1,4})(?::(?:0[xX])?([0-9A-Fa-f]{1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    check = actions.add_parser("check", help="report what is wrong or doubtful in the files")
+    check = actions.add_parser("check", help="report errors and questionable entries in the files")
     check.add_argument("files", nargs="+", metavar="FILE")
     show = actions.add_parser("show", help="list all objects, or one object")
     show.add_argument("file", metavar="FILE")

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
 
 
-# The passive steps of a pre-flight: link, bit rate, devices on the bus, EDS revisions, errors, limits.
+# The passive steps of a preflight: link, bit rate, devices on the bus, EDS revisions, errors, limits.
 #
 # Nothing is written to a drive; every step ends with a sentence that contains the measured values.
 
@@ -100,7 +100,7 @@ def _state_of(state: str | None) -> str:
 
 def node_steps(bus: BusConfig, channel: str) -> Iterator[PreflightStep]:
     """Identify all nodes, compare them with bus.yml and the EDS files, and read their errors and limits."""
-    with DirectBus.open(channel, label="pre-flight", timeout_s=_ANSWER_S, retries=1) as direct:
+    with DirectBus.open(channel, label="preflight", timeout_s=_ANSWER_S, retries=1) as direct:
         answers = direct.read_many((node_id, 0x1000, 0) for node_id in _ALL_NODES)
         present = {node_id for (node_id, _, _), answer in answers.items() if not isinstance(answer, SdoTimeout)}
         for node in bus.nodes.values():
@@ -167,7 +167,7 @@ def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str)
         yield PreflightStep("limits", None, f"{title}: {limits} (device units)")
 
 
-# The jog of a pre-flight: each joint is turned slowly, all are stopped, and the motion is compared with the commands.
+# The jog of a preflight: each joint is turned slowly, all are stopped, and the motion is compared with the commands.
 #
 # One joint moves at a time, slowly and only after a confirmation; at the end all turn, to test STOP. A joint with a
 # velocity interface gets a velocity; a joint with only a position interface is moved in small steps, within its limits;

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 # the most important columns are first, as a terminal of 80 columns shows only some
-DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "error", "heard", "mode", "SDO", "statusword")
+DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "error", "last frame", "mode", "SDO", "statusword")
 JOINT_COLUMNS: Final = ("joint", "command", "velocity", "position", "effort")
 
 

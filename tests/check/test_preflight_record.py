@@ -86,8 +86,8 @@ def test_only_the_joints_in_doubt_are_slow():
     ("joints", "doubted", "why"),
     [
         (JOINTS, None, ""),
-        (JOINTS[:1], JOINTS[1:], "the pre-flight could not turn right_wheel_joint"),
-        (None, JOINTS, "this robot has not passed a pre-flight on this machine"),
+        (JOINTS[:1], JOINTS[1:], "the preflight could not turn right_wheel_joint"),
+        (None, JOINTS, "this robot has not passed a preflight on this machine"),
     ],
 )
 def test_a_pass_covers_the_joints_that_were_turned(tmp_path, monkeypatch, private_folders, joints, doubted, why):

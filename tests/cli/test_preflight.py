@@ -192,7 +192,7 @@ def test_without_a_pass_a_real_run_is_slow_and_says_so(stage, drives):
     robot = real_run(stage)
     assert eventually(lambda: speeds() == pytest.approx([1.0, 1.0], rel=0.01))
     assert not eventually(lambda: max(speeds()) > 1.01, 0.5)
-    robot.until("this robot has not passed a pre-flight on this machine; speeds are limited to 1 rad/s")
+    robot.until("this robot has not passed a preflight on this machine; speeds are limited to 1 rad/s")
     assert robot.end() == 0, robot
 
 

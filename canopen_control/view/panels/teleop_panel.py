@@ -48,8 +48,8 @@ _SHARE: Final = (5.0, 100.0, 5.0, 25.0)  # percent of the joints' velocity limit
 _UNLIMITED: Final = 1.0  # rad/s or m/s: assumed for a joint without a velocity limit
 _ACCELERATION: Final = 1.0  # rad/s^2 or m/s^2, of an arm during teleoperation
 _SHORTEST_S: Final = 0.2
-_NOTHING: Final = "<p class='cc-note'>No controller that takes commands is active.</p>"
-_INACTIVE: Final = "<p class='cc-note'>{} takes commands, but is not active.</p>"
+_NOTHING: Final = "<p class='cc-note'>No active controller accepts commands.</p>"
+_INACTIVE: Final = "<p class='cc-note'>{} accepts commands, but is not active.</p>"
 
 
 class TeleopPanel:

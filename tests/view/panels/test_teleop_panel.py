@@ -128,7 +128,7 @@ def test_the_controller_is_chosen_and_a_refusal_told():
 @pytest.mark.rest
 def test_without_an_active_controller_or_teleop_nothing_can_be_driven():
     for context, words in (
-        (FakeContext(controllers=(OFF,)), "forward takes commands, but is not active"),
+        (FakeContext(controllers=(OFF,)), "forward accepts commands, but is not active"),
         (FakeContext(teleop=False), "--teleop"),
     ):
 
@@ -210,5 +210,5 @@ def test_without_any_controller_that_takes_commands_the_page_says_so():
     async def act(user, _panel):
         return html(user)
 
-    assert "No controller that takes commands is active" in played(FakeContext(controllers=()), act)
+    assert "No active controller accepts commands" in played(FakeContext(controllers=()), act)
     assert "No active controller" not in played(FakeContext(controllers=(ARM,)), act)
