@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -58,6 +59,8 @@ from canopen_control.master.plan_pdos import (
     warn_of_unwatched_outputs,
 )
 from canopen_control.od.codec import encode
+from canopen_control.od.eds_sections import COMMISSIONING
+from canopen_control.od.pdos import is_cob_id
 from canopen_control.profiles import Profile, profile_of
 from canopen_control.rpc.messages.robot import NodeIdentity
 
@@ -81,6 +84,8 @@ _SUPERVISION = frozenset((CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAV
 FACTORS = tuple((index, sub) for index in (POSITION_ENCODER_RESOLUTION, GEAR_RATIO, FEED_CONSTANT) for sub in (1, 2))
 """Objects that determine the position counts per turn."""
 _MILLISECOND = 1_000_000
+_NODE_ID = re.compile(r"0[xX][0-9A-Fa-f]{1,2}|[1-9][0-9]{0,2}")
+_NODE_ID_NAME = re.compile(r"(?i)(?:can ?)?node[ _-]?id")
 _STOPS = "a lost master stops the motor"
 _NO_HEARTBEAT = "node guarding replaces the heartbeat, which would disable it"
 _NOT_AT_BOOT = (
@@ -158,6 +163,7 @@ def plan_node(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePl
     profile = Profile(node.profile) if node.profile else profile_of(od)
     signals = plan_signals(builder, profile, tuple(_axes(od)))
     heartbeat_ms = _plan_values(builder, master)
+    _warn_of_another_node(builder)
     guard = _guard(node.supervision) if node.supervision.guarded and not heartbeat_ms else None
     monitors = _monitors_master(builder, master, guarded=guard is not None)
     if not monitors:
@@ -286,6 +292,42 @@ def _check_identity(builder: PlanBuilder) -> None:
         if value and actual and value != actual:
             text = f"0x{value:X} is required, but {builder.file} is for 0x{actual:X}; correct one of them"
             builder.warn(key, text)
+
+
+def _warn_of_another_node(builder: PlanBuilder) -> None:
+    """Warn of a DCF that was saved for another node, if COB-IDs or the node id of that node are written."""
+    titles = {title.lower(): texts for title, texts in builder.od.sections.items()}
+    section = next((titles[name] for name in COMMISSIONING if name in titles), {})
+    text = next((value for key, value in section.items() if key.lower() == "nodeid"), "")
+    saved, own = int(text, 0) if _NODE_ID.fullmatch(text.strip()) else 0, builder.node.node_id
+    if not saved or saved == own or builder.node.boot.configuration_file:
+        return
+    foreign = [
+        _shown(write)
+        for write in builder.writes
+        if write.reason == builder.download_reason and _is_of_node(write, saved)
+    ]
+    if foreign:
+        builder.warn(
+            "dcf",
+            f"{builder.file} was saved for node {saved}, and node {own} gets values of that node: "
+            f"{', '.join(dict.fromkeys(foreign))}; use a DCF that was saved for this node, or the EDS of the device",
+        )
+
+
+def _is_of_node(write: PlannedWrite, node_id: int) -> bool:
+    """Whether a write gives a PDO a COB-ID of a node, or an object its node id (0x2000 in maxon's DCFs)."""
+    value = int.from_bytes(write.data, "little")
+    if is_cob_id(*write.address):
+        return not value & INVALID_BIT and value & 0x7F == node_id
+    return value == node_id and _NODE_ID_NAME.fullmatch(write.name) is not None
+
+
+def _shown(write: PlannedWrite) -> str:
+    value = int.from_bytes(write.data, "little")
+    if write.pdo is None:
+        return f"{write.name} (0x{write.index:04X}) = {value}"
+    return f"{write.pdo[0].upper()} {write.pdo[1]} 0x{value & 0x7FF:03X}"
 
 
 def _identity(node: NodeConfig, od: ObjectDictionary) -> NodeIdentity:

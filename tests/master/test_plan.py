@@ -357,3 +357,36 @@ def test_a_device_without_an_axis_gets_every_object_of_the_list(tmp_path):
     (tmp_path / "plain.eds").write_text(text.replace("[6041]", "[5041]"))
     plan, _, _ = read_plan(tmp_path, "sdo: [{index: 0x6040, value: 15}]", "plain.eds")
     assert written(plan, 0x6040) == [(0, "0f00")]
+
+
+def saved_for(folder, node_id, object_name="Node-ID"):
+    """Write a DCF as maxon's tool saves it: each COB-ID as a number, and the node id in an object of its own."""
+    text = data_path("eds", "generic_cia402.eds").read_text()
+    head, _, tail = text.partition("[ManufacturerObjects]\nSupportedObjects=")
+    count, _, rest = tail.partition("\n")
+    text = f"{head}[ManufacturerObjects]\nSupportedObjects={int(count) + 1}\n{int(count) + 1}=0x2F00\n{rest}"
+    text += f"\n[2F00]\nParameterName={object_name}\nObjectType=7\nDataType=5\nAccessType=rw\nDefaultValue=1\n"
+    text += f"ParameterValue={node_id}\n\n[DeviceComissioning]\nNodeID={node_id}\n"
+    cob_id = "DefaultValue=$NODEID+0x200\n"
+    assert cob_id in text
+    (folder / "saved.dcf").write_text(text.replace(cob_id, f"{cob_id}ParameterValue=0x{0x200 + node_id:X}\n", 1))
+    return "saved.dcf"
+
+
+@pytest.mark.parametrize(
+    ("saved", "keys", "name", "told"),
+    [
+        (7, "", "Node-ID", ["RPDO 1 0x207", "Node-ID (0x2F00) = 7"]),
+        (7, "rpdo: {1: {cob_id: auto}}", "Node ID", ["Node ID (0x2F00) = 7"]),
+        (7, "rpdo: {1: {cob_id: auto}}", "Node-ID of the SDO client", []),
+        (3, "", "Node-ID", []),
+    ],
+)
+def test_a_dcf_that_was_saved_for_another_node_is_told(tmp_path, saved, keys, name, told):
+    _, notes, errors = read_plan(tmp_path, keys, saved_for(tmp_path, saved, name))
+    assert not errors
+    found = [note for note in dict.fromkeys(notes) if "was saved for node" in note]
+    assert len(found) == bool(told)
+    for text in told:
+        assert text in found[0]
+    assert not found or "saved for node 7, and node 3 gets values of that node" in found[0]
