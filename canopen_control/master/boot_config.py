@@ -128,12 +128,12 @@ def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, An
     for group in counter:  # first, because a SYNC with an unexpected counter causes EMCY 0x8240
         yield from _configure_object(plan, group[0], transfers)
     yield from check_expected(plan, transfers)
-    yield from release_cob_ids(grouped, transfers)
+    cob_ids = yield from release_cob_ids(grouped, transfers)
     for group in grouped:
         if group in counter:
             continue
         if group[0].pdo is not None:
-            yield from configure_pdo(plan, group, transfers)
+            yield from configure_pdo(plan, group, transfers, cob_ids)
         elif group[0].index == STORE:
             if transfers.changed:  # else storing is unnecessary, and wears the flash memory
                 yield from _write(plan, group[0], transfers)

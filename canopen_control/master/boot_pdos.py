@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 _TEXT = (DataType.VISIBLE_STRING, DataType.UNICODE_STRING)
 _COB_ID = 1  # subindex of a communication record
+_INVALID = INVALID_BIT.to_bytes(4, "little")
 
 
 def groups(writes: Sequence[PlannedWrite]) -> list[list[PlannedWrite]]:
@@ -154,8 +155,8 @@ class _Own:
 
 def release_cob_ids(
     grouped: Sequence[Sequence[PlannedWrite]], transfers: BootTransfers
-) -> Generator[Request, Answer, None]:
-    """Make all PDOs invalid that use a COB-ID planned for another PDO.
+) -> Generator[Request, Answer, Held]:
+    """Make all PDOs invalid that use a COB-ID planned for another PDO; return the COB-IDs that were not changed.
 
     Some devices, such as the maxon EPOS4, refuse to make a PDO valid if another valid PDO has the same COB-ID.
     """
@@ -165,26 +166,33 @@ def release_cob_ids(
         if group[0].pdo is not None and any(is_cob_id(write) for write in group)
     }
     claimed = {value & 0x7FF: pdo for pdo, value in final.items() if not value & INVALID_BIT}
+    held: Held = {}
     for pdo in final:
         if pdo is None:
             continue
+        address = cob_id_of(pdo), _COB_ID
         try:
-            data = yield from transfers.held(cob_id_of(pdo), 1)
+            held[address] = yield from transfers.held(*address)
         except SdoTimeout:
-            return  # reported when the PDO is configured
-        current = INVALID_BIT if data is None else int.from_bytes(data, "little")
+            break  # reported when the PDO is configured
+        current = int.from_bytes(held[address] or _INVALID, "little")
         if not current & INVALID_BIT and claimed.get(current & 0x7FF, pdo) != pdo:
-            yield from _try(transfers, cob_id_of(pdo), 1, (current | INVALID_BIT).to_bytes(4, "little"))
+            del held[address]
+            yield from _try(transfers, *address, (current | INVALID_BIT).to_bytes(4, "little"))
+    return held
 
 
 def configure_pdo(
-    plan: NodePlan, group: Sequence[PlannedWrite], transfers: BootTransfers
+    plan: NodePlan, group: Sequence[PlannedWrite], transfers: BootTransfers, held: Held
 ) -> Generator[Request, Answer, None]:
-    """Read, compare, write and verify one PDO; if refused, use the node's own configuration, else BootError J."""
+    """Read, compare, write and verify one PDO; if refused, use the node's own configuration, else BootError J.
+
+    Values in `held` were read before in this boot, and are not read again.
+    """
     current: Held = {}
     try:
         for address in reads_of(group):
-            current[address] = yield from transfers.held(*address)
+            current[address] = held[address] if address in held else (yield from transfers.held(*address))
         # An optional setting that the device lacks is not written.
         lacking = [
             write

@@ -17,9 +17,10 @@ from canopen_control.master.boot_pdos import (
     matches,
     needed,
     reads_of,
+    release_cob_ids,
 )
 from canopen_control.master.plan_builder import PlannedPdo, PlannedWrite
-from canopen_control.master.requests import BootTransfers
+from canopen_control.master.requests import BootTransfers, Read
 from canopen_control.od.model import DataType
 
 RPDO1 = ("rpdo", 1)
@@ -171,7 +172,7 @@ def device(*entries, cob_id=0x40000203, **how):
 
 def run(node, group=GROUP, **changes):
     transfers = BootTransfers()
-    node.run(configure_pdo(plan(**{"rpdos": (LAYOUT,), **changes}), group, transfers))
+    node.run(configure_pdo(plan(**{"rpdos": (LAYOUT,), **changes}), group, transfers, {}))
     return transfers
 
 
@@ -187,6 +188,26 @@ def test_a_pdo_that_is_as_wanted_is_only_read():
     node = device(0x60400010, 0x60600008)
     assert run(node).writes == 0
     assert node.written == []
+
+
+def test_a_cob_id_is_read_again_only_after_it_was_released():
+    node, transfers = device(0x60400010, 0x60600008), BootTransfers()
+    node.objects[0x1401, 1] = number(0x203)  # the COB-ID planned for RPDO 1: RPDO 2 has to give it up
+    second = PlannedWrite(0x1401, 1, number(0x303), "x", pdo=("rpdo", 2), data_type=DataType.UNSIGNED32)
+
+    def configure():
+        known = yield from release_cob_ids([GROUP, [second]], transfers)
+        for group in (GROUP, [second]):
+            yield from configure_pdo(plan(rpdos=(LAYOUT,)), group, transfers, known)
+
+    node.run(configure())
+    reads = [(request.index, request.subindex) for request in node.log if isinstance(request, Read)]
+    assert reads.count((0x1400, 1)) == 1
+    assert reads.count((0x1401, 1)) == 3  # before and after the release, and to verify the new one
+    assert [(index, int.from_bytes(data, "little")) for index, _, data in node.written] == [
+        (0x1401, 0x80000203),
+        (0x1401, 0x303),
+    ]
 
 
 def test_the_order_is_invalid_mapping_valid_and_bit_30_stays_the_devices():
