@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 _TOGETHER_S = 1.0  # the events of one failure are reported within this time
 _LEVELS = ("info", "warning", "error")
 _STOPPING = re.compile(r"(stopping [^:]+): (.*)", re.DOTALL)
+_NEXT = "to continue"  # begin of an advice, the last clause of a line
 _PLACE = re.compile(r"((?:node \d+ \([^)]*\)|bus \S+ \([^)]*\))): (.*)", re.DOTALL)
 
 
@@ -61,7 +62,9 @@ class _Cause:
         self.count = 1
 
     def line(self) -> str:
-        text = "; ".join([*self.clauses.values(), *filter(None, [self.stopping])])
+        advice = [text for text in self.clauses.values() if text.startswith(_NEXT)]
+        causes = [text for text in self.clauses.values() if text not in advice]
+        text = "; ".join([*causes, *filter(None, [self.stopping]), *advice])
         span = f" ({self.count} times, {_clock(self.since)} to {_clock(self.until)})" if self.count > 1 else ""
         return f"{self.level}: {self.place}{': ' if self.place else ''}{text}{span}"
 

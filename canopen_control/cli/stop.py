@@ -63,7 +63,7 @@ def _request(args: argparse.Namespace, name: str | None) -> StopResult:
     """Stop one robot, or release its stop; return the result."""
     with RobotClient.connect(name) as robot:
         robot.ask(Release(source=SOURCE) if args.release else Stop(latch=args.latch, source=SOURCE), TIMEOUT_S)
-        has_drives = bool(robot.ask(GetStatus()).nodes)
+        has_drives = any(node.axes for node in robot.ask(GetStatus()).nodes.values())
         return {"robot": robot.robot, "stopped": not args.release, "latched": args.latch, "disabled": has_drives}
 
 

@@ -31,7 +31,8 @@ def summary(facts: ReportFacts) -> list[str]:
 
 
 def _drive_names(facts: ReportFacts) -> Iterator[str]:
-    drives = ", ".join(f"{name} (node {node.node_id})" for name, node in facts.nodes.items())
+    titles = {name: f"node {node.node_id}" for name, node in facts.nodes.items()}  # also the name of an unknown node
+    drives = ", ".join(name if name == title else f"{name} ({title})" for name, title in titles.items())
     channels = ", ".join(f"{name} ({channel})" for name, channel in facts.channels.items())
     channels_text = f" on {channels}" if channels else ""
     yield (
@@ -56,7 +57,9 @@ def _wrong(facts: ReportFacts) -> Iterator[str]:
     for event in later[:_MOST]:
         yield f"{1e3 * (event.time - first.time):.0f} ms later: {_sentence(event.text)}"
     if len(later) > _MOST:
-        yield f"{len(later) - _MOST} more errors followed; they are in the list of events."
+        count = len(later) - _MOST
+        words = "1 more error followed; it is" if count == 1 else f"{count} more errors followed; they are"
+        yield f"{words} in the list of events."
 
 
 def _reaction(facts: ReportFacts) -> Iterator[str]:

@@ -404,3 +404,10 @@ def test_events_stand_above_the_live_table_in_the_order_in_which_they_came(monke
     assert screen.rows[2].startswith("running, cycle 7")
     assert sum("cycle 7" in row for row in screen.rows) == 1
     assert screen.at == len(screen.rows)
+
+
+def test_the_advice_of_a_cause_is_its_last_clause():
+    lost = event(5.0, "node_lost", f"{LEFT}: lost: {SILENT}")
+    stop = event(5.0, "stop", f"stopping a, b: {LEFT}: lost: {SILENT}; to continue: canopen-control axis enable all")
+    line = f"error: {LEFT}: stopping a, b; to continue: canopen-control axis enable all"
+    assert cause_lines([lost, stop], {"left_drive": f"{LEFT}: {SILENT}"}) == [line]

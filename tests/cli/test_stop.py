@@ -1,8 +1,12 @@
+from types import SimpleNamespace
+
 import pytest
 
 from canopen_control.cli import stop
 from canopen_control.cli.main import main
 from canopen_control.errors import CanopenError
+from canopen_control.rpc.messages.robot import GetStatus
+from canopen_control.rpc.messages.state import AxisReading, NodeReading
 
 
 def test_without_drives_it_says_that_the_next_command_moves(mock_robot, capsys):
@@ -63,3 +67,26 @@ def test_without_a_name_all_robots_are_stopped(monkeypatch, capsys):
         for name in ("one", "two")
     ]
     assert said.err == "canopen-control: hung: does not answer\n"
+
+
+@pytest.mark.parametrize(
+    ("axes", "begin"), [((AxisReading(joint="x"),), "stopped and disabled;"), ((), "stopped; no drive")]
+)
+def test_a_robot_of_io_modules_has_no_drives(axes, begin, monkeypatch, capsys):
+    class Client:
+        robot = "lamps"
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def ask(self, request, _timeout=None):
+            node = NodeReading(name="io", node_id=5, axes=axes)
+            return SimpleNamespace(nodes={"io": node}) if isinstance(request, GetStatus) else None
+
+    monkeypatch.setattr(stop.RobotClient, "connect", lambda _name: Client())
+    monkeypatch.setattr(stop, "find_robots", lambda: ["lamps"])
+    assert main(["stop"]) == 0
+    assert capsys.readouterr().out.startswith(begin)

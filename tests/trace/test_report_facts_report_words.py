@@ -52,3 +52,22 @@ def test_the_true_pose_of_a_simulated_base_is_told_as_it_was_in_the_end(calm_run
     calm_run.states[-1] = replace(calm_run.states[-1], true_pose=truth)
     said = "At the end: true pose 1.000, 0.500 m, 0.0 deg; odometry is off by 5.0 mm and 0.00 deg."
     assert said in facts_of(calm_run).summary
+
+
+def test_a_node_without_a_name_is_named_once(calm_run):
+    facts = facts_of(calm_run)
+    unknown = replace(facts, nodes={f"node {node.node_id}": node for node in facts.nodes.values()})
+    assert "; node 2, node 3." in summary(unknown)[0] or "; node 3, node 2." in summary(unknown)[0]
+
+
+def test_one_error_more_is_counted_as_one(lost_drive):
+    fault = facts_of(lost_drive).fault
+    events = lost_drive.events
+    shown = 0
+    for n in range(20):
+        said = facts_of(lost_drive).summary
+        if any("followed" in line for line in said):
+            break
+        events.append(RobotEvent(time=fault.time + n, kind="x", node=None, level="error", text=f"more {n}"))
+        shown = n
+    assert any(line == "1 more error followed; it is in the list of events." for line in said), (shown, said)
