@@ -15,6 +15,7 @@ from itertools import pairwise
 
 import pytest
 from support import ros
+from support.processes import go_first
 from support.robots import copy_robby
 
 from canopen_control.client import RobotClient, find_robots
@@ -73,7 +74,9 @@ def start_as_run_does(number, **options):
         for name, value in ros.ros_environment(number).items():
             patch.setenv(name, value)
         command = [sys.executable, "-m", "canopen_control.ros.bridge", "--name", "fake"]
-        return spawn(command, name="ros", ros=True, **options)
+        child = spawn(command, name="ros", ros=True, **options)
+    go_first(child.pid)
+    return child
 
 
 def test_started_before_its_robot_it_waits_for_the_gate_and_then_shows_it(number):
@@ -117,17 +120,15 @@ def test_a_signal_ends_it_within_two_seconds(number, number_of_signal):
 
 
 def test_started_by_hand_it_waits_for_the_robot_to_come_back(number):
-    with ros.Peer(number) as peer:
+    with ros.Peer(number) as peer, ExitStack() as stack:
         with ros.FakeRobot():
-            process = ros.bridge(number)
-            process.__enter__()
+            process = stack.enter_context(ros.bridge(number))
             peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
             peer.message("/joint_states")
         with ros.FakeRobot() as robot:
             robot.time = 1_800_000_000.0
             peer.message("/joint_states", lambda message: message["header"]["stamp"]["sec"] == 1_800_000_000)
             assert process.poll() is None
-        process.__exit__(None, None, None)
 
 
 def test_while_it_waits_for_its_robot_a_reason_is_printed_once(number):

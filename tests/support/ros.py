@@ -19,7 +19,7 @@ from queue import Empty, Queue
 import pytest
 from support import host
 from support.jsonserver import json_server, say
-from support.processes import Stage
+from support.processes import Stage, go_first
 
 from canopen_control.host.environment import clean_environment
 from canopen_control.host.reactor import Reactor
@@ -494,6 +494,7 @@ def bridge(number, *arguments, name="fake", **more):
         stderr=subprocess.STDOUT,
         text=True,
     )
+    go_first(process.pid)
     try:
         yield process
     finally:
