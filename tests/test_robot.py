@@ -5,6 +5,7 @@ import threading
 import pytest
 from support.host import eventually
 from support.liverobot import live_robot
+from support.lockstep import lockstep
 from support.mockrobot import running
 
 from canopen_control import JointReading, Robot
@@ -80,9 +81,10 @@ def test_errors_come_to_the_caller_as_what_they_are():
 
 
 def test_a_robot_that_cannot_start_raises_why_and_leaves_nothing():
-    robot = Robot.from_config("robby", can="memory:nobody", drives=False)
-    with pytest.raises(CanopenError, match=r"left_drive.*right_drive"):
-        robot.start()
+    with lockstep():
+        robot = Robot.from_config("robby", can="memory:nobody", drives=False)
+        with pytest.raises(CanopenError, match=r"left_drive.*right_drive"):
+            robot.start()
     assert find_robots() == []
     with pytest.raises(BusError, match="robot robby is not running"):
         robot.status()
