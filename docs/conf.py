@@ -1,4 +1,4 @@
-"""Sphinx's configuration; the pages that tables of the code make are written before the others are read."""
+"""Sphinx configuration; writes the generated pages before Sphinx reads the sources."""
 
 import sys
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / "tools")]
 
-from generate import write_pages  # noqa: E402 - the path to it is set above
+from generate import write_pages  # noqa: E402 - sys.path is set above
 from speed_history import write_history  # noqa: E402 - as above
 
 import canopen_control  # noqa: E402 - as above
@@ -27,19 +27,19 @@ autodoc_typehints = "description"
 autodoc_member_order = "bysource"
 nitpicky = False
 suppress_warnings = ["myst.header"]
-default_role = "code"  # what stands in backquotes in a docstring
-smartquotes = False  # two hyphens are those of an option
+default_role = "code"  # text in backquotes in docstrings
+smartquotes = False  # keep the two hyphens of options
 
 write_pages(HERE / "generated")
 write_history(HERE / "generated")
 
 
 def keep_the_tree(_app: object, what: str, name: str, _found: object, _options: object, lines: list[str]) -> None:
-    """Show the tree of the exceptions, which stands in their module's docstring, as it is written."""
+    """Show the exception tree in the docstring of `errors` verbatim."""
     if what == "module" and name == "canopen_control.errors":
         lines[1:] = ["", "::", "", *(f"    {line}" for line in lines[1:]), ""]
 
 
 def setup(app: "Sphinx") -> None:
-    """Connect what is above; Sphinx calls it."""
+    """Connect the handlers; called by Sphinx."""
     app.connect("autodoc-process-docstring", keep_the_tree)

@@ -1,4 +1,4 @@
-"""The pages that are made of tables in the code, so that they cannot differ from it.
+"""Generate reference pages from tables in the code, so that they cannot get out of date.
 
 Type, default and bounds of a key, the faults, the verbs and the import table are the code's; what a key means is said
 in `words.py`, what a parameter of a controller means in `canopen_control.controllers.declared`.
@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def write_pages(folder: Path) -> None:
-    """Write every generated page into `folder`; a file that has not changed is left alone."""
+    """Write every generated page to `folder`; unchanged files are not rewritten."""
     folder.mkdir(exist_ok=True)
     for name, make in PAGES.items():
         path, text = folder / name, make()
@@ -44,7 +44,7 @@ def _table(head: str, rows: Iterator[str] | list[str]) -> str:
 
 
 def _shown(value: object) -> str:
-    """Return a default as YAML has it."""
+    """Return a default as it is written in YAML."""
     if value is None or value is dataclasses.MISSING or value in ((), [], {}, ""):
         return ""
     if dataclasses.is_dataclass(value) or value != value:  # a section; not a number: no value
@@ -106,13 +106,13 @@ def _type(field: dataclasses.Field[Any]) -> str:
 
 
 def parts_of(cls: type[Any]) -> list[type[Any]]:
-    """Return the classes whose keys stand among those of a dataclass."""
+    """Return the classes whose keys are merged into those of a dataclass."""
     hints = typing.get_type_hints(cls)
     return [hints[field.name] for field in dataclasses.fields(cls) if field.metadata.get("part")]
 
 
 def own_entries(cls: type[Any]) -> Iterator[tuple[str, dataclasses.Field[Any]]]:
-    """Yield every key that a dataclass itself is read from, with its field."""
+    """Yield each key of a dataclass itself, with its field."""
     for field in dataclasses.fields(cls):
         marks = ("part", "derived", "here") if "dict" in str(field.type) else ("part", "section", "derived", "here")
         if not any(field.metadata.get(mark) for mark in marks):
@@ -120,13 +120,13 @@ def own_entries(cls: type[Any]) -> Iterator[tuple[str, dataclasses.Field[Any]]]:
 
 
 def entries(cls: type[Any]) -> Iterator[tuple[str, dataclasses.Field[Any]]]:
-    """Yield every key that a dataclass is read from, those of its parts too, with its field."""
+    """Yield each key of a dataclass and of its parts, with its field."""
     for each in (cls, *parts_of(cls)):
         yield from own_entries(each)
 
 
 def _keys(cls: type[Any], words: Mapping[str, str], unused: Mapping[str, str]) -> str:
-    """Return the table of a dataclass, and one below a title for each of its parts."""
+    """Return the key table of a dataclass, followed by a titled table per part."""
     rows = [
         f"| `{key}` | {_type(field)} | {_default(field)} | {words[key]} |"
         for key, field in own_entries(cls)
@@ -140,7 +140,7 @@ def _keys(cls: type[Any], words: Mapping[str, str], unused: Mapping[str, str]) -
 
 
 def bus_yml() -> str:
-    """Return every key of bus.yml."""
+    """Return the page of the bus.yml keys."""
     from canopen_control.master import keys
 
     sections = (
@@ -155,9 +155,9 @@ def bus_yml() -> str:
     )
     text = [
         "# The keys of `bus.yml`\n",
-        "The format is that of ros2_canopen, read at the start. A file has the parts `options`, `master`, `defaults` "
-        "and `nodes`; instead of `nodes` nodes may stand at the top, as older files have it. A node's own keys win "
-        "over `defaults`. A robot folder may hold more buses in files `bus_NAME.yml`, all with one SYNC period. "
+        "The format is that of ros2_canopen; the file is read at start-up. It has the sections `options`, `master`, "
+        "`defaults` and `nodes`; nodes may also be at the top level, as in older files. A node's own keys override "
+        "`defaults`. A robot folder may hold more buses in files `bus_NAME.yml`, all with one SYNC period. "
         "`canopen-control check ROBOT` reports every error with its line.\n",
     ]
     for title, cls, unused in sections:
@@ -165,14 +165,14 @@ def bus_yml() -> str:
     for title, unused in (("`master`", keys.UNUSED_MASTER), ("a node", keys.UNUSED_NODE)):
         text += [
             f"## Keys of {title} that have no effect\n",
-            "They are ros2_canopen's, accepted and named once.\n",
+            "Keys of ros2_canopen that are accepted; a warning lists them once.\n",
             _table("| key | why |", [f"| `{name}` | {why} |" for name, why in unused.items()]),
         ]
     return "\n".join(text)
 
 
 def controllers() -> str:
-    """Return the parameters of every controller."""
+    """Return the page of the controller parameters."""
     from canopen_control.controllers.base import Controller
     from canopen_control.controllers.controllers_file import ManagerParams
     from canopen_control.controllers.params import CommonParams
@@ -183,7 +183,7 @@ def controllers() -> str:
         groups.setdefault((class_of(name) or Controller).title, []).append(name)
     text = [
         "# Controllers and their parameters\n",
-        "Names, defaults and meaning are those of ros2_controllers. `ros2 param describe` prints them too.\n",
+        "Names, defaults and meanings are those of ros2_controllers. `ros2 param describe` also prints them.\n",
         "## The controller manager\n",
         _keys(ManagerParams, _parameters(ManagerParams), {}),
         "## Every controller\n",
@@ -206,7 +206,7 @@ def _parameters(cls: type[Any]) -> dict[str, str]:
 
 
 def faults() -> str:
-    """Return the faults of virtual drives, and the reaction of a correct master to each."""
+    """Return the page of virtual drive faults and the reactions of a correct master."""
     from canopen_control.virtual.fault_table import FAULTS
 
     rows = [
@@ -214,14 +214,14 @@ def faults() -> str:
     ]
     return (
         "# Faults of virtual drives\n\n"
-        "Switched on with `canopen-control fault NODE NAME on`, at the start with `canopen-control drive --fault "
-        "NAME`, or by a scenario. The tests break a whole robot with each of them (`tests/faults`).\n\n"
+        "Switch a fault on with `canopen-control fault NODE NAME on`, from the start with `canopen-control drive "
+        "--fault NAME`, or in a scenario. The tests inject each of them into a whole robot (`tests/faults`).\n\n"
         + _table("| fault | the drive | a correct master |", rows)
     )
 
 
 def quirks() -> str:
-    """Return the quirks of virtual drives, each with what it departs from and its source."""
+    """Return the page of virtual drive quirks, with clauses and sources."""
     from canopen_control.virtual.quirks import QUIRKS
 
     rows = []
@@ -232,16 +232,16 @@ def quirks() -> str:
         rows.append(f"| `{each.name}` | {each.does}{where} | {bounds} | {each.clause or 'no clause'} | {each.source} |")
     return (
         "# Quirks of virtual drives\n\n"
-        "A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402-2; what breaks is a "
+        "A quirk is a documented deviation of a healthy drive from CiA 301 or CiA 402-2; a malfunction is a "
         "[fault](faults.md). A drive has quirks from its start with `canopen-control drive --quirk "
         "NAME[=VALUE][@AXIS]`; `canopen-control quirk NODE NAME on` and the key `quirk` of a scenario switch one while "
-        "it runs. Of the strength the bounds and the default are listed. `unsourced`: users have seen it, and no "
-        "public source is known.\n\n" + _table("| quirk | the drive | strength | departs from | source |", rows)
+        "it runs. The strength column lists bounds and default. `unsourced`: seen by users, but no public source is "
+        "known.\n\n" + _table("| quirk | the drive | strength | departs from | source |", rows)
     )
 
 
 def personalities() -> str:
-    """Return which manufacturer's drives behave how, from the files of `eds/personalities`."""
+    """Return the page of manufacturer-specific behaviour, from `eds/personalities`."""
     from canopen_control.personality import personality_names, read_personality
     from canopen_control.virtual.quirks import parse_quirk
 
@@ -258,19 +258,19 @@ def personalities() -> str:
         ids = ", ".join(f"0x{each.vendor:X}" for each in drive.identity) or "not known"
         unknown.append(f"- {called} (vendor id: {ids}): {'; '.join(drive.not_known)}.")
     return (
-        "# Which drive behaves how\n\n"
-        "From the files of `eds/personalities`; [the guide](../guide/drive_makers.md) says how to use them.\n\n"
-        + _table("| drive | it | quirk | source |", rows)
-        + "\n## Keys of bus.yml that they need\n\n"
-        + _table("| drive | key | because | source |", keys)
-        + "\n## What is not known\n\n"
+        "# Manufacturer-specific behaviour\n\n"
+        "From the files of `eds/personalities`; [the guide](../guide/drive_makers.md) explains how to use them.\n\n"
+        + _table("| drive | behaviour | quirk | source |", rows)
+        + "\n## Required keys of bus.yml\n\n"
+        + _table("| drive | key | reason | source |", keys)
+        + "\n## Unknown\n\n"
         + "\n".join(unknown)
         + "\n"
     )
 
 
 def command_line() -> str:
-    """Return the help of every verb."""
+    """Return the page with the help of every verb."""
     import importlib
     import os
 
@@ -280,8 +280,8 @@ def command_line() -> str:
     os.environ["COLUMNS"] = "110"
     text = [
         "# The command line\n",
-        "`canopen-control VERB --help` prints the same. Exit codes: 0 success, 1 failure, 2 usage or configuration, "
-        "or something that this machine lacks.\n",
+        "`canopen-control VERB --help` prints the same. Exit codes: 0 success, 1 failure, 2 wrong usage, wrong "
+        "configuration, or a missing dependency.\n",
         _table("| verb | |", [f"| [`{verb}`](#{verb}) | {what} |" for verb, what in VERBS.items()]),
     ]
     for verb in VERBS:
@@ -294,7 +294,7 @@ def command_line() -> str:
 
 
 def _help(parser: argparse.ArgumentParser) -> str:
-    """Return the help of a verb, and of its actions where it has some."""
+    """Return the help of a verb and of its actions, if it has any."""
     text = parser.format_help()
     for action in parser._actions:  # noqa: SLF001 - argparse has no public way to them
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001 - as above
@@ -305,7 +305,7 @@ def _help(parser: argparse.ArgumentParser) -> str:
 
 
 def import_table() -> str:
-    """Return who may import whom, as the layering test holds it."""
+    """Return the page of permitted imports, as checked by the layering test."""
     source = (ROOT / "tests" / "test_layering.py").read_text(encoding="utf-8")
     rows = []
     for node in ast.parse(source).body:
@@ -315,7 +315,7 @@ def import_table() -> str:
                 assert isinstance(key, ast.Constant)
                 assert isinstance(value, ast.Tuple)
                 rows.append(f"| `{key.value}` | {_ours(value.elts[0])} | {_outside(value.elts[1])} |")
-    head = "# Who may import whom\n\nThe test of the layers holds this table; `errors` and `frame` are everybody's.\n\n"
+    head = "# Permitted imports\n\nThe layering test enforces this table. `errors` and `frame` are open to all.\n\n"
     return head + _table("| subpackage | may import | from outside |", rows)
 
 
@@ -330,7 +330,7 @@ def _outside(node: ast.expr) -> str:
     if text == "None":
         return "whatever it needs"
     words = {
-        "PURE": "the pure part of the standard library",
+        "PURE": "the standard library without I/O",
         "STDLIB": "the standard library",
         "MARKS": "mypy_extensions",
     }
@@ -341,45 +341,45 @@ _AXIS_POWER = """# May an axis move? Its statechart
 
 ## Its power
 
-Each joint is in one of these states. A trigger that a state does not list changes nothing in it. The table is
+Each joint is in one of these states. A trigger that a state does not list has no effect. The table is in
 `canopen_control/hardware/axis_statechart.py`; `hardware/joint.py` fires the triggers of the drive and of users,
 `hardware/axis_statechart.py` those of the joints that stop together.
 
-A stop that takes longer than its state may last goes on to a quick stop, then to disable voltage; where the joint of
-the description says `<param name="holds_load">true</param>`, because its load would fall, the voltage stays.
+If a stop takes longer than its state may last, a quick stop follows, then disable voltage. If the joint's description
+has `<param name="holds_load">true</param>`, because its load would fall, the voltage stays on.
 """
 
 
-_DRIVE_INTENT = """## Below it: what is wanted of the drive
+_DRIVE_INTENT = """## Below it: the enable request of the drive
 
-The chart commands the drive's state machine (`canopen_control/cia402/drive.py`) to enable, to disable, to stop. What is
-wanted, together with what is still on its way to the drive, is one of these intents; the table is
-`canopen_control/cia402/drive.py`. Only an enable leads to the goal ENABLED. Two orders are independent of it and
-change no intent: `hold_in_switched_on` keeps a drive before OPERATION_ENABLED until its group can be enabled, `halt`
-sends bit 8 to an enabled one.
+The chart commands the drive's state machine (`canopen_control/cia402/drive.py`) to enable, disable or stop. The
+request, together with what is still on its way to the drive, is one of these states; the table is in
+`canopen_control/cia402/drive.py`. Only an enable leads to the goal ENABLED. Two commands do not change the request:
+`hold_in_switched_on` keeps a drive before OPERATION_ENABLED until its group can be enabled, `halt` sends bit 8 to an
+enabled one.
 """
 
 _MODE_REQUEST = """## Below it: the mode of operation
 
-A mode is one only when 0x6061 shows it, and nothing moves before. The table is
+A mode is active only when 0x6061 shows it; nothing moves before. The table is in
 `canopen_control/cia402/drive_goal.py`.
 """
 
 
 def axis_power() -> str:
-    """Return the states of an axis: the tables of its power, of what is wanted of its drive, and of its mode."""
+    """Return the page of the axis statecharts: power, enable request and mode."""
     from canopen_control.cia402 import drive, drive_goal
     from canopen_control.hardware.axis_statechart import LIMITS_NS, TABLE, AxisPhase, PhaseTrigger
 
     lasts = {state: f"{limit / 1e9:g} s" for state, limit in LIMITS_NS.items()}
-    lasts[AxisPhase.SETTLING] = "what is left of BRAKING's"
-    told = {
+    lasts[AxisPhase.SETTLING] = "the rest of BRAKING's time"
+    commands = {
         (state, trigger): (row.state, "; ".join(order.value for order in row.orders))
         for state, rows in TABLE.items()
         for trigger, row in rows.items()
     }
     goals = {each: drive.GOALS[each].name for each in drive.EnableRequest}
-    intents = {
+    requests = {
         (state, trigger): (after, "" if goals[state] == goals[after] else goals[after])
         for state, rows in drive.ENABLE_TABLE.items()
         for trigger, after in rows.items()
@@ -389,8 +389,8 @@ def axis_power() -> str:
         for state, rows in drive_goal.MODE_TABLE.items()
         for trigger, after in rows.items()
     }
-    parts = [_AXIS_POWER, *_chart(AxisPhase, PhaseTrigger, told, lasts, ("may last", "the drive is told to"))]
-    parts += [_DRIVE_INTENT, *_chart(drive.EnableRequest, drive.EnableTrigger, intents, goals, ("goal", "new goal"))]
+    parts = [_AXIS_POWER, *_chart(AxisPhase, PhaseTrigger, commands, lasts, ("may last", "command to the drive"))]
+    parts += [_DRIVE_INTENT, *_chart(drive.EnableRequest, drive.EnableTrigger, requests, goals, ("goal", "new goal"))]
     confirmed = {state: "yes" if state in drive_goal.CONFIRMED else "no" for state in drive_goal.ModeState}
     heads = ("confirmed", "confirmed then")
     parts += [_MODE_REQUEST, *_chart(drive_goal.ModeState, drive_goal.ModeTrigger, modes, confirmed, heads)]
@@ -404,11 +404,11 @@ def _chart(
     facts: Mapping[Any, str],
     heads: tuple[str, str],
 ) -> Iterator[str]:
-    """Yield the states of a chart with a fact about each, and for each state where its triggers lead."""
+    """Yield a table of a chart's states, and a table of transitions for each state."""
     lines = [f"| {state.name} | {state.value} | {facts.get(state, '')} |" for state in states]
     yield "### States\n"
     yield _table(f"| state | means | {heads[0]} |", lines)
-    yield "### What leads where\n"
+    yield "### Transitions\n"
     for state in states:
         lines = []
         for trigger in (each for each in triggers if (state, each) in rows):

@@ -1,4 +1,4 @@
-"""The pages of the sockets, made of the declarations of their methods."""
+"""Generate the pages of the sockets from the declarations of their methods."""
 
 from __future__ import annotations
 
@@ -17,40 +17,39 @@ __all__ = ["drive_socket", "hub_socket", "robot_socket"]
 
 _ROBOT = """# The socket of a robot
 
-Every process that is not the robot itself asks it here: the command line, the ROS bridge, the page, your programs.
-The socket is `$XDG_RUNTIME_DIR/canopen_control/robot-NAME.sock`, private to its user. A message is a JSON object on a
-line:
+All other processes talk to the robot here: the command line, the ROS bridge, the page, your programs.
+The socket is `$XDG_RUNTIME_DIR/canopen_control/robot-NAME.sock`, private to its user. Each message is a JSON object on
+one line:
 
     {"id": 1, "method": "command", "params": {"controller": "robby_forward_controller", "values": [10, 10]}}
     {"id": 1, "result": {}}
     {"id": 2, "error": {"kind": "NotEnabled", "message": "left_drive is not enabled ..."}}
 
-A request without an id is not answered. A field that a request does not have is refused; skip those that you do not
-know in an answer. A number that is not finite is null, bytes are base64. The robot greets first, with the number of
-this protocol. In the table a question mark is at a parameter that may be left out. Answers may come in another order
-than the requests.
+A request without an id is not answered. Unknown fields in a request are refused; ignore unknown fields in an answer.
+A number that is not finite is null, bytes are base64. The robot sends a greeting first, with the protocol number. In
+the table a question mark denotes an optional parameter. Answers may arrive in a different order than the requests.
 
-In Python `RobotClient` has all of it with types; each method is a class of `canopen_control.rpc.messages.robot`:
+In Python use `RobotClient`, which is fully typed; each method is a class of `canopen_control.rpc.messages.robot`:
 
 ```{literalinclude} ../examples/state_stream.py
 ```
 
-Without this package ten lines of the standard library do, in any language:
+Without this package ten lines of code are enough, in any language:
 
 ```{literalinclude} ../examples/bare_socket.py
 ```
 """
 _DRIVE = """# The socket of a virtual drive
 
-Past the bus and past any master: what a virtual drive is doing, what its motor does, and its faults. A real drive has
-no such socket. It is `$XDG_RUNTIME_DIR/canopen_control/drive-BUS-NODE.sock`, private to its user, and speaks as
-[the robot's](robot_socket.md) does: a message is a JSON object on a line, the drive greets first with the number of
-this protocol, a field that a request does not have is refused.
+Independent of the bus and of any master: the state of a virtual drive and its motor, and its faults. Real drives do
+not have this socket. It is `$XDG_RUNTIME_DIR/canopen_control/drive-BUS-NODE.sock`, private to its user, and works like
+[the robot's](robot_socket.md): each message is a JSON object on one line, the drive sends a greeting with the
+protocol number first, and unknown fields in a request are refused.
 
     {"id": 1, "method": "fault", "params": {"name": "heartbeat_lost", "on": true}}
     {"id": 1, "result": {"active": ["heartbeat_lost"]}}
 
-On the command line `canopen-control fault` uses it. In Python `DriveClient` has all of it with types; each method is a
+On the command line `canopen-control fault` uses it. In Python use `DriveClient`, which is fully typed; each method is a
 class of `canopen_control.rpc.messages.drive`:
 
     from canopen_control.client.drive_client import DriveClient
@@ -60,14 +59,14 @@ class of `canopen_control.rpc.messages.drive`:
         drive.ask(SwitchFault(name="heartbeat_lost"))
         print(drive.ask(GetDriveState()).axes[0].plant.velocity)
 
-What each fault is: [the faults of virtual drives](faults.md).
+The faults are described in [faults of virtual drives](faults.md).
 """
 _HUB = """# The socket of a local bus
 
-Who is on a `local:` bus, and the faults of its wires: cut cables, lost and late frames, bus-off, a bit rate. A CAN
-interface of the kernel has no such socket. It is `$XDG_RUNTIME_DIR/canopen_control/busctl-NAME.sock`, private to its
-user, and speaks as [the robot's](robot_socket.md) does: a message is a JSON object on a line, the hub greets first with
-the number of this protocol, a field that a request does not have is refused.
+The members of a `local:` bus, and faults of its wires: cut cables, lost and late frames, bus-off, a bit rate. CAN
+interfaces of the kernel do not have this socket. It is `$XDG_RUNTIME_DIR/canopen_control/busctl-NAME.sock`, private to
+its user, and works like [the robot's](robot_socket.md): each message is a JSON object on one line, the hub sends a
+greeting with the protocol number first, and unknown fields in a request are refused.
 
     {"id": 1, "method": "cut", "params": {"label": "drive 3"}}
     {"id": 1, "result": {}}
@@ -81,7 +80,7 @@ On the command line `canopen-control bus status` and `bus fault` use it. In Pyth
     ask_hub("robby", Cut("drive 3"))
     print([member.label for member in ask_hub("robby", GetHubStatus()).members])
 
-The frames themselves go through another socket, as records of 16 bytes.
+The frames themselves are sent over a different socket, as records of 16 bytes.
 """
 
 
@@ -96,46 +95,46 @@ def drive_socket() -> str:
     """Return the page of a virtual drive's socket."""
     from canopen_control.rpc.messages.drive import DRIVE
 
-    return _page(DRIVE, _DRIVE, "To everybody who is connected, under a key of its own instead of an id.")
+    return _page(DRIVE, _DRIVE, "To every connected client, under a key of its own instead of an id.")
 
 
 def hub_socket() -> str:
-    """Return the page of a local bus' control socket."""
+    """Return the page of a local bus's control socket."""
     from canopen_control.rpc.messages.hub import HUB
 
-    return _page(HUB, _HUB, "Nothing but its greeting.")
+    return _page(HUB, _HUB, "Only its greeting.")
 
 
 def _page(api: Api[Any, Any], head: str, unasked: str) -> str:
-    """Return the methods of a socket, what it sends unasked, and their structures."""
+    """Return the page of a socket: methods, unsolicited messages and structures."""
     from canopen_control.rpc.messages.declare import PROTOCOL
 
     text = [head, f"## Methods, protocol {PROTOCOL}\n", "| method | | parameters | answer |\n|---|---|---|---|"]
-    told: dict[str, type[Any]] = {}
+    structures: dict[str, type[Any]] = {}
     for name, method in api.methods.items():
         does = f"{method.text} *{method.effect.value.capitalize()}.*"
         text.append(f"| `{name}` | {does} | {_fields(method.request)} | {_shown(method.answer)} |")
-        told.update(_structures(method.answer))
+        structures.update(_structures(method.answer))
         for field in msgspec.structs.fields(method.request):
-            told.update(_structures(field.type))
-    text.append(f"\n## What it sends unasked\n\n{unasked}\n")
+            structures.update(_structures(field.type))
+    text.append(f"\n## Unsolicited messages\n\n{unasked}\n")
     for key, push in api.pushes.items():
         text.append(f"- `{key}`: {_shown(push)}")
-        told.update(_structures(push))
-    text.append(f"- `hello`, first of all: {_shown(api.hello)}")
-    told.update(_structures(api.hello))
+        structures.update(_structures(push))
+    text.append(f"- `hello`, the greeting: {_shown(api.hello)}")
+    structures.update(_structures(api.hello))
     text.append("\n## Structures\n")
-    told.pop("Done", None)
-    for name, each in sorted(told.items()):
+    structures.pop("Done", None)
+    for name, each in sorted(structures.items()):
         rows = [f"| `{field.encode_name}` | {_shown(field.type)} |" for field in msgspec.structs.fields(each)]
         text += [f"### {name}\n", inspect.cleandoc(each.__doc__ or ""), "", "| field | |\n|---|---|", *rows, ""]
     return "\n".join(text) + "\n"
 
 
 def _fields(request: type[Any]) -> str:
-    """Return the parameters of a request; a question mark is at one that may be left out."""
-    told = [(each.encode_name, "" if each.required else "?", each.type) for each in msgspec.structs.fields(request)]
-    return ", ".join(f"`{name}`{mark} {_shown(kind)}" for name, mark, kind in told) or "-"
+    """Return the parameters of a request; optional ones are marked by a question mark."""
+    fields = [(each.encode_name, "" if each.required else "?", each.type) for each in msgspec.structs.fields(request)]
+    return ", ".join(f"`{name}`{mark} {_shown(kind)}" for name, mark, kind in fields) or "-"
 
 
 _WORDS = {
@@ -157,7 +156,7 @@ _WORDS = {
 
 
 def _shown(kind: object) -> str:
-    """Return a type in words, with a link where it is a structure."""
+    """Return a type in words, with links to structures."""
     if getattr(kind, "__name__", "") == "Done":
         return "-"
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
@@ -166,7 +165,7 @@ def _shown(kind: object) -> str:
     for pattern, word in _WORDS.items():
         text = re.sub(pattern, word, text)
     names = _structures(kind)
-    return re.sub(r"\w+", lambda found: _link(found[0], names), text)
+    return re.sub(r"\w+", lambda match: _link(match[0], names), text)
 
 
 def _link(word: str, names: dict[str, type[Any]]) -> str:
@@ -174,7 +173,7 @@ def _link(word: str, names: dict[str, type[Any]]) -> str:
 
 
 def _structures(kind: object) -> dict[str, type[Any]]:
-    """Return the structures that a type holds, by name, and those that they hold."""
+    """Return the structures used by a type, directly or indirectly, by name."""
     return {each.__name__: each for each in _walk(kind, set())}
 
 

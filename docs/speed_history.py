@@ -1,7 +1,7 @@
-"""The page of what the bench has seen over time, from the rows that `tools/bench --json` keeps: a drawing each family.
+"""Generate the page of benchmark results over time, from the rows kept by `tools/bench --json`: one chart per family.
 
-A panel is a figure, a line of it a build of the package. The horizontal axis is the runs in their order, the vertical
-one the number that is judged, from zero on. A run on a machine that others used meanwhile is a ring, else a dot.
+Each panel is a figure, each line in it a build of the package. The horizontal axis is the runs in order, the vertical
+one the assessed value, from zero. Runs on a busy machine are drawn as rings, all others as dots.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ _WIDTH, _HEIGHT, _LEFT, _TOP, _GAP = 640, 90, 60, 34, 52
 _COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd")
 _STYLE = "font-family:sans-serif;font-size:12px;fill:#555"
 _SOURCES = "from the sources"
-_BUILDS = {_SOURCES: _SOURCES, "pure Python": _SOURCES, "compiled": "compiled"}  # as figures and packages say them
+_BUILDS = {_SOURCES: _SOURCES, "pure Python": _SOURCES, "compiled": "compiled"}  # as named in figures and packages
 _IDLE_ENOUGH = 0.9
 _PAGE = """# Speed over time
 
-What each run of `tools/bench --json docs/reference/speed_history.json` has seen: ratios to peers where there are some,
-else what was measured; [the page of speeds](../reference/speed.md) says what they mean. A ring is a run while others
-used the machine, of which times say little and ratios more.
+Results of each run of `tools/bench --json docs/reference/speed_history.json`: ratios to comparable packages, if there
+are any, else measured values; see [the page of speeds](../reference/speed.md) for their meaning. A ring is a run on a
+busy machine: its times are unreliable, its ratios less so.
 """
 
 Series = dict[str, dict[str, list[tuple[int, float]]]]
 
 
 def series_of(rows: Sequence[Mapping[str, Any]], family: str) -> Series:
-    """Return panel -> line -> (run, number) of a family: a line is the build that a figure's name or its run names."""
+    """Return panel -> line -> (run, value) of a family; a line is the build named by the figure or by its run."""
     found: Series = {}
     for run, row in enumerate(rows):
         for name, value in row["figures"].get(family, {}).items():
@@ -46,7 +46,7 @@ def series_of(rows: Sequence[Mapping[str, Any]], family: str) -> Series:
 
 
 def write_history(folder: Path) -> None:
-    """Write the page and its drawings; what is the same is left."""
+    """Write the page and its charts; unchanged files are not rewritten."""
     folder.mkdir(exist_ok=True)
     rows = json.loads(_HISTORY.read_text(encoding="utf-8"))["history"]
     families = dict.fromkeys(family for row in rows for family, figures in row["figures"].items() if figures)
@@ -63,7 +63,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def drawn(path: Path, family: str) -> str:
-    """Return the SVG of a family, of the file that the bench has written."""
+    """Return the SVG chart of a family, from the file written by the bench."""
     rows = json.loads(path.read_text(encoding="utf-8"))["history"]
     series = series_of(rows, family)
     height = len(series) * (_HEIGHT + _GAP) + _TOP
@@ -95,8 +95,8 @@ def _panel(
         for (run, value), (x, y) in zip(points, places, strict=True):
             fill = colour if (rows[run].get("idle") or 0.0) >= _IDLE_ENOUGH else "#fff"
             parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="{fill}" stroke="{colour}">')
-            told = " ".join(filter(None, (rows[run]["date"][:10], rows[run].get("commit"), f"{value:.3g}")))
-            parts.append(f"<title>{escape(told)}</title></circle>")
+            tooltip = " ".join(filter(None, (rows[run]["date"][:10], rows[run].get("commit"), f"{value:.3g}")))
+            parts.append(f"<title>{escape(tooltip)}</title></circle>")
         x = _LEFT + 400 + 120 * number
         parts.append(f'<text x="{x}" y="{top - 10}" style="{_STYLE};fill:{colour}">{escape(line)}</text>')
     return parts

@@ -1,10 +1,10 @@
-"""Drive the base of a robot that runs already, of `canopen-control run robby`, and print what it tells."""
+"""Drive the base of a running robot, started with `canopen-control run robby`, and print its events."""
 
 import time
 
 from canopen_control import Robot
 
-with Robot.attach("robby") as robot, robot.events(timeout=0.5) as events:  # of `canopen-control run robby`
+with Robot.attach("robby") as robot, robot.events(timeout=0.5) as events:  # started with `canopen-control run robby`
     robot.switch(activate=["robby_base_controller"], deactivate=["robby_forward_controller"])
     robot.axis("enable")
     for _ in range(20):

@@ -1,4 +1,4 @@
-"""Ask a running robot without this package: a Unix socket, and JSON objects on lines."""
+"""Query a running robot without this package: one JSON object per line over a Unix socket."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""A script for the `canopen` package, on the bus of a running robot: it listens, and the robot stays the SDO client."""
+"""Listen on the bus of a running robot with the `canopen` package; the robot remains the SDO client."""
 
 import canopen
 

@@ -1,10 +1,10 @@
-"""Reset a drive behind the master's back, as a loose plug would, and read what the robot makes of it."""
+"""Reset a drive behind the master's back, as a loose plug would, and print the robot's reaction."""
 
 import time
 
 from canopen_control import CanFrame, Robot, open_port, pack_records
 
-RESET_NODE_3 = CanFrame(0x000, bytes([0x81, 3]))  # an NMT command of somebody else
+RESET_NODE_3 = CanFrame(0x000, bytes([0x81, 3]))  # an NMT command from another device
 
 with (
     Robot.from_config("robby", can="memory:drive_restarts") as robot,
@@ -22,4 +22,4 @@ with (
         if event.level != "info":
             print(f"{event.kind}: {event.text}")
     print("ready again:", robot.nodes()["left_drive"].ready)
-    robot.axis("enable")  # it was booted by itself, and moves after an enable and a new command
+    robot.axis("enable")  # the drive was booted automatically; it moves after an enable and a new command

@@ -1,4 +1,4 @@
-"""Tell what is in an EDS, and what is odd about it: `python eds_issues.py FILE [NODE_ID]`."""
+"""Summarise an EDS and list its issues: `python eds_issues.py FILE [NODE_ID]`."""
 
 import sys
 
@@ -7,7 +7,7 @@ from canopen_control.errors import EdsError
 
 try:
     eds = read_eds(sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else None)
-except EdsError as error:  # no CANopen EDS at all; everything else is read
+except EdsError as error:  # not a CANopen EDS at all; any other issue is tolerated
     sys.exit(str(error))
 
 device = eds.od.device

@@ -14,7 +14,7 @@ with Robot.from_config("robby", can="memory:frames"):
     port = open_port("memory:frames", label="listener")
     end = time.monotonic() + 1.0
     while time.monotonic() < end:
-        select.select([port], [], [], 0.1)  # a port never waits; its owner does, on its descriptor
+        select.select([port], [], [], 0.1)  # receive() never blocks; wait on the port's descriptor
         for frame in frames_of(port.receive()):
             service, node_id = frame.can_id & ~0x7F, frame.can_id & 0x7F
             if service == HEARTBEAT:

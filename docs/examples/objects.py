@@ -13,9 +13,9 @@ with Robot.from_config("robby", can="virtual:objects") as robot:
 
     try:
         robot.sdo_read("left_drive", 0x5EEE)
-    except RemoteProtocolError as error:  # what the drive answered
+    except RemoteProtocolError as error:  # an SDO abort from the drive
         print("refused:", error)
     try:
         robot.sdo_read("left_drive", "Statuswort")
-    except ConfigError as error:  # what the EDS does not know
+    except ConfigError as error:  # a name that the EDS does not contain
         print("not asked:", error)

@@ -1,4 +1,4 @@
-"""Join a `local:` bus with python-can, as its logger, its viewer and whatever is built on it do."""
+"""Join a `local:` bus with python-can, like its logger, its viewer and programs built on it."""
 
 import can
 

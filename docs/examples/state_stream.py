@@ -1,4 +1,4 @@
-"""Watch a robot by its socket: ten samples of its state, at twenty in a second."""
+"""Stream a robot's state over its socket: ten samples at 20 Hz."""
 
 from canopen_control import Robot, RobotClient
 from canopen_control.rpc.messages.robot import CommandController, Subscribe

@@ -1,4 +1,4 @@
-"""STOP, latched: nobody moves the robot before somebody releases it; then it takes an enable and a new command."""
+"""Latch STOP: no client can move the robot until it is released, enabled and commanded again."""
 
 from canopen_control import Robot
 from canopen_control.errors import ControlError
@@ -7,7 +7,7 @@ CONTROLLER = "robby_forward_controller"
 
 with Robot.from_config("robby", can="memory:stop_and_release") as robot:
     robot.command(CONTROLLER, [5.0, 5.0])
-    robot.stop(latch=True)  # returns when no drive moves under power any more
+    robot.stop(latch=True)  # returns when no drive is moving under power
     print("stopped:", [joint.velocity for joint in robot.joints().values()])
     try:
         robot.axis("enable")

@@ -1,4 +1,4 @@
-"""Run the robot of your own, docs/examples/two_axes: two axes of any CiA 402 drive, moved to positions."""
+"""Run a custom robot (docs/examples/two_axes) with two CiA 402 drives, and move both axes to positions."""
 
 import time
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`where`: the positions of the joints of a running robot."""
+"""`where`: print the joint positions of a running robot."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ EXAMPLE = "canopen-control where --json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
+    """Add the arguments of the verb."""
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
 

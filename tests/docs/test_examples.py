@@ -31,7 +31,7 @@ RUNS = {
         [r"stopped: \[0\.0, 0\.0\]", r"latched: .*STOP is latched.*", r"released: .*axis enable.*", "enabled: running"],
     ),
     "drive_restarts": ([], [r"(cycle_missed: .*\n)*restarted: .*", r"(\w+: .*\n)*ready again: True"]),
-    "square": ([], [r"way of the middle 0\.([78]\d|9[0-2]) m, turned [67]\.\d+ rad, ends 0\.[01]\d m from its start"]),
+    "square": ([], [r"travelled 0\.([78]\d|9[0-2]) m, turned [67]\.\d+ rad, ends 0\.[01]\d m from its start"]),
     "state_stream": ([], [r"running 0\.00 0\.00", *[r"running \d\.\d\d \d\.\d\d"] * 8, r"running (4|5)\.\d\d .*"]),
     "frames": (
         [],

@@ -1,4 +1,4 @@
-"""An adapter for python-can: CAN frames over UDP. The channel is two ports of this computer, `HERE-THERE`."""
+"""A python-can adapter for CAN frames over UDP; the channel is two local ports, `LOCAL-REMOTE`."""
 
 import socket
 import struct
@@ -10,7 +10,7 @@ RECORD = struct.Struct(">IB8s")  # identifier, length, data
 
 
 class UdpCan(can.BusABC):
-    """One end; a frame is a datagram."""
+    """One end of the link; each frame is a datagram."""
 
     def __init__(self, channel: str, **options: Any) -> None:
         here, there = (int(port) for port in channel.split("-"))

@@ -1,4 +1,4 @@
-"""A controller of your own: it swings one joint to and fro."""
+"""A custom controller that swings one joint back and forth."""
 
 import math
 from dataclasses import dataclass
@@ -26,6 +26,6 @@ class Dance(Controller):
         return [f"{self.params.joint}/velocity"]
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Do one step; `now` is monotonic, in ns, `period` in s."""
+        """Run one cycle; `now` is monotonic time in ns, `period` is in s."""
         self.commands[0].value = self.params.speed * math.sin(now / 1e9)
         return ReturnType.OK

@@ -1,4 +1,4 @@
-"""Tests of a robot in virtual time; `canopen_robot = config/robby` in pytest.ini says which, for all of them."""
+"""Tests of a robot in virtual time; `canopen_robot = config/robby` in pytest.ini selects the robot."""
 
 from itertools import pairwise
 
