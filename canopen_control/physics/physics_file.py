@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 SensorKind = Literal["imu", "range", "force_torque", "pose", "magnetometer"]
-"""Kind of a sensor in a world, see `world_sensors.urdf_sensors`."""
+"""Kind of a sensor in a world, see `urdf_sensors`."""
 _AXES = 8  # per node
 AxisAddress = tuple[str, int, int]
 """Bus ("" for the main bus), node-ID, and axis of the node."""

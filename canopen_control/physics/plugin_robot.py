@@ -23,7 +23,8 @@ from canopen_control.physics.joint_servo import ServoLoop
 from canopen_control.physics.physics_file import DENSITY, AxisSettings, FloorContact, PhysicsError
 from canopen_control.physics.scene_file import Start, WorldDescription
 from canopen_control.physics.urdf_repair import guessed_masses, repaired
-from canopen_control.physics.world_sensors import INTERFACES, SensorReader, WorldSensor, urdf_sensors
+from canopen_control.physics.urdf_sensors import INTERFACES, urdf_sensors
+from canopen_control.physics.world_sensors import SensorReader, WorldSensor
 from canopen_control.rpc.messages.simulation import LaserScanReading
 
 if TYPE_CHECKING:

@@ -55,7 +55,7 @@ def _sensors(setup: RobotSetup, tags: Iterable[Ros2ControlSystem]) -> dict[str, 
     parts = [part for tag in tags for part in sensed_parts(setup, tag)]
     if not parts:
         return {}
-    from canopen_control.physics.world_sensors import urdf_sensors  # most robots are run without physics
+    from canopen_control.physics.urdf_sensors import urdf_sensors  # most robots are run without physics
 
     return urdf_sensors(parts, description.links, description.model.root, description.path)
 
@@ -88,7 +88,7 @@ class SensedValues:
 
 
 def _interfaces_of(name: str, sensor: SensorSettings) -> list[str]:
-    from canopen_control.physics.world_sensors import INTERFACES
+    from canopen_control.physics.urdf_sensors import INTERFACES
 
     return [f"{name}/{interface}" for interface in INTERFACES[sensor.kind]]
 

@@ -2,7 +2,8 @@ import mujoco
 import pytest
 
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.physics.world_sensors import FORCE, IMU, INTERFACES, RANGE, SensorReader, WorldSensor, add_sensors
+from canopen_control.physics.urdf_sensors import FORCE, IMU, INTERFACES, RANGE
+from canopen_control.physics.world_sensors import SensorReader, WorldSensor, add_sensors
 
 ARM = """<mujoco><option gravity="0 0 -10"/><worldbody>
   <geom name="wall" type="box" size="0.1 5 5" pos="3.1 0 0"/>

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from canopen_control.physics.physics_file import PhysicsError, SensorSettings
-from canopen_control.physics.world_sensors import IMU, INTERFACES, RANGE, urdf_sensors
+from canopen_control.physics.urdf_sensors import IMU, INTERFACES, RANGE, urdf_sensors
 from canopen_control.urdf.document import ElementPlace
 from canopen_control.urdf.ros2_control import ControlJoint
 
@@ -57,4 +57,4 @@ def test_what_is_wrong_is_told_with_its_line(parameters, said):
 
 
 def test_who_reads_tags_need_not_have_mujoco():
-    assert "mujoco" not in vars(sys.modules["canopen_control.physics.world_sensors"])
+    assert "mujoco" not in vars(sys.modules["canopen_control.physics.urdf_sensors"])
