@@ -300,6 +300,7 @@ _OBJECTS: Final = (
     (objects.MAX_PROFILE_VELOCITY, (0,)),
     (objects.MAX_MOTOR_SPEED, (0,)),
     (objects.PROFILE_DECELERATION, (0,)),
+    (objects.QUICK_STOP_DECELERATION, (0,)),
     (objects.POSITIVE_TORQUE_LIMIT, (0,)),
     (objects.NEGATIVE_TORQUE_LIMIT, (0,)),
     (objects.POSITION_ENCODER_RESOLUTION, (1, 2)),
@@ -310,6 +311,7 @@ _OBJECTS: Final = (
 _PROFILE: Final = ((objects.PROFILE_VELOCITY, (0,)), (objects.PROFILE_ACCELERATION, (0,)))
 _HOMING_SPEEDS: Final = (1, 2)  # speed during search for the switch, and for the zero
 _UNLIMITED: Final = 0xFFFFFFFF
+_SLOWEST_S: Final = 60.0  # of a ramp, as in `check`
 # the scales of bus.yml if none is given
 _NOT_GIVEN: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 1000.0, "vel_from_dev": 0.001}
 
@@ -476,7 +478,20 @@ class AxisParameters:
         self._apply_scale()
         self._apply_limits()
         self.loaded = True
+        self._report_slow_ramps()
         self._on_loaded()
+
+    def _report_slow_ramps(self) -> None:
+        """Report ramps of a stop that the drive has stored and with which the axis would turn on for minutes."""
+        axis = self._axis
+        speed = axis.limits.most
+        for base in (objects.PROFILE_DECELERATION, objects.QUICK_STOP_DECELERATION):
+            slope = self.get(base)
+            if slope and speed < INT32_MAX and speed / slope > _SLOWEST_S:
+                self._report(
+                    f"0x{axis.index(base):04X} is {slope}, so that braking from {axis.limits.words} takes "
+                    f"{speed / slope:.0f} s; write a faster ramp under `sdo:` in bus.yml"
+                )
 
     def _pair(self, index: int) -> tuple[int, int] | None:
         first, second = self.get(index, 1), self.get(index, 2)

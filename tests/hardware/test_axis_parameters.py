@@ -103,3 +103,14 @@ def test_the_largest_speed_of_the_motor_is_one_of_the_joint_in_the_unit_of_its_v
     assert axis.turn == 65536
     assert axis.rpm_to_dev == pytest.approx(50 * 60 / math.tau)
     assert axis.limits.velocity == pytest.approx(3000 / 50)
+
+
+@pytest.mark.parametrize(("slope", "told"), [(255, True), (655_360, False), (0, False)])
+@pytest.mark.parametrize("index", [0x6084, 0x6085])
+def test_a_ramp_in_the_drive_that_would_take_minutes_is_told(servo, index, slope, told):
+    sdo = f"- {{index: 0x{index:04X}, sub_index: 0, value: {slope}}}"
+    bench = servo("ramps", sdo=sdo, velocity=10.0)
+    bench.start()
+    texts = [text for text in bench.texts("parameters") if "node 2" in text and "takes" in text]
+    words = f"0x{index:04X} is 255, so that braking from the velocity limit of the description takes 409 s"
+    assert [words in text for text in texts] == ([True] if told else [])
