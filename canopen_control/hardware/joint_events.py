@@ -176,11 +176,11 @@ class StatusWatch:
         return "its target exceeds the drive's maximum velocity (0x607F, 0x6080), so it is reduced"
 
     def _limit(self, target: ModeTarget | None, stops: bool) -> list[JointEvent]:
-        limits = self._axis.limits
-        if limits.blocked:
+        limits, here, side = self._axis.limits, self._axis.raw_position, self._direction(target)
+        opposite = side * limits.blocked < 0 and (here - self._limit_at) * limits.blocked < 0
+        if limits.blocked and not opposite:
             return []  # the same limit became active again
-        limits.blocked = self._direction(target)
-        self._limit_at = self._axis.raw_position
+        limits.blocked, self._limit_at = side, here
         text = f"limit reached, {_SIDES[limits.blocked]} side; {_BACK if stops else _OTHER}"
         return [JointEvent("limit", text, Level.ERROR if stops else Level.WARNING, stops)]
 

@@ -79,6 +79,17 @@ def test_a_limit_is_left_by_going_back_and_not_by_standing_still():
     assert not watch.leaves_limit()
 
 
+@pytest.mark.parametrize(("speed", "place", "blocked"), [(-5, -1, -1), (-5, 0, 1), (5, -1, 1)])
+def test_the_limit_at_the_other_end_of_a_short_way_closes_the_other_side(speed, place, blocked):
+    watch, axis, velocity, _ = make()
+    velocity.value = 5
+    watch.check(LIMIT, PV, None)
+    watch.check(0, PV, None)
+    velocity.value, axis.raw_position = speed, place
+    assert [event.kind for event in watch.check(LIMIT, PV, None)] == (["limit"] if blocked < 0 else [])
+    assert axis.limits.blocked == blocked
+
+
 def test_an_axis_that_turns_against_its_command_is_told_once():
     watch, axis, velocity, _ = make()
     velocity.value, axis.velocity.value = 1000, -900
