@@ -547,10 +547,13 @@ def _monitors_master(builder: PlanBuilder, master: MasterConfig, *, guarded: boo
         return True
     consumers = [parse_consumer_entry(builder.final(CONSUMER, sub) or 0) for sub in builder.od.subindices(CONSUMER)[1:]]
     times = [ms for node_id, ms in consumers if node_id == master.node_id and ms]
-    if times and min(times) <= master.heartbeat_ms:
+    cycle_ms = master.sync_period / 1000  # heartbeats are sent at the edges of the cycle
+    beat_ms = math.ceil(master.heartbeat_ms / cycle_ms) * cycle_ms if cycle_ms else master.heartbeat_ms
+    if times and min(times) <= beat_ms:
+        every = "" if beat_ms == master.heartbeat_ms else ", with this sync_period,"
         builder.warn(
             "heartbeat_consumer",
-            f"the consumer time in 0x1016 is {min(times)} ms, the heartbeat period of the master {master.heartbeat_ms} "
+            f"the consumer time in 0x1016 is {min(times)} ms, the heartbeat period of the master{every} {beat_ms:g} "
             "ms: the node repeatedly reports the master as lost; set the time of three heartbeats",
         )
     return bool(times)

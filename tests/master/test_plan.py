@@ -128,6 +128,19 @@ def final(plan, index, subindex=0, unwritten=None):
     return held.get((index, subindex), unwritten)
 
 
+@pytest.mark.parametrize(
+    ("period", "words"), [(1_000_000, "with this sync_period, 1000 ms"), (70_000, ""), (280_000, ""), (0, "")]
+)
+def test_a_cycle_in_which_the_heartbeat_is_too_late_for_the_nodes_is_told(tmp_path, period, words):
+    path = tmp_path / "bus.yml"
+    path.write_text(
+        f"master: {{node_id: 1, sync_period: {period}}}\n"
+        "nodes: {drive: {dcf: generic_cia402.eds, node_id: 3, heartbeat_multiplier: 3}}\n"
+    )
+    told = [str(each) for each in inspect_bus(path)[1].warnings if "reports the master as lost" in str(each)]
+    assert [words in text for text in told] == ([True] if words else [])
+
+
 def test_supervision_is_written_last_and_a_file_does_not_switch_it_off(tmp_path):
     plan, notes, errors = read_plan(tmp_path, dcf=SUPERVISED_DCF)
     assert not errors
