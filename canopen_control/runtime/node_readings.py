@@ -136,7 +136,9 @@ class _ReadNode:
 def _mode(joint: JointDrive) -> int | None:
     """Return the mode of operation that a drive displays (0x6061), else the requested mode, else None."""
     request = joint.machine.mode_request
-    return request.mode if request.mode is None else request.display or request.mode
+    # some drives show 0 (no mode) until they are enabled
+    unshown = request.display is None or (request.display == 0 and not joint.machine.enabled)
+    return request.mode if request.mode is None or unshown else request.display
 
 
 def _axis(joint: JointDrive) -> AxisReading:

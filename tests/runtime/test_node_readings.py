@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import random
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -15,7 +16,7 @@ from support.robots import RIGHT, Bench
 from canopen_control.errors import CanopenError
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.master.event_log import Event, EventLog
-from canopen_control.runtime.node_readings import EventReadings, NodeReadings
+from canopen_control.runtime.node_readings import EventReadings, NodeReadings, _mode
 
 
 def read_anew(robot):
@@ -48,6 +49,14 @@ def test_a_fault_is_that_of_the_emcy_at_the_node_and_of_statusword_and_code_at_t
     bench.robot.nodes[name].error = None  # as of a drive without EMCY
     assert read_anew(bench.robot)[name].axes[0].error == "0x4310 (drive temperature too high)"
     bench.close()
+
+
+@pytest.mark.parametrize(
+    ("display", "enabled", "mode"), [(None, True, 3), (0, False, 3), (0, True, 0), (8, False, 8), (3, True, 3)]
+)
+def test_a_mode_is_the_displayed_one_except_no_mode_of_a_drive_that_is_not_enabled(display, enabled, mode):
+    request = SimpleNamespace(mode=3, display=display)
+    assert _mode(SimpleNamespace(machine=SimpleNamespace(mode_request=request, enabled=enabled))) == mode
 
 
 def test_of_a_robot_that_stands_only_the_age_is_new():
