@@ -273,7 +273,11 @@ class TargetInvariants:
                 ends = limited(min(targets) * unit), limited(max(targets) * unit)
                 low, high = min(ends), max(ends)
             moved_at = drive.mover.time or now  # a drive that computes late still has an earlier speed
-            axis.ramp(low, high, axis.slope(drive) if mode == _PV else _AT_ONCE, moved_at, plant.velocity)
+            slope = axis.slope(drive) if mode == _PV else _AT_ONCE
+            if _near_limit(drive, max(-low, high), slope):
+                axis.rest()
+                return
+            axis.ramp(low, high, slope, moved_at, plant.velocity)
             bounds = axis.low, axis.high
             self._within(axis, drive, plant.velocity, targets, unit, bounds, "turns at {} counts/s")
 
@@ -339,7 +343,8 @@ class TargetInvariants:
         earlier = max((at for at, _ in commands if at < now - _LAG_NS), default=-_RENEWED_NS)
         going_on = now - _RENEWED_NS < earlier < now - _LAG_NS < commands[-1][0]
         renewed = going_on and all(number == value != 0.0 for number in recent)
-        closed = view.limited_at > view.booted_at  # one direction
+        # a limit closes one direction, and stops the drives of its group until they are enabled
+        closed = view.limited_at > view.booted_at or any(axis.view.limited_at > view.enabled_at for axis in self._axes)
         if view.targets[_VELOCITY] or closed or not renewed or not self._all_calm(now):
             self._lost.discard(joint)
         elif joint not in self._lost:
@@ -374,3 +379,10 @@ def _reach(drive: VirtualDrive) -> float:
     """Return the permitted distance of a shaft from its target: 0x6065, or 0 if the window is disabled."""
     window = drive.objects.number(o.FOLLOWING_ERROR_WINDOW)
     return float(window) if 0 < window < 1 << 30 else 0.0
+
+
+def _near_limit(drive: VirtualDrive, speed: float, slope: float) -> bool:
+    """Whether a drive brakes for a position limit, or stands at one before its statusword shows that (bit 11)."""
+    (low, high), place = drive.limits.bounds(), drive.mover.plant.position
+    way = speed * speed / (2.0 * slope) + speed * _LAG_NS / 1e9 + _LEAST
+    return not low + way < place < high - way

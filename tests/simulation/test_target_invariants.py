@@ -42,6 +42,23 @@ def test_a_halt_and_a_fault_are_no_news(judged):
     assert judged.told == []
 
 
+def test_a_drive_that_stops_at_its_software_limit_before_its_statusword_shows_that_is_no_news(judged):
+    for drive in judged.robot.drives.values():
+        drive.device.store.set(0x607D, 1, -100_000)
+        drive.device.store.set(0x607D, 2, 300 + 17 * drive.node_id)
+    judged.drive(5.0, 5.0, seconds=1.0).run(1.2)
+    assert judged.told == []
+
+
+def test_a_group_that_stands_because_of_the_limit_of_one_drive_has_lost_no_command(judged):
+    device = judged.robot.drives[3].device
+    for subindex, way in ((1, -6_000), (2, 6_000)):
+        device.store.set(0x607D, subindex, device.drives[0].objects.number(0x6064) + way)
+    judged.run(3.0).drive(5.0, 5.0, seconds=7.0).run(7.0)
+    assert "limit" in judged.kinds
+    assert judged.told == []
+
+
 @pytest.mark.sources
 @pytest.mark.parametrize(
     ("mutant", "rule"),
