@@ -516,7 +516,8 @@ class AxisParameters:
         if counts is None or any(units[name] != value for name, value in _NOT_GIVEN.items()):
             axis.scale = configured_scale(axis.node, axis.number)
         else:
-            axis.scale = Scale.from_units(counts, eff_from_dev=units["eff_from_dev"])
+            own = axis.node.config.units.with_scale(counts / math.tau)
+            axis.scale = Scale(**own.of_axis(axis.number))
         scale, turn = axis.scale, self._counts_of_motor()
         axis.turn = turn or abs(scale.pos_to_dev) * math.tau
         axis.rpm_to_dev = math.copysign(60.0 / math.tau, scale.vel_to_dev)

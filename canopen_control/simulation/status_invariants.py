@@ -69,7 +69,8 @@ class _Shaft:
         reduction = 1.0 if transmission is None else transmission.reduction
         self._position, self._velocity = units["pos_from_dev"] / reduction, units["vel_from_dev"] / reduction
         self.truth: deque[Truth] = deque()
-        self.offset: float | None = 0.0 if transmission is None else transmission.offset
+        zero = 0.0 if transmission is None else transmission.offset
+        self.offset: float | None = zero + units["offset_pos_from_dev"] / reduction
         self.origin: tuple[object, ...] = ()
         self._shown = self._counts = 0  # the drive's count, and the count without wraps of its 32 bits
         self._blur = 0.0  # uncertainty of the offset, which was determined during motion

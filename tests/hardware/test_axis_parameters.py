@@ -46,6 +46,13 @@ def test_a_scale_of_bus_yml_wins(servo):
     assert bench.joint(2).scale.pos_to_dev == 500.0
 
 
+def test_the_offsets_of_bus_yml_count_without_a_scale(servo):
+    bench = servo("offsets", extra="offset_pos_from_dev: 2.0\n  offset_pos_to_dev: -30.0")
+    bench.start()
+    scale = bench.joint(2).scale
+    assert (scale.pos_to_dev, scale.offset_pos_from_dev, scale.offset_pos_to_dev) == (65536 / math.tau, 2.0, -30.0)
+
+
 def test_it_asks_only_for_what_the_eds_lists_and_nothing_is_enabled_before_it_is_answered(servo):
     bench = servo("params4")
     seen = []

@@ -1,4 +1,5 @@
 import pytest
+from support.generic import write_generic
 from support.mutants import MUTANTS
 from support.simulated import MS, Judged, S, setup_of
 
@@ -36,6 +37,14 @@ def test_what_is_shown_as_it_is_is_no_news(judged):
     judged.do("axis", name="fault-reset").run(0.3).do("axis", name="enable").run(0.5).drive(3.0, 3.0).run(2.5)
     judged.do("kill", seconds=0.5).run(3.0)
     assert judged.told == []
+
+
+def test_the_offset_of_bus_yml_is_part_of_a_position(tmp_path):
+    folder = write_generic(tmp_path, extra="offset_pos_from_dev: 2.0")
+    simulation = SimulationRun(read_robot(find_robot(str(folder)), controllers=["velocity"]), 1, [])
+    simulation.run(2 * S)
+    simulation.close()
+    assert simulation.breaches == ()
 
 
 @pytest.mark.sources
