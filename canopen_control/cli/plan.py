@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
     parser.add_argument("--bus", metavar="FILE", help="a bus.yml without its robot")
-    parser.add_argument("--node", action=Names, metavar="NAME[,NAME..]", help="only these nodes (repeatable)")
+    parser.add_argument("--node", action=Names, metavar="N[,N..]", help="only these nodes, by id or name (repeatable)")
     parser.add_argument(
         "--against",
         action="append",
@@ -101,10 +101,11 @@ def _chosen(buses: dict[str, BusConfig], names: list[str]) -> list[tuple[str, No
 
     plans = [(bus, plan) for bus, config in buses.items() for plan in config.plans.values()]
     known = [plan.name for _, plan in plans]
+    node_ids = {str(plan.node_id) for _, plan in plans}
     for name in names:
-        if name not in known:
+        if name not in known and name not in node_ids:
             raise ConfigError(f"no node {name!r}{nearest(name, known)}")
-    return [(bus, plan) for bus, plan in plans if not names or plan.name in names]
+    return [(bus, plan) for bus, plan in plans if not names or {plan.name, str(plan.node_id)} & set(names)]
 
 
 def _against(buses: dict[str, BusConfig], chosen: list[tuple[str, NodePlan]], args: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 
 from canopen_control.bus.channel import name_and_channel
 from canopen_control.data_files import data_names, data_path
-from canopen_control.errors import CanopenError, RobotConfigError
+from canopen_control.errors import CanopenError, RobotConfigError, nearest
 from canopen_control.physics import SDF_SUFFIXES
 from canopen_control.urdf.package_search import installed_packages
 
@@ -360,7 +360,7 @@ def _folder(config: str) -> Path:
     names = ", ".join(data_names("config"))
     raise RobotConfigError(
         f"no robot {config!r}: it is neither a folder nor a bundled robot ({names}) nor a ROS package that is "
-        "sourced or in ROS_PACKAGE_PATH"
+        f"sourced or in ROS_PACKAGE_PATH{nearest(config, data_names('config'), listed=False)}"
     )
 
 

@@ -75,6 +75,8 @@ def test_a_caret_stands_below_the_mistake(tmp_path, capsys):
 def test_without_a_robot_it_says_what_to_name(capsys):
     assert main(["check", "no-such-robot"]) == 2
     assert "it is neither a folder nor a bundled robot" in capsys.readouterr().err
+    assert main(["check", "robbie"]) == 2
+    assert capsys.readouterr().err.endswith("in ROS_PACKAGE_PATH, did you mean 'robby'?\n")
 
 
 def test_one_option_accepts_drives_that_nothing_would_stop_and_tells_which(tmp_path, capsys):

@@ -50,6 +50,12 @@ def test_a_robot_needs_nothing_but_its_bus_files(tmp_path, capsys):
     assert "node 9 (elbow, TMCM-1270.eds)" in plan(capsys, tmp_path)
 
 
+def test_nodes_are_chosen_by_name_or_id_in_one_list(capsys):
+    titles = [line for line in plan(capsys, "robby", "--node", "left_drive,2").splitlines() if line.startswith("node ")]
+    assert [line.split(",")[0] for line in titles] == ["node 3 (left_drive", "node 2 (right_drive"]
+    assert plan(capsys, "robby", "--node", "3") == plan(capsys, "robby", "--node", "left_drive")
+
+
 def test_an_unknown_node_is_named_with_the_nearest(capsys):
     assert main(["plan", "robby", "--node", "left_drife"]) == 2
     assert "did you mean 'left_drive'?" in capsys.readouterr().err

@@ -19,7 +19,8 @@ from canopen_control.cli.support.arguments import eds_path
 from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.commissioning.node_session import NodeSession, RobotTransfers, Transfers
-from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError
+from canopen_control.data_files import data_names
+from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError, nearest
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import DirectBus
 from canopen_control.od.eds import SUFFIXES
@@ -98,7 +99,9 @@ def find_eds(text: str) -> Path:
     """Return the path of an EDS file, or of the bundled file of that name; ConfigError if neither exists."""
     path = eds_path(text)
     if not path.is_file():
-        raise ConfigError(f"no EDS file {text}")
+        bundled = [name for name in data_names("eds") if name.lower().endswith(SUFFIXES)]
+        reason = " (a folder)" if path.is_dir() else nearest(path.name, bundled, listed=False)
+        raise ConfigError(f"no EDS file {text}{reason}")
     return path
 
 
