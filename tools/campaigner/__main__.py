@@ -1,4 +1,4 @@
-"""A mixed campaign against a robot: random faults, kills, hostile clients and bus floods, judged by an own listener.
+"""A mixed campaign against a robot: random faults, kills, hostile clients and bus floods, with an independent observer.
 
 It starts robby on an embedded bus, in folders of its own, commands it from several sides, and breaks whatever can be
 broken, by a script drawn from the seed. Meanwhile it hears the bus, and nothing else, and tells every breach of:
@@ -54,7 +54,7 @@ _UNITS: Final = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 
 class Campaign:
-    """One campaign: its folder, its actions, and what was found."""
+    """One campaign: its folder, its actions and its findings."""
 
     def __init__(self, args: argparse.Namespace, actions: list[Action], folder: Path) -> None:
         self.args, self.actions, self.folder = args, actions, folder
@@ -66,7 +66,7 @@ class Campaign:
         self._ended = threading.Event()
 
     def run(self) -> int:
-        """Do it all; returns the exit code."""
+        """Run the whole campaign and return the exit code."""
         observer = Observer(read_wire(CONFIG / "bus.yml"), TOP_SPEED)
         listener = Listener(self.args.can, observer)
         outputs = self.folder / "output"
@@ -106,11 +106,11 @@ class Campaign:
     # ------------------------------------------------------------------------------------------- telling
 
     def say(self, text: str) -> None:
-        """Print a line, unless the result is to be JSON alone."""
+        """Print a line, unless only JSON output is wanted."""
         print(text, file=sys.stderr if self.args.json else sys.stdout, flush=True)
 
     def report(self, breach: Breach, frames: Sequence[str] = ()) -> None:
-        """Tell a breach with what was being done, and write down how to play it again."""
+        """Report a breach with the current action, and print how to replay it."""
         with self._lock:
             number = len(self.found) + 1
             doing = [str(action) for action in (self._driver.done if self._driver else [])[-_SHOWN_ACTIONS:]]
@@ -199,7 +199,7 @@ def _actions(parser: argparse.ArgumentParser, args: argparse.Namespace) -> list[
 
 @contextlib.contextmanager
 def _own_folders(folder: Path) -> Iterator[None]:
-    """Keep the sockets and logs of the campaign apart from everybody else's."""
+    """Keep the sockets and logs of the campaign separate from those of other programs."""
     for name in ("run", "state"):
         (folder / name).mkdir(mode=0o700)
     own = {"XDG_RUNTIME_DIR": str(folder / "run"), "XDG_STATE_HOME": str(folder / "state")}
@@ -209,7 +209,7 @@ def _own_folders(folder: Path) -> Iterator[None]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run a campaign."""
+    """Run a campaign from the command line."""
     if any(word.partition("=")[0] in ("--hours", "--page") for word in arguments):
         from campaigner.nightly import main as nightly
 

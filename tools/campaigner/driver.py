@@ -1,4 +1,4 @@
-"""Does what the script says, when it says it, and tells the observer what it did: a method for each kind of action."""
+"""Runs the actions of a script on time and reports them to the observer; there is one method per kind of action."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _TYPE: Final = "std_msgs/msg/Float64MultiArray"
 
 
 class Driver:
-    """Plays a script on a stage; `say` takes lines for people, `report` breaches."""
+    """Plays a script on a stage; `say` receives lines for people, `report` receives breaches."""
 
     def __init__(self, stage: Stage, logs: Path, say: Callable[[str], None], report: Callable[[Breach], None]) -> None:
         self.stage, self.say, self.report = stage, say, report
@@ -83,7 +83,7 @@ class Driver:
     # ------------------------------------------------------------------------------------------- time
 
     def play(self, actions: Sequence[Action], seconds: float) -> None:
-        """Do the actions, each at its time; what takes longer than it should shifts all that follows."""
+        """Run the actions on time; an action that takes too long delays all later ones."""
         begin, late = time.monotonic(), 0.0
         self.begin = begin
         for action in actions:
@@ -101,7 +101,7 @@ class Driver:
         self._pass(time.monotonic() + 2.0)
 
     def _pass(self, until: float) -> None:
-        """Let time pass; what was put off is done when it is due."""
+        """Wait until a given time, and run deferred actions when they are due."""
         while True:
             now = time.monotonic()
             while self._later and self._later[0][0] <= now:
@@ -172,7 +172,7 @@ class Driver:
     # ------------------------------------------------------------------------------------------- stopping
 
     def _do_stop(self, action: Action) -> None:
-        """Stop, and see that it gets in and is answered; while nobody is there, or hangs, that is asked of nobody."""
+        """Send STOP and check that it is answered; skipped while the runtime is absent or frozen."""
         run = self.stage.run
         if run is None or run.code is not None or run.pid in self._frozen:
             return
@@ -189,7 +189,7 @@ class Driver:
             self._stop_once(latch, _SLOW_STOP_S)
 
     def _stop_once(self, latch: bool, limit: float) -> tuple[str | None, float]:
-        """Stop; returns what was wrong with that, and how long it took. One that was turned away stops nothing."""
+        """Send STOP once; return the problem, if any, and the duration. A refused STOP stops nothing."""
         reason = Reason("STOP", time.monotonic())
         self.listener.add(reason)
         error = None
@@ -205,11 +205,11 @@ class Driver:
         return error, took
 
     def _do_enable(self, _action: Action) -> None:
-        """Ask to enable; while STOP is latched that has to be refused, and allows nothing."""
+        """Send an enable; while STOP is latched it must be refused and must not permit motion."""
         self._log("done" if enable(self.listener, NAME, counts=not self.stage.latched) else "refused")
 
     def _do_start(self, _action: Action) -> None:
-        """Start a runtime where there is none; it enables nothing by itself where STOP was latched."""
+        """Start a runtime if none is running; it must not enable anything if STOP was latched."""
         self.stage.have_run()
 
     def _do_recover(self, _action: Action) -> None:
@@ -218,7 +218,7 @@ class Driver:
         self._log(f"{'enabled' if there else 'not recovered'} after {time.monotonic() - begin:.1f} s")
 
     def _mend(self) -> None:
-        """Take away whatever still disturbs, and everybody who commands."""
+        """Clear all faults and end all sources of commands."""
         self._later, later = [], self._later
         for _, _, what in sorted(later, key=lambda action: action[:2]):
             what()
@@ -235,7 +235,7 @@ class Driver:
                 ask_hub(self.stage.hub, ClearFaults())
 
     def close(self) -> None:
-        """End whoever attacks from outside, and let go of who is frozen."""
+        """End all attackers, and resume frozen processes."""
         for helper in self._helpers:
             helper.kill()
             helper.wait()
@@ -255,7 +255,7 @@ class Driver:
         self._in(action.number("seconds"), lambda: self._switch(node, name, on=False))
 
     def _detection(self, node: int, name: str) -> float:
-        """Return how long a fault may stay unnoticed, inf for one that stops nothing."""
+        """Return how long a fault may remain undetected; inf for a fault that stops nothing."""
         limits = self.listener.observer.wire.limits
         if name == "limit_switch" and self._signs.get(node, 0.0) <= 0.0:
             return math.inf
@@ -268,7 +268,7 @@ class Driver:
         return times.get(FAULTS.get(name, ""), math.inf)
 
     def _switch(self, node: int, name: str, *, on: bool) -> bool:
-        """Switch a fault of a drive, through the drive's own socket; returns whether it was."""
+        """Switch a fault of a drive over the drive's own socket; return whether that worked."""
         (self._faults.add if on else self._faults.discard)((node, name))
         try:
             with DriveClient.connect(self.stage.channel, node, 2.0) as drive:
@@ -295,14 +295,14 @@ class Driver:
                 self._bridge_died(pid)
 
     def _bridge_died(self, pid: int) -> None:
-        """What came through the bridge ended with it, and comes again through the next one."""
+        """Note that commands sent over the bridge ended with it; they resume over the next one."""
         for stream in [
             candidate for candidate in self._streams if isinstance(candidate, ShellStream) and candidate.ros
         ]:
             stream.interrupt(lambda: self.stage.pid_of("bridge") not in (None, pid))
 
     def _do_restart(self, action: Action) -> None:
-        """Start a runtime and kill it while it starts; nobody of it may be left."""
+        """Start a runtime and kill it during start-up; none of its processes may survive."""
         self._mend()
         self.stage.kill_run()
         if self.stage.run is not None:

@@ -1,4 +1,4 @@
-"""A foreigner that floods a bus, as a process: `python -m campaigner.flood KIND CHANNEL SECONDS`.
+"""A foreign device that floods a bus, as a process: `python -m campaigner.flood KIND CHANNEL SECONDS`.
 
 No frame of it looks like one of the robot's own process data: those are what the observer judges.
 """
@@ -42,7 +42,7 @@ KINDS: Final[dict[str, tuple[Callable[[], CanFrame], int]]] = {
 
 
 def main(arguments: list[str]) -> None:
-    """Flood."""
+    """Flood the bus as the command line says."""
     kind, channel, seconds = arguments
     os.nice(5)
     make, count = KINDS[kind]

@@ -1,4 +1,4 @@
-"""Watches what is not on the bus: memory, output and logs of the processes, who is left of those that were killed."""
+"""Monitors what the bus does not show: memory, output and logs of the processes, and survivors of kills."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _CONTEXT: Final = 400
 
 
 class Memory:
-    """The resident memory of one runtime: flat after its warm-up."""
+    """The resident memory of one runtime: must be flat after warm-up."""
 
     def __init__(self) -> None:
         self.first: float | None = None
@@ -35,11 +35,11 @@ class Memory:
 
     @property
     def growth(self) -> float:
-        """By how many MB it has grown at most."""
+        """The maximum growth so far, in MB."""
         return 0.0 if self.first is None else self.most - self.first
 
     def look(self, age: float, megabytes: float | None, now: float) -> Breach | None:
-        """Take a sample at an age in seconds since it ran; returns the breach, once."""
+        """Take a sample at a given age in seconds; return the breach, once."""
         if megabytes is None or age < WARM_UP_S:
             return None
         if self.first is None:
@@ -54,7 +54,7 @@ class Memory:
 
 
 class Logs:
-    """Reads on in files that grow: no traceback, and no flood of lines."""
+    """Follows growing log files: they must contain neither tracebacks nor floods of lines."""
 
     def __init__(self) -> None:
         self._read: dict[Path, int] = {}
@@ -62,7 +62,7 @@ class Logs:
         self._told: set[Path] = set()
 
     def look(self, paths: Iterable[Path], now: float) -> list[Breach]:
-        """Read what is new; returns what must not be in it."""
+        """Read new lines; return those that must not occur."""
         found = []
         for path in paths:
             text = self._news(path)
@@ -101,7 +101,7 @@ def _around(text: str, bad: str) -> str:
 
 
 def watch_orphans(run: Run, report: Callable[[Breach], None]) -> threading.Thread:
-    """Watch, in a thread, that nobody of a killed run lives for longer than `GONE_S`."""
+    """Check in a thread that no process of a killed run survives longer than `GONE_S`."""
     killed = time.monotonic()
 
     def watch() -> None:

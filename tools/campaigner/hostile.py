@@ -20,7 +20,7 @@ _LONG: Final = 1 << 20
 
 
 class _Attack:
-    """Some connections, and for how long."""
+    """Several connections for a limited time."""
 
     def __init__(self, path: str, seconds: float) -> None:
         self.path, self.end = path, time.monotonic() + seconds
@@ -40,7 +40,7 @@ class _Attack:
         return each
 
     def flood(self, line: Callable[[], bytes], *, reads: bool) -> None:
-        """Send lines on several connections as fast as they are taken; one that was closed is opened again."""
+        """Send lines on several connections as fast as they are accepted; reopen connections that were closed."""
         there: list[socket.socket | None] = [None] * _SOCKETS
         while self.goes_on:
             for place, entry in enumerate(there):
@@ -52,7 +52,7 @@ class _Attack:
             time.sleep(0.001)
 
     def hold(self, count: int, first: bytes = b"") -> None:
-        """Keep so many connections open, and say no more than `first`."""
+        """Keep the given number of connections open, and send only `first`."""
         there: list[socket.socket] = []
         while self.goes_on:
             if len(there) < count and (each := self.connect()) is not None:
@@ -115,7 +115,7 @@ KINDS: Final[dict[str, Callable[[_Attack], None]]] = {
 
 
 def main(arguments: list[str]) -> None:
-    """Attack."""
+    """Attack as the command line says."""
     kind, path, seconds = arguments
     os.nice(5)  # the machine's processors are not what is attacked
     KINDS[kind](_Attack(path, float(seconds)))

@@ -1,4 +1,4 @@
-"""The ears of the campaign: a thread that hears the bus, another that looks at shafts where the bus is silent.
+"""The listener of the campaign: one thread receives the bus, another polls shafts whose node is silent on the bus.
 
 What was heard is judged a second later, when everybody has been told what he asked for. The thread wakes every ten
 milliseconds whatever the bus does: when it does not, the machine stood still, and that excuses the robot too.
@@ -33,7 +33,7 @@ _LABEL: Final = "campaign"
 
 
 class Listener:
-    """Hears `channel` until `close`; every access to the observer goes through here, from any thread."""
+    """Receives `channel` until `close`; all access to the observer goes through here, from any thread."""
 
     def __init__(self, channel: str, observer: Observer) -> None:
         self.channel, self.observer = channel, observer
@@ -52,7 +52,7 @@ class Listener:
             thread.start()
 
     def close(self) -> None:
-        """Stop hearing, and judge what is left."""
+        """Stop receiving, and evaluate the remaining frames."""
         self._ended.set()
         for thread in self._threads:
             thread.join(5.0)
@@ -60,22 +60,22 @@ class Listener:
         self._port.close()
 
     def add(self, fact: Enable | Command | Reason) -> None:
-        """Tell the observer a fact."""
+        """Report a fact to the observer."""
         with self._lock:
             self.observer.add(fact)
 
     def excuse(self, since: float, until: float, node: int = 0) -> None:
-        """Tell the observer an excuse."""
+        """Report an excuse to the observer."""
         with self._lock:
             self.observer.excuse(since, until, node)
 
     def forget(self, node: int) -> None:
-        """Tell the observer that a node was started anew."""
+        """Report to the observer that a node was restarted."""
         with self._lock:
             self.observer.forget(node)
 
     def powered(self) -> bool:
-        """Whether all drives say on the bus that they are enabled."""
+        """Whether all drives report on the bus that they are enabled."""
         with self._lock:
             now = time.monotonic() - _DELAY_S
             return all(
@@ -83,7 +83,7 @@ class Listener:
             )
 
     def take_breaches(self) -> list[tuple[Breach, list[str]]]:
-        """Return new breaches, each with the frames of its node that came before it."""
+        """Return new breaches, each with the preceding frames of its node."""
         with self._lock:
             found = [(breach, self._record(breach)) for breach in self.observer.breaches]
             self.observer.breaches.clear()
@@ -158,7 +158,7 @@ class Listener:
     # ------------------------------------------------------------------------------------------- shafts
 
     def _look_at_shafts(self) -> None:
-        """Ask the drives themselves, past the bus, while a node's velocity is not on it."""
+        """Query the drives directly, bypassing the bus, while the velocity of a node is not on it."""
         while not self._ended.wait(_PROBE_S):
             for node in self.observer.wire.nodes:
                 if self.observer.silent(node, time.monotonic() - _DELAY_S):

@@ -1,4 +1,4 @@
-"""The nightly campaign in virtual time: ten thousand seeds of several robots, and the page about it.
+"""The nightly campaign in virtual time: ten thousand seeds of several robots, and the page of its results.
 
     tools/campaign --hours 1                              # runs what is not in the results yet, for an hour at most
     tools/campaign --hours 1 --seeds 1000 --jobs 2        # a tenth of it, in two processes
@@ -51,14 +51,14 @@ _SHRUNK: Final = 5
 
 
 class Limits(NamedTuple):
-    """Until when, by the monotonic clock, and in how many processes."""
+    """The deadline on the monotonic clock, and the number of processes."""
 
     until: float
     jobs: int
 
 
 class NightlyRobot:
-    """One row of the plan: runs its next seeds, and adds what came of them to its results."""
+    """One row of the plan: runs its next seeds and adds the outcomes to its results."""
 
     def __init__(self, plan: Plan, results: RobotResults, folder: Path) -> None:
         self.plan, self.results = plan, results
@@ -67,7 +67,7 @@ class NightlyRobot:
         self._campaign = Campaign(self._setup, plan.seconds * 1_000_000_000, known_faults(physics=plan.physics))
 
     def turn(self, most: int, jobs: int, until: float) -> None:
-        """Run the next seeds, up to `most` of them, until a time of the monotonic clock."""
+        """Run the next seeds, at most `most`, until a deadline on the monotonic clock."""
         first = self.results.seeds
         totals = Totals()
         for result in self._campaign.run(range(first, first + most), jobs):
@@ -87,7 +87,7 @@ class NightlyRobot:
 def run_plans(
     robots: Sequence[NightlyRobot], wanted: Sequence[int], path: Path, results: Results, limits: Limits
 ) -> None:
-    """Let robots take turns until each has run as many seeds as are wanted, or the time is over."""
+    """Run the robots in turns until each has run its seeds or the deadline has passed."""
     gc.collect()
     gc.freeze()  # what was read stays: the collector is not to look through it for each seed
     try:
@@ -112,12 +112,12 @@ def _take_turns(
 
 
 def wanted_of(seeds: int) -> list[int]:
-    """Return how many of so many seeds each robot runs, in the proportion of the plan."""
+    """Return how many of the given number of seeds each robot runs, in the proportions of the plan."""
     return [max(1, plan.seeds * seeds // ALL) for plan in PLANS]
 
 
 def code_sum(root: Path = ROOT) -> str:
-    """Return a check sum of the package and of the robots' files."""
+    """Return a checksum of the package and of the robots' files."""
     digest = hashlib.sha256()
     for path in sorted([*root.glob("canopen_control/**/*.py"), *root.glob("config/**/*.*"), *root.glob("eds/*")]):
         if path.is_file():

@@ -1,4 +1,4 @@
-"""Judges what moves on a bus by what was asked of the robot: frames and facts in, breaches out; no I/O, no clock.
+"""Judges motion on a bus by what was requested of the robot: frames and facts in, breaches out; no I/O, no clock.
 
 A fact that took a while (asked at one time, answered at another) happened at an unknown moment
 between the two, a frame arrived at an unknown moment between two looks at the bus, and motion is a breach only where no
@@ -36,7 +36,7 @@ _POWERED: Final = ((0x6F, 0x27), (0x6F, 0x07), (0x4F, 0x0F))  # operation enable
 
 @dataclass(slots=True)
 class Enable:
-    """Somebody asked to enable the drives; `done` is when it was answered, whatever the answer was."""
+    """A request to enable the drives; `done` is the time of its answer, whatever the answer was."""
 
     asked: float
     done: float = math.inf
@@ -44,7 +44,7 @@ class Enable:
 
 @dataclass(slots=True)
 class Command:
-    """One command, or a stream of them that goes on until `done`; `speed` in rad/s, 0 or nan (no value) moves nothing.
+    """A command, or a stream of commands until `done`; `speed` in rad/s, 0 or nan (no value) causes no motion.
 
     `gone`: when its source's connection had ended, if it is to end with that. A `refused` one counts until its answer;
     no value ends what was commanded before also when it is refused.
@@ -60,13 +60,13 @@ class Command:
 
     @property
     def end(self) -> float:
-        """When it cannot move anything any more by itself."""
+        """Return the time after which it cannot cause motion any more."""
         return self.done if self.refused else min(self.done + self.life, self.gone)
 
 
 @dataclass(slots=True)
 class Reason:
-    """Why everything has to stop: it came between `since` and `known`, and is to be noticed within `detect`."""
+    """A reason to stop everything: it occurred between `since` and `known`, and must be detected within `detect`."""
 
     name: str
     since: float
@@ -76,7 +76,7 @@ class Reason:
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """An invariant that did not hold; `rule` is its short name."""
+    """A violated invariant; `rule` is its short name."""
 
     time: float
     rule: str
@@ -94,7 +94,7 @@ class _Shaft:
 
 
 class Observer:
-    """Hears a bus; `top_speed` (rad/s) is the fastest that is ever commanded. `breaches` grows."""
+    """Evaluates the traffic of a bus; `top_speed` (rad/s) is the highest commanded speed. `breaches` grows."""
 
     def __init__(self, wire: Wire, top_speed: float) -> None:
         self.wire = wire
@@ -112,7 +112,7 @@ class Observer:
     # ------------------------------------------------------------------------------------------- facts
 
     def add(self, fact: Enable | Command | Reason) -> None:
-        """Take a fact, at the latest when what it is about may show on the bus; its owner completes it later."""
+        """Add a fact, at the latest when its effect may show on the bus; its owner completes it later."""
         if isinstance(fact, Enable):
             self._enables.append(fact)
         elif isinstance(fact, Command):
@@ -121,13 +121,13 @@ class Observer:
             self._reasons.append(fact)
 
     def excuse(self, since: float, until: float, node: int = 0) -> None:
-        """Nobody could do, or see, anything meanwhile; deadlines that run then run so much longer."""
+        """Add a period in which nothing could be done or observed; running deadlines are extended by its length."""
         self._excuses.append((since, until, node))
 
     # ------------------------------------------------------------------------------------------- the bus
 
     def on_frame(self, early: float, late: float, identifier: int, data: bytes) -> None:
-        """Take a frame that arrived between two times."""
+        """Evaluate a frame that arrived between two times."""
         for node, index, value in self.wire.values(identifier, data):
             shaft = self._shafts[node]
             if index == CONTROLWORD:
@@ -143,11 +143,11 @@ class Observer:
                 self._judge_shaft(early, late, node, value / self.wire.scales[node])
 
     def on_shaft(self, early: float, late: float, node: int, velocity: float) -> None:
-        """Take a shaft's velocity (device units/s) from a place where it is known while the bus is silent."""
+        """Evaluate a shaft velocity (device units/s) that was read directly while the bus is silent."""
         self._judge_shaft(early, late, node, velocity / self.wire.scales[node])
 
     def silent(self, node: int, now: float) -> bool:
-        """Whether this node's velocity is not on the bus now."""
+        """Whether the velocity of this node is currently not on the bus."""
         return now - self._shafts[node].heard > 3 * self.wire.limits.sync
 
     def powered(self, node: int) -> bool:
@@ -155,7 +155,7 @@ class Observer:
         return any(self._shafts[node].status & mask == value for mask, value in _POWERED)
 
     def forget(self, node: int) -> None:
-        """A node or its master was started anew: what the old one said last says nothing."""
+        """Forget a node after it or its master was restarted; its old reports are obsolete."""
         self._shafts[node] = _Shaft()
 
     # ------------------------------------------------------------------------------------------- judgement
@@ -190,7 +190,7 @@ class Observer:
             self._report_event(late, "motion" if began else "stop", node, text)
 
     def _margin(self, early: float, node: int, margin: float) -> float:
-        """Return how long motion may go on that is not allowed any more; longer by the excuses it runs into."""
+        """Return how long motion that is no longer permitted may continue, extended by excuses in that time."""
         waiting = [(since, until) for since, until, whose in self._excuses if whose in (0, node) and since < early]
         found = True
         while found:
@@ -204,7 +204,7 @@ class Observer:
         return margin
 
     def _allowed(self, begin: float, end: float) -> bool:
-        """Whether motion was allowed at any time in between; such a period begins where something is asked."""
+        """Whether motion was permitted at any time in the interval; a period of permission begins with a request."""
         return any(self._allowed_at(moment) for moment in self._moments(begin, end))
 
     def _moments(self, begin: float, end: float) -> Iterator[float]:
@@ -222,7 +222,7 @@ class Observer:
         return False
 
     def _ended(self, enable: Enable, moment: float) -> bool:
-        """Whether a stop reason that surely came after this enable is to be in effect."""
+        """Whether a stop reason that certainly came after this enable must be in effect."""
         return any(reason.since > enable.done and reason.known + reason.detect < moment for reason in self._reasons)
 
     def _drives(self, command: Command, moment: float) -> bool:
@@ -232,7 +232,7 @@ class Observer:
         return moment <= min(replaced, default=math.inf)
 
     def _last_allowed(self, before: float) -> float | None:
-        """Return about when motion was allowed last, None if it never was as far as is known."""
+        """Return approximately when motion was last permitted, or None if it never was."""
         moment = before
         while moment > before - _KEPT_S:
             if self._allowed_at(moment):
@@ -241,7 +241,7 @@ class Observer:
         return None
 
     def why(self, moment: float) -> str:
-        """Say why nothing should move."""
+        """Return the reason why nothing should move."""
         ended = self._last_allowed(moment)
         if ended is None:
             return "and that was not allowed for long: no command newer than an enable"
@@ -272,7 +272,7 @@ class Observer:
     # ------------------------------------------------------------------------------------------- memory
 
     def prune(self, now: float) -> None:
-        """Forget what cannot matter any more; call it now and then."""
+        """Discard facts that are no longer relevant; call this regularly."""
         if now - self._pruned < 1.0:
             return
         self._pruned = now
@@ -288,5 +288,5 @@ class Observer:
 
 
 def _in_vain(command: Command) -> bool:
-    """Whether a command changes nothing: refused, unless for its value, which makes the target zero."""
+    """Whether a command has no effect: refused, unless for its value, which sets the target to zero."""
     return command.refused and math.isfinite(command.speed)

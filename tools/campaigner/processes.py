@@ -1,4 +1,4 @@
-"""The processes of a campaign: started with a mark in their environment, found, measured and ended by their ids."""
+"""The processes of a campaign: marked by an environment variable, found, measured and ended by process id."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TOOLS: Final = str(Path(__file__).parents[1])
 
 
 def marked(mark: str) -> dict[int, str]:
-    """Return the command lines of all living processes with this mark, by their ids; zombies are dead."""
+    """Return the command lines of all living processes with this mark, by process id; zombies count as dead."""
     wanted = f"{MARK}={mark}".encode()
     found = {}
     for entry in Path("/proc").iterdir():
@@ -34,7 +34,7 @@ def marked(mark: str) -> dict[int, str]:
 
 
 def resident_mb(pid: int) -> float | None:
-    """Return the resident memory of a process; None when it is gone."""
+    """Return the resident memory of a process, or None if it has ended."""
     try:
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE / 1e6
     except (OSError, IndexError):
@@ -42,7 +42,7 @@ def resident_mb(pid: int) -> float | None:
 
 
 class Program:
-    """A process of the command line; what it prints is in `path`."""
+    """A process of the command line; its output is in `path`."""
 
     def __init__(self, folder: Path, name: str, words: Sequence[str], mark: str) -> None:
         self.words, self.path, self.mark = list(words), folder / f"{name}.out", mark
@@ -57,15 +57,15 @@ class Program:
 
     @property
     def code(self) -> int | None:
-        """Its exit code, None while it runs."""
+        """Its exit code, or None while it is running."""
         return self.process.poll()
 
     def output(self) -> str:
-        """Return what it has printed."""
+        """Return its output so far."""
         return self.path.read_text(errors="replace")
 
     def wait_for(self, ready: Callable[[str], bool], seconds: float) -> bool:
-        """Wait until what it has printed is `ready`; False when it ends before, or the time is over."""
+        """Wait until `ready` accepts its output; return False if it ends first or the timeout expires."""
         end = time.monotonic() + seconds
         while not ready(self.output()):
             if self.code is not None or time.monotonic() > end:
@@ -74,19 +74,19 @@ class Program:
         return True
 
     def send(self, number: int) -> None:
-        """Send it a signal; a no-op when it has ended."""
+        """Send it a signal; does nothing if it has ended."""
         if self.code is None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, number)
 
     def wait(self, seconds: float) -> int | None:
-        """Wait for its end and return its exit code; None when that takes longer."""
+        """Wait for its end and return its exit code, or None on timeout."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             return self.process.wait(seconds)
         return None
 
     def end(self, seconds: float = 5.0) -> None:
-        """End it, by force if need be."""
+        """End it, by force if necessary."""
         self.send(signal.SIGCONT)
         self.send(signal.SIGTERM)
         if self.wait(seconds) is None:
@@ -95,20 +95,20 @@ class Program:
 
 
 class Run(Program):
-    """One `canopen-control run`, and the children that it has."""
+    """One `canopen-control run` and its child processes."""
 
     def find(self, role: str, node: int = 0) -> int | None:
-        """Return the process id of a child: drive (of a node), recorder, bridge."""
+        """Return the process id of a child: drive (of a node), recorder or bridge."""
         words = _ROLES[role].format(node=node)
         return next((pid for pid, line in marked(self.mark).items() if words in line and pid != self.pid), None)
 
     def survivors(self) -> dict[int, str]:
-        """Return all that is left of it."""
+        """Return its remaining processes."""
         return marked(self.mark)
 
 
 def start_helper(module: str, *words: str) -> subprocess.Popen[bytes]:
-    """Start a part of this package as a process of its own, so that it takes no time from the listener."""
+    """Start a module of this package as a separate process, so that it does not slow down the listener."""
     path = os.pathsep.join([_TOOLS, *filter(None, [os.environ.get("PYTHONPATH")])])
     return subprocess.Popen(
         [sys.executable, "-P", "-m", f"campaigner.{module}", *words],

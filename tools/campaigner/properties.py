@@ -1,4 +1,4 @@
-"""`tools/campaign --properties`: the properties that ./tools/test tries with the same few examples, at random.
+"""`tools/campaign --properties`: runs the property tests with random instead of fixed examples.
 
 Examples are drawn from a seed, which is printed first, and there are ten times as many. Tests that ./tools/test runs
 with a few of many values (`sweep`) run with all of them. A failure prints the example (`@reproduce_failure`), and the
@@ -33,7 +33,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the properties; return 0 where all held, 1 where one failed or none was found, 2 for wrong arguments."""
+    """Run the property tests; return 0 if all passed, 1 if one failed or none was found, 2 for wrong arguments."""
     parser = _parser()
     args = parser.parse_args(arguments)
     if not 0.01 <= args.times <= 1000.0:

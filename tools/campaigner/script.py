@@ -1,4 +1,4 @@
-"""What a campaign does and when: a list of actions drawn from a seed, written and read as lines; nothing is done here.
+"""The script of a campaign: a list of timed actions drawn from a seed, written and read as lines; runs nothing itself.
 
 The same seed and length give the same list, and a list that was cut down by hand can be played.
 An episode sets the wheels turning, does one thing against them, and mends it; what an episode is made of is a table.
@@ -69,7 +69,7 @@ class Action:
 
 
 class _Draft:
-    """Draws one list."""
+    """Generates one list of actions."""
 
     def __init__(self, seed: int) -> None:
         self.random = random.Random(seed)
@@ -88,7 +88,7 @@ class _Draft:
 
     @property
     def spares(self) -> bool:
-        """Whether the runtime is to live on: its memory shows in minutes, not in seconds."""
+        """Whether the runtime is to stay alive: memory growth takes minutes to show."""
         return self.now % _CHAPTER_S > _KILLING_S
 
     def speed(self) -> float:
@@ -98,7 +98,7 @@ class _Draft:
         return self.random.choice(NODES)
 
     def stream(self, least: float, most: float) -> None:
-        """Have somebody command who stays connected."""
+        """Add a source of commands that stays connected."""
         how = self.random.choice(("socket", "socket", "socket", "cli", "cli", "ros"))
         ends = ("close", "zeros", "silence") if how == "socket" else ("kill", "term")
         left = self.speed()
@@ -278,7 +278,7 @@ KINDS: Final = frozenset(
 
 
 def make_script(seed: int, seconds: float) -> list[Action]:
-    """Draw the actions of a campaign of so many seconds."""
+    """Draw the actions of a campaign of the given duration in seconds."""
     draft = _Draft(seed)
     weights = [weight for weight, _ in _EPISODES]
     draft.wait(0.5, 1.0)
@@ -288,7 +288,7 @@ def make_script(seed: int, seconds: float) -> list[Action]:
 
 
 def read_script(lines: Iterable[str]) -> list[Action]:
-    """Read what `Action` writes; empty lines and those with # are left out. ValueError with the line that is none."""
+    """Read lines as written by `Action`, skipping empty lines and comments; ValueError names an invalid line."""
     actions = []
     for line in lines:
         if not line.strip() or line.lstrip().startswith("#"):

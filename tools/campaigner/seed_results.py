@@ -1,4 +1,4 @@
-"""What came of the seeds of a nightly campaign: kept as JSON, shown as a page of the documentation."""
+"""The results of the seeds of a nightly campaign: stored as JSON, shown as a page of the documentation."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ REPAIRED: Final = {
     "forklift, seed 1582": "the observer was wrong: a count that turned on over the end of its 32 bits was taken for a "
     "jump; repaired, and kept as a test (`tests/simulation/test_status_invariants.py`)",
 }
-"""What breaches were that are repaired by now, by robot and seed."""
+"""Causes of breaches that have been repaired since, by robot and seed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A robot, how many seeds of it a night has, how many seconds of the robot each is, and whether on a floor."""
+    """A robot, its seeds per night, the seconds of robot time for each seed, and whether it is on a floor."""
 
     robot: str
     seeds: int
@@ -38,13 +38,13 @@ class Plan:
 
     @property
     def name(self) -> str:
-        """The robot in words."""
+        """A description of the robot."""
         return f"{self.robot} on a floor" if self.physics else self.robot
 
 
 @dataclass(slots=True)
 class RobotResults:
-    """What came of the first `seeds` seeds of a robot.
+    """The results of the first `seeds` seeds of a robot.
 
     `sha256` is that of the digests of all seeds in their order, `troubles` counts what went wrong in which state of the
     robot, `cells` in which of each node that it hit.
@@ -61,7 +61,7 @@ class RobotResults:
     cells: Counter[Cell] = field(default_factory=Counter)
 
     def add(self, result: SeedResult) -> None:
-        """Take the next seed."""
+        """Add the result of the next seed."""
         self.seeds += 1
         self.robot_s += result.robot_s
         self.real_s += result.real_s
@@ -75,7 +75,7 @@ class RobotResults:
 
 @dataclass(slots=True)
 class Results:
-    """What came of a night; `code` is the check sum of the package, `date` that of the last seed.
+    """The results of a night; `code` is the checksum of the package, `date` that of the last seed.
 
     `build` is how the package ran: "sources", "compiled" or "both", which changes the time that it takes and nothing
     else.
@@ -88,29 +88,29 @@ class Results:
     build: str = "sources"
 
     def __post_init__(self) -> None:
-        """Begin each robot that has no results yet."""
+        """Add empty results for each robot that has none yet."""
         self.robots += [RobotResults() for _ in self.plans[len(self.robots) :]]
 
     @property
     def seeds(self) -> int:
-        """How many seeds were run."""
+        """The number of seeds run."""
         return sum(robot.seeds for robot in self.robots)
 
     @property
     def breaches(self) -> int:
-        """How many breaches there were."""
+        """The number of breaches."""
         return sum(len(robot.breaches) for robot in self.robots)
 
     @property
     def sentence(self) -> str:
-        """How far it is."""
+        """A sentence on the progress."""
         hours = sum(robot.robot_s for robot in self.robots) / 3600
         real = sum(robot.real_s for robot in self.robots)
         return f"{self.seeds} seeds, {hours:.2f} hours of robots in {real:.0f} s, {self.breaches} breaches"
 
 
 def write_results(path: Path, results: Results) -> None:
-    """Write results as JSON."""
+    """Write the results as JSON."""
     results.date = time.strftime("%Y-%m-%d", time.gmtime())
     document = {
         "code": results.code,
@@ -140,7 +140,7 @@ def write_results(path: Path, results: Results) -> None:
 
 
 def read_results(path: Path) -> Results:
-    """Read results; nothing where there are none yet, ConfigError for a file that holds none."""
+    """Read results; empty if the file does not exist yet, ConfigError if its content is invalid."""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         rows = document["robots"]
@@ -189,7 +189,7 @@ supplies, processes and buses.
 
 
 def page_of(results: Results) -> str:
-    """Return the page of the documentation about results."""
+    """Return the page of the documentation with the results."""
     return "".join(_parts(results))
 
 

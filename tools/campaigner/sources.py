@@ -1,4 +1,4 @@
-"""Who commands the robot in a campaign: a client that stays connected, a shell, a ROS publisher, or one line and gone.
+"""Sources of commands in a campaign: a client that stays connected, a shell, a ROS publisher, or a one-shot request.
 
 Each tells the observer what it asked for, when it was answered, and when its connection had ended; nothing more.
 """
@@ -33,13 +33,13 @@ _TIMEOUT_S: Final = 5.0
 
 
 def ask(robot: str, request: Request[A], timeout: float = _TIMEOUT_S) -> A:
-    """Ask the robot once, on a connection of its own."""
+    """Send one request to the robot over a new connection."""
     with RobotClient.connect(robot, timeout) as client:
         return client.ask(request)
 
 
 def enable(listener: Listener, robot: str, *, counts: bool = True) -> bool:
-    """Ask to enable all drives; returns whether that was done. One that has to be refused does not count."""
+    """Request an enable of all drives; return whether it succeeded. Requests that must be refused do not count."""
     fact = Enable(time.monotonic())
     if counts:
         listener.add(fact)
@@ -53,7 +53,7 @@ def enable(listener: Listener, robot: str, *, counts: bool = True) -> bool:
 
 
 def command_once(listener: Listener, robot: str, values: list[float]) -> str:
-    """Command once and leave; returns what the robot said."""
+    """Send one command and disconnect; return the robot's answer."""
     finite = all(abs(value) < 1e6 for value in values)
     speed = max(map(abs, values)) if finite else math.nan
     fact = Command("one line", speed, time.monotonic(), LIFE_S)
@@ -69,7 +69,7 @@ def command_once(listener: Listener, robot: str, values: list[float]) -> str:
 
 
 class SocketStream(threading.Thread):
-    """A client that repeats a command at 10 Hz, whose target is to end with its connection; then it ends it.
+    """A client that repeats a command at 10 Hz, and then disconnects, which must end its target.
 
     `ends`: close (the connection), zeros (and then close), silence (stays connected, says nothing more).
     """
@@ -82,11 +82,11 @@ class SocketStream(threading.Thread):
         self._fact = Command(self.source, max(map(abs, values)), math.inf, LIFE_S)
 
     def hurry(self) -> None:
-        """Have it end now."""
+        """End it now."""
         self._until = 0.0
 
     def run(self) -> None:
-        """Command until it is time."""
+        """Send commands until the time is over."""
         answered = time.monotonic()
         try:
             with RobotClient.connect(self._robot, _TIMEOUT_S) as client:
@@ -116,7 +116,7 @@ class SocketStream(threading.Thread):
         return answered
 
     def _send(self, client: RobotClient, values: list[float]) -> bool:
-        """Command; returns whether it was taken. A refusal is not an end of the stream, as with any joystick."""
+        """Send a command; return whether it was accepted. A refusal does not end the stream, as with a joystick."""
         try:
             client.ask(CommandController(controller=CONTROLLER, values=values, source=self.source, dead_man=True))
         except RemoteError as error:
@@ -127,7 +127,7 @@ class SocketStream(threading.Thread):
 
 
 class ShellStream(threading.Thread):
-    """A program that commands until it is ended, by a signal or with its robot.
+    """A program that sends commands until it is ended by a signal or with its robot.
 
     Its connection to the robot ends with it, and so does what it commanded; unless it speaks through the ROS bridge,
     which does not know, so that its last command lives out its time.
@@ -145,11 +145,11 @@ class ShellStream(threading.Thread):
         self._is_back: Callable[[], bool] | None = None
 
     def hurry(self) -> None:
-        """Have it end now."""
+        """End it now."""
         self._until = 0.0
 
     def interrupt(self, is_back: Callable[[], bool]) -> None:
-        """Whom it speaks through has died; `is_back` says when there is another one."""
+        """Note that its bridge has died; `is_back` tells when a new one is running."""
         self._fact.done = self._fact.gone = time.monotonic()
         self._is_back = is_back
 

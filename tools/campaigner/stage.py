@@ -1,4 +1,4 @@
-"""The robot of a campaign: starts it and what it needs, kills parts of it, and brings it back.
+"""The robot of a campaign: starts it with all it needs, kills parts of it and restores it.
 
 Tells the observer what it did; what comes of that is read from the bus.
 """
@@ -36,7 +36,7 @@ _END_S: Final = 15.0
 
 
 class Stage:
-    """One robot on one channel; `report` takes breaches, `say` lines for people.
+    """One robot on one channel; `report` receives breaches, `say` lines for people.
 
     Every other runtime is started without a word of its YAML on how long a command lives: that changes nothing.
     """
@@ -67,16 +67,16 @@ class Stage:
 
     @property
     def channel(self) -> str:
-        """Where the robot is."""
+        """The channel of the robot."""
         return self.listener.channel
 
     @property
     def hub(self) -> str | None:
-        """The name of the embedded bus; None on a bus of the kernel."""
+        """The name of the embedded bus, or None on a bus of the kernel."""
         return self.channel.removeprefix("local:") if self.channel.startswith("local:") else None
 
     def program(self, *words: str) -> Program:
-        """Start a verb."""
+        """Start a verb as a process."""
         self._count += 1
         program = Program(self.folder, f"{self._count:03}-{words[0]}", words, f"{os.getpid()}-others")
         self.programs.append(program)
@@ -85,7 +85,7 @@ class Stage:
     # -- starting
 
     def begin_run(self) -> Run:
-        """Start a runtime, with drives of its own unless they are there, and do not wait."""
+        """Start a runtime, with its own drives unless they are running, without waiting."""
         self._count += 1
         config = self._configs[self.starts % len(self._configs)]
         words = ["run", str(config), "--name", NAME, "--can", self.channel]
@@ -100,7 +100,7 @@ class Stage:
         return self.run
 
     def start(self) -> bool:
-        """Start a runtime and wait until it runs; returns whether it does."""
+        """Start a runtime and wait until it is running; return whether it is."""
         run = self.begin_run()
         ready = run.wait_for(self._is_ready, START_S)
         self.run_fact.done = self.ran_since = time.monotonic()
@@ -117,12 +117,12 @@ class Stage:
         return ready
 
     def _is_ready(self, output: str) -> bool:
-        """Whether a runtime says that it runs; one that comes back latched has booted its nodes and waits."""
+        """Whether a runtime reports that it is running; one that is latched has booted its nodes and waits."""
         booted = output.count("operational after") >= len(self._wire.nodes)
         return f"{NAME} runs" in output or (self.latched and booted)
 
     def start_drive(self, node: int) -> None:
-        """Start a drive apart from the run, in the place of one that is gone."""
+        """Start a drive outside the run, to replace one that has ended."""
         eds = "TMCM-1270.eds"
         drive = self.program("drive", "--node-id", str(node), "--eds", eds, "--can", self.channel)
         self.listener.forget(node)
@@ -134,7 +134,7 @@ class Stage:
     # -- breaking it
 
     def kill_run(self) -> None:
-        """Kill the runtime as the out-of-memory killer would; who it leaves behind has ten seconds."""
+        """Kill the runtime like the out-of-memory killer; its children have ten seconds to end."""
         if self.run is None or self.run.code is not None:
             return
         reason = Reason("the runtime was killed", time.monotonic(), detect=self._wire.limits.consumer)
@@ -146,7 +146,7 @@ class Stage:
         self._orphans = watch_orphans(self.run, self.report)
 
     def kill_drive(self, node: int) -> None:
-        """Kill a drive, whosesoever it is."""
+        """Kill a drive, whichever process started it."""
         pid = self.pid_of("drive", node)
         if pid is None:
             return
@@ -159,7 +159,7 @@ class Stage:
             apart.process.wait()
 
     def kill_hub(self) -> None:
-        """Kill the process that carries the frames."""
+        """Kill the process that relays the frames."""
         if self.hub is None:
             return
         with contextlib.suppress(CanopenError):
@@ -180,7 +180,7 @@ class Stage:
     # -- mending
 
     def recover(self, mend: Callable[[], None]) -> bool:
-        """Have everything there and enabled; `mend` takes away what still disturbs. Returns whether it is."""
+        """Restore the robot to running and enabled; `mend` clears disturbances. Return whether that worked."""
         mend()
         if not self.have_run():
             return False
@@ -192,7 +192,7 @@ class Stage:
         return self._give_up()
 
     def have_run(self) -> bool:
-        """Start a runtime unless there is one, and drives where they are gone; returns whether all is there."""
+        """Start a runtime if none is running, and missing drives; return whether everything is running."""
         gone = self.run is None or self.run.code is not None
         if gone and self.run is not None:
             self.wait_for_orphans(self.run)
@@ -215,7 +215,7 @@ class Stage:
         return False
 
     def _give_up(self) -> bool:
-        """Tell that it does not come back, and start it anew, drives and all."""
+        """Report that it does not recover, and restart everything, drives included."""
         now = time.monotonic()
         if self.run is not None and self.run.code is not None:
             last = " | ".join(self.run.output().splitlines()[-2:])
@@ -237,14 +237,14 @@ class Stage:
         return "enable says that it is done"
 
     def wait_for_orphans(self, run: Run) -> None:
-        """Wait until nobody of a run that has ended is left; who stays too long is told, and ended here."""
+        """Wait until all processes of an ended run are gone; report and end those that stay too long."""
         watcher, self._orphans = self._orphans or watch_orphans(run, self.report), None
         watcher.join()
         for pid in run.survivors():
             _kill(pid)
 
     def _revive_drives(self) -> None:
-        """See that either the run has all drives, or that those it lacks are there."""
+        """Make sure that each drive is running, in the run or outside it."""
         for node, drive in list(self._drives.items()):
             if drive.code is not None:
                 del self._drives[node]
@@ -255,7 +255,7 @@ class Stage:
                     self.start_drive(node)
 
     def end_run(self) -> None:
-        """End the runtime as a user does; it has some seconds for that."""
+        """End the runtime like a user; it has several seconds for that."""
         run = self.run
         if run is None:
             return
@@ -278,7 +278,7 @@ class Stage:
 
 
 def _without_timeout(config: Path, folder: Path) -> Path:
-    """Copy a robot, less the lines with its command_timeout."""
+    """Copy a robot without the command_timeout lines."""
     shutil.copytree(config, folder)
     controllers = folder / "ros2_controllers.yaml"
     lines = controllers.read_text().splitlines(keepends=True)

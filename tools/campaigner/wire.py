@@ -1,4 +1,4 @@
-"""What the frames of a robot's bus carry, and its time limits: read from bus.yml alone, past the master's own reader.
+"""The contents of a robot's frames and its time limits, read from bus.yml independently of the master's own reader.
 
 Only what a campaign needs: the mappings of RPDOs and TPDOs on their predefined identifiers, the scales, and the times
 after which somebody has to notice that somebody else is gone.
@@ -30,7 +30,7 @@ _PROFILE_DECELERATION, _QUICK_STOP_DECELERATION = 0x6084, 0x6085
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """Where an object is in a frame."""
+    """The position of an object in a frame."""
 
     node_id: int
     index: int
@@ -38,7 +38,7 @@ class Field:
     form: str
 
     def value(self, data: bytes) -> int | None:
-        """Return it, None where the frame is too short for it."""
+        """Return its value, or None if the frame is too short."""
         if len(data) < self.offset + struct.calcsize(self.form):
             return None
         return int(struct.unpack_from(self.form, data, self.offset)[0])
@@ -46,7 +46,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Times in seconds: how long a death or a lost signal may stay unnoticed, by what bus.yml says."""
+    """Times in seconds in which a death or a lost signal must be detected according to bus.yml."""
 
     sync: float  # one cycle
     heartbeat: float  # between two heartbeats: a state that changed is known after it
@@ -69,11 +69,11 @@ class Wire:
     master: int
 
     def ramp(self, speed: float) -> float:
-        """Return how many seconds the slowest drive takes from `speed` (rad/s) to standstill."""
+        """Return how many seconds the slowest drive needs from `speed` (rad/s) to standstill."""
         return max(abs(speed * self.scales[node]) / self.decelerations[node] for node in self.nodes)
 
     def values(self, identifier: int, data: bytes) -> list[tuple[int, int, int]]:
-        """Return what a frame carries: node id, object, value."""
+        """Return the values in a frame: node id, object, value."""
         found = []
         for field in self.fields.get(identifier, ()):
             value = field.value(data)
@@ -83,7 +83,7 @@ class Wire:
 
 
 def read_wire(path: Path) -> Wire:
-    """Read a bus.yml of drives that all move by velocity."""
+    """Read a bus.yml whose drives are all commanded by velocity."""
     tree = yaml.safe_load(path.read_text())
     master, defaults = tree["master"], tree.get("defaults", {})
     nodes = {int(node["node_id"]): (name, {**defaults, **node}) for name, node in tree["nodes"].items()}
