@@ -374,7 +374,7 @@ def axis_power() -> str:
     lasts = {state: f"{limit / 1e9:g} s" for state, limit in LIMITS_NS.items()}
     lasts[AxisPhase.SETTLING] = "the rest of BRAKING's time"
     commands = {
-        (state, trigger): (row.state, "; ".join(order.value for order in row.orders))
+        (state, trigger): (row.state, "; ".join(command.value for command in row.commands))
         for state, rows in TABLE.items()
         for trigger, row in rows.items()
     }

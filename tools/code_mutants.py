@@ -126,7 +126,8 @@ self.reactor.call_later(300_000_000, begin)
         Change(
             "controllers.switcher",
             "UpdateLoop._power_changed",
-            "self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, self._enable_status.reason(off))",
+            "self._forget(entry, now, group.interfaces if len(entry.groups) > 1 else None, "
+            "self._enable_status.reason(off))",
             "pass",
         ),
         (_scenario("robby", "robby_stale"),),

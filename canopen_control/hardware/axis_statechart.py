@@ -101,14 +101,14 @@ class Row(NamedTuple):
     """Transition of the statechart: next state, and commands to the drive."""
 
     state: AxisPhase
-    orders: tuple[DriveCommand, ...] = ()
+    commands: tuple[DriveCommand, ...] = ()
 
 
 _S, _T, _O = AxisPhase, PhaseTrigger, DriveCommand
-UP: Final = (_S.RISING, _S.RELEASED, _S.ENABLED, _S.READY, _S.FOLLOWING, _S.HOMING, _S.HALTED)
+ENABLED_STATES: Final = (_S.RISING, _S.RELEASED, _S.ENABLED, _S.READY, _S.FOLLOWING, _S.HOMING, _S.HALTED)
 """States of an axis that is enabled or being enabled."""
-RISING: Final = (_S.RISING, _S.RELEASED)
-FALLING: Final = (_S.BRAKING, _S.SETTLING)
+ENABLING: Final = (_S.RISING, _S.RELEASED)
+STOPPING: Final = (_S.BRAKING, _S.SETTLING)
 STOPPED: Final = (_S.OFF, _S.QUICK_STOPPED)
 
 LIMITS_NS: Final[Mapping[AxisPhase, int]] = MappingProxyType(
@@ -124,12 +124,12 @@ LIMITS_NS: Final[Mapping[AxisPhase, int]] = MappingProxyType(
 
 _ALWAYS: Final = {_T.QUICK_STOP: Row(_S.QUICK_STOPPING, (_O.QUICK_STOP,)), _T.NODE_LOST: Row(_S.OFF, (_O.DISABLE,))}
 _LEAVE: Final = {**_ALWAYS, _T.DRIVE_LEFT: Row(_S.DISABLING, (_O.DISABLE,))}
-_RISE: Final = {_T.ENABLE: Row(_S.RISING, (_O.PREPARE,))}
-_GO_ON: Final = {_T.ENABLE: Row(_S.ENABLED, (_O.RESUME,))}  # not FOLLOWING at once: a new command is needed
-_UP: Final = {**_LEAVE, **_GO_ON, _T.STOP: Row(_S.BRAKING), _T.HALT: Row(_S.HALTED, (_O.HALT,))}
-_RISING: Final = {
+_ENABLE: Final = {_T.ENABLE: Row(_S.RISING, (_O.PREPARE,))}
+_RESUME: Final = {_T.ENABLE: Row(_S.ENABLED, (_O.RESUME,))}  # not FOLLOWING at once: a new command is needed
+_ENABLED: Final = {**_LEAVE, **_RESUME, _T.STOP: Row(_S.BRAKING), _T.HALT: Row(_S.HALTED, (_O.HALT,))}
+_ENABLING: Final = {
     **_LEAVE,
-    **_RISE,
+    **_ENABLE,
     _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)),
     _T.DRIVE_ENABLED: Row(_S.ENABLED, (_O.RELEASE,)),
 }
@@ -137,52 +137,52 @@ _ESCALATE: Final = {
     _T.OVERDUE: Row(_S.ESCALATED, (_O.QUICK_STOP,)),
     _T.OVERDUE_LOADED: Row(_S.ESCALATED, (_O.QUICK_STOP,)),
 }
-_FALLING: Final = {**_LEAVE, **_GO_ON, **_ESCALATE, _T.GROUP_RESTS: Row(_S.DISABLING, (_O.DISABLE,))}
+_STOPPING: Final = {**_LEAVE, **_RESUME, **_ESCALATE, _T.GROUP_RESTS: Row(_S.DISABLING, (_O.DISABLE,))}
 _CUT: Final = {_T.OVERDUE: Row(_S.VOLTAGE_OFF, (_O.CUT,)), _T.OVERDUE_LOADED: Row(_S.UNSTOPPED)}
 _SEEN_OFF: Final = {_T.DRIVE_OFF: Row(_S.OFF, (_O.DISABLE,)), _T.AT_REST: Row(_S.DISABLING, (_O.DISABLE,))}
 _LOST: Final = {_T.NODE_LOST: Row(_S.OFF, (_O.DISABLE,))}
 
 _ROWS: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = {
-    _S.OFF: {**_ALWAYS, **_RISE, _T.STOP: Row(_S.OFF, (_O.DISABLE,))},
-    _S.RISING: {**_RISING, _T.GROUP_MAY_RISE: Row(_S.RELEASED, (_O.RELEASE,))},
-    _S.RELEASED: _RISING,
-    _S.ENABLED: {**_UP, _T.GROUP_ENABLED: Row(_S.READY)},
+    _S.OFF: {**_ALWAYS, **_ENABLE, _T.STOP: Row(_S.OFF, (_O.DISABLE,))},
+    _S.RISING: {**_ENABLING, _T.GROUP_MAY_RISE: Row(_S.RELEASED, (_O.RELEASE,))},
+    _S.RELEASED: _ENABLING,
+    _S.ENABLED: {**_ENABLED, _T.GROUP_ENABLED: Row(_S.READY)},
     _S.READY: {
-        **_UP,
+        **_ENABLED,
         _T.GROUP_RISES: Row(_S.ENABLED),
         _T.MAY_MOVE: Row(_S.FOLLOWING),
         _T.HOMING_RUNS: Row(_S.HOMING),
     },
-    _S.FOLLOWING: {**_UP, _T.GROUP_RISES: Row(_S.ENABLED), _T.MUST_REST: Row(_S.READY)},
-    _S.HOMING: {**_UP, _T.ENABLE: Row(_S.HOMING, (_O.RESUME,)), _T.HOMING_ENDED: Row(_S.READY)},
-    _S.HALTED: _UP,
-    _S.BRAKING: {**_FALLING, _T.TARGET_STANDS: Row(_S.SETTLING)},
-    _S.SETTLING: _FALLING,
+    _S.FOLLOWING: {**_ENABLED, _T.GROUP_RISES: Row(_S.ENABLED), _T.MUST_REST: Row(_S.READY)},
+    _S.HOMING: {**_ENABLED, _T.ENABLE: Row(_S.HOMING, (_O.RESUME,)), _T.HOMING_ENDED: Row(_S.READY)},
+    _S.HALTED: _ENABLED,
+    _S.BRAKING: {**_STOPPING, _T.TARGET_STANDS: Row(_S.SETTLING)},
+    _S.SETTLING: _STOPPING,
     _S.DISABLING: {
         **_ALWAYS,
-        **_RISE,
+        **_ENABLE,
         **_ESCALATE,
         _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)),
         _T.DRIVE_OFF: Row(_S.OFF),
     },
     _S.QUICK_STOPPING: {
         **_LOST,
-        **_RISE,
+        **_ENABLE,
         **_CUT,
         _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)),
         _T.DRIVE_OFF: Row(_S.OFF),
         _T.AT_REST: Row(_S.QUICK_STOPPED),
     },
-    _S.QUICK_STOPPED: {**_LOST, **_RISE, _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)), _T.DRIVE_OFF: Row(_S.OFF)},
-    _S.ESCALATED: {**_LOST, **_RISE, **_CUT, **_SEEN_OFF},
+    _S.QUICK_STOPPED: {**_LOST, **_ENABLE, _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)), _T.DRIVE_OFF: Row(_S.OFF)},
+    _S.ESCALATED: {**_LOST, **_ENABLE, **_CUT, **_SEEN_OFF},
     _S.VOLTAGE_OFF: {
         **_LOST,
-        **_RISE,
+        **_ENABLE,
         _T.DRIVE_OFF: Row(_S.OFF),
         _T.OVERDUE: Row(_S.UNSTOPPED),
         _T.OVERDUE_LOADED: Row(_S.UNSTOPPED),
     },
-    _S.UNSTOPPED: {**_ALWAYS, **_RISE, **_SEEN_OFF},
+    _S.UNSTOPPED: {**_ALWAYS, **_ENABLE, **_SEEN_OFF},
 }
 
 
@@ -200,7 +200,7 @@ TABLE: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = MappingProxyType(
 )
 """Transition for each state and trigger; other triggers have no effect."""
 
-_WATCHED: Final = (*RISING, *LIMITS_NS, _S.SETTLING, _S.QUICK_STOPPED, _S.UNSTOPPED)
+_WATCHED: Final = (*ENABLING, *LIMITS_NS, _S.SETTLING, _S.QUICK_STOPPED, _S.UNSTOPPED)
 
 
 class PhaseObserver(Protocol):
@@ -235,17 +235,17 @@ class AxisStatechart:
     @property
     def enable_requested(self) -> bool:
         """Whether the axis is enabled or being enabled."""
-        return self.state in UP
+        return self.state in ENABLED_STATES
 
     @property
     def rising(self) -> bool:
         """Whether the axis is being enabled."""
-        return self.state in RISING
+        return self.state in ENABLING
 
     @property
     def falling(self) -> bool:
         """Whether the axis performs a controlled stop, after which its whole group is disabled."""
-        return self.state in FALLING
+        return self.state in STOPPING
 
     def fire(self, trigger: PhaseTrigger, now: int) -> bool:
         """Apply the transition of a trigger, if any; return whether the state has changed."""
@@ -257,8 +257,8 @@ class AxisStatechart:
         changed = row.state is not self.state
         if changed:
             self._enter(row.state, now)
-        for order in row.orders:
-            _EXECUTE[order](self._machine)
+        for command in row.commands:
+            _EXECUTE[command](self._machine)
         return changed
 
     def overdue(self, now: int) -> bool:

@@ -18,7 +18,7 @@ from canopen_control.errors import DriveError, RobotConfigError
 from canopen_control.hardware.axis import BLIND_STOP_NS, AxisProcessData, AxisStatus, configured_machine
 from canopen_control.hardware.axis_parameters import AxisParameters, has_target, listed_modes, unlisted_modes
 from canopen_control.hardware.axis_statechart import (
-    RISING,
+    ENABLING,
     STOPPED,
     AxisPhase,
     AxisStatechart,
@@ -458,7 +458,7 @@ class JointDrive(JointStatus):
     def _check_transitions(self, now: int) -> None:
         """Fire the triggers that depend on the drive's state; report stops that take too long."""
         power, machine = self.power, self.machine
-        if power.state in RISING:
+        if power.state in ENABLING:
             if machine.enabled and self._fire(PhaseTrigger.DRIVE_ENABLED):
                 self._settled_at = now + self._settle_ns
                 if machine.halted:

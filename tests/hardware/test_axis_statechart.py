@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from canopen_control.cia402.drive import DriveMachine
 from canopen_control.cia402.drive_goal import DriveGoal
 from canopen_control.hardware.axis_statechart import (
-    FALLING,
+    ENABLED_STATES,
     LIMITS_NS,
     STOPPED,
+    STOPPING,
     TABLE,
-    UP,
     Action,
     AxisPhase,
     AxisStatechart,
@@ -67,11 +67,11 @@ def test_an_enable_leads_to_following_through_the_states_at_rest():
 @pytest.mark.parametrize("state", AxisPhase)
 def test_only_an_enable_leads_up_and_never_straight_to_motion(state):
     for trigger, row in TABLE[state].items():
-        if row.state in UP and state not in UP:
+        if row.state in ENABLED_STATES and state not in ENABLED_STATES:
             assert trigger is PhaseTrigger.ENABLE
         if trigger is PhaseTrigger.ENABLE and state is not AxisPhase.HOMING:  # which no command moves
             assert row.state not in MOVING
-        if {DriveCommand.PREPARE, DriveCommand.RELEASE, DriveCommand.RESUME} & set(row.orders):
+        if {DriveCommand.PREPARE, DriveCommand.RELEASE, DriveCommand.RESUME} & set(row.commands):
             assert trigger in (PhaseTrigger.ENABLE, PhaseTrigger.GROUP_MAY_RISE, PhaseTrigger.DRIVE_ENABLED)
 
 
@@ -80,19 +80,19 @@ def test_a_fault_reset_changes_no_state_and_enables_nothing(state):
     assert TABLE[state][PhaseTrigger.FAULT_RESET] == (state, (DriveCommand.RESET,))
 
 
-@pytest.mark.parametrize("state", UP)
+@pytest.mark.parametrize("state", ENABLED_STATES)
 @pytest.mark.parametrize("trigger", ENDS_ENABLE)
 def test_every_reason_to_stop_is_heard_in_every_state_of_an_enabled_axis(state, trigger):
     row = TABLE[state][trigger]
-    assert row.state not in UP
-    controlled = row.state in FALLING or bool({DriveCommand.DISABLE, DriveCommand.QUICK_STOP} & set(row.orders))
+    assert row.state not in ENABLED_STATES
+    controlled = row.state in STOPPING or bool({DriveCommand.DISABLE, DriveCommand.QUICK_STOP} & set(row.commands))
     assert controlled, "by the master's ramp or the drive's own, never by taking the voltage away"
-    assert DriveCommand.CUT not in row.orders
+    assert DriveCommand.CUT not in row.commands
 
 
 @pytest.mark.parametrize("state", AxisPhase)
 def test_only_a_stop_that_is_overdue_cuts_the_voltage_and_never_that_of_a_load(state):
-    cuts = [trigger for trigger, row in TABLE[state].items() if DriveCommand.CUT in row.orders]
+    cuts = [trigger for trigger, row in TABLE[state].items() if DriveCommand.CUT in row.commands]
     assert set(cuts) <= {PhaseTrigger.OVERDUE}
     assert not cuts or state in (AxisPhase.ESCALATED, AxisPhase.QUICK_STOPPING), "after a quick stop"
 
@@ -129,7 +129,7 @@ def test_whatever_happens_an_axis_moves_only_after_an_enable_and_the_drive_is_to
         changed = power.fire(trigger, now)
         assert changed is (power.state is not before)
         enabled = trigger is PhaseTrigger.ENABLE or (enabled and trigger not in ENDS_ENABLE)
-        assert enabled or power.state not in UP
+        assert enabled or power.state not in ENABLED_STATES
         assert power.following is command.enabled is (power.state is AxisPhase.FOLLOWING)
         assert (machine.goal is DriveGoal.ENABLED) is (power.enable_requested or power.falling)
         if trigger is PhaseTrigger.ENABLE:
@@ -197,4 +197,4 @@ def test_the_joints_of_a_group_are_let_up_together_and_stop_together(cycles):
 
 
 def test_stopped_is_said_of_states_in_which_nothing_is_on_its_way():
-    assert not set(STOPPED) & {*UP, *FALLING, *LIMITS_NS}
+    assert not set(STOPPED) & {*ENABLED_STATES, *STOPPING, *LIMITS_NS}
