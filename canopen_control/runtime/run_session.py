@@ -22,7 +22,16 @@ from canopen_control.errors import CanopenError, ControlError, RobotConfigError
 from canopen_control.host.files import state_dir
 from canopen_control.host.lifeline import lifeline_fd
 from canopen_control.host.reactor import Reactor
-from canopen_control.host.sockets import SocketInUse, claim, drive_name, runtime_dir
+from canopen_control.host.sockets import (
+    SocketInUse,
+    claim,
+    connect,
+    drive_name,
+    find_robots,
+    peer_pid,
+    runtime_dir,
+    socket_path,
+)
 from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotCore, RobotState
@@ -152,6 +161,8 @@ def _place_of(error: BaseException) -> str:
 
 _BOOT_FIRST_NS = 1_000_000_000  # after a usual boot, which another process start would delay by 50 ms
 _HEARING_NS, _HEARING_TRIES = 5_000_000, 400  # waiting for boot-up messages
+_ENDING_S = 10.0  # for a run whose socket is closed, while its child processes end
+_PROBE_S = 0.5
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -348,13 +359,29 @@ class RunSession(RobotObserver):
 
 
 def _claim(channel: str) -> int:
-    """Lock a channel on this host for this NMT master; RobotConfigError if another process holds the lock."""
+    """Lock a channel on this host for this NMT master; RobotConfigError if another process holds the lock.
+
+    A process without a robot's socket is about to end, and is awaited.
+    """
     safe = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in channel)
     path = runtime_dir() / f"master-{safe[:48]}.lock"
     try:
         return claim(path)
     except SocketInUse as error:
+        holder = error.pid
+    try:
+        return claim(path, 0.0 if _serves_robot(holder) else _ENDING_S)
+    except SocketInUse:
         raise RobotConfigError(
-            f"channel {channel} is busy: process {error.pid or 'unknown'} already runs a robot on it; "
+            f"channel {channel} is busy: process {holder or 'unknown'} already runs a robot on it; "
             f"stop that one, or use --can"
         ) from None
+
+
+def _serves_robot(pid: int) -> bool:
+    """Whether a process listens at the socket of a robot."""
+    for name in find_robots():
+        with contextlib.suppress(OSError), connect(socket_path("robot", name), _PROBE_S) as probe:
+            if peer_pid(probe) == pid:
+                return True
+    return False

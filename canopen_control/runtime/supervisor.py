@@ -208,7 +208,8 @@ class Supervisor:
         try:
             self._recorder = self._start([*_RECORDER, *options], _FLIGHT, (_RECORDER_MODULE, options), reports=True)
         except CanopenError as error:
-            self._report(Event(self._reactor.now(), "no_recorder", "", str(error), Level.WARNING))
+            text = f"nothing is recorded: {error}"
+            self._report(Event(self._reactor.now(), "no_recorder", "", text, Level.WARNING))
         else:
             self._clients.append(self._recorder)
             self.missing.pop(_FLIGHT, None)

@@ -6,8 +6,10 @@ from support.busalone import write_drives, write_io
 from support.observers import Observer
 
 from canopen_control.errors import CanopenError, ConfigError, RobotConfigError
+from canopen_control.host import sockets
 from canopen_control.host.reactor import Reactor
-from canopen_control.host.sockets import runtime_dir
+from canopen_control.host.sockets import claim, runtime_dir
+from canopen_control.runtime import run_session
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.run_session import RunOptions, RunSession
 from canopen_control.runtime.setup import read_robot
@@ -27,6 +29,22 @@ def test_a_channel_has_one_master_on_this_host():
         RunSession(setup("two", "memory:busy"), RunOptions(drives=False))
     first.close()
     RunSession(setup("two", "memory:busy"), RunOptions(drives=False)).close()
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_run_that_is_about_to_end_is_awaited(monkeypatch, ends):
+    """Its socket is closed before its child processes end, and the lock is released last."""
+    held = claim(runtime_dir() / "master-memory_ending.lock")
+    os.truncate(held, 0)
+    os.pwrite(held, b"4194305\n", 0)  # a process without a socket
+    monkeypatch.setattr(run_session, "_ENDING_S", 0.02)
+    if ends:
+        monkeypatch.setattr(sockets.time, "sleep", lambda _seconds: os.close(held))
+        RunSession(setup("next", "memory:ending"), RunOptions(drives=False)).close()
+        return
+    with pytest.raises(RobotConfigError, match="memory:ending is busy: process 4194305"):
+        RunSession(setup("next", "memory:ending"), RunOptions(drives=False))
+    os.close(held)
 
 
 def test_a_lock_through_a_link_is_a_sentence(tmp_path):
