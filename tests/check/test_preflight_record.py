@@ -17,6 +17,7 @@ from canopen_control.check.preflight_record import (
     save_record,
     slow_reason,
 )
+from canopen_control.cli.main import main
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 
@@ -98,6 +99,11 @@ def test_a_pass_covers_the_joints_that_were_turned(tmp_path, monkeypatch, privat
     found = slow_reason(setup)
     assert (None if found is None else found.joints) == doubted
     assert why in ("" if found is None else found.why)
+
+
+def test_a_robot_without_joints_needs_no_pass(tmp_path, private_folders):
+    assert main(["init", str(tmp_path / "lamps"), "--eds", "generic_cia401.eds", "--node-id", "5"]) == 0
+    assert slow_reason(setup_of(tmp_path / "lamps")) is None
 
 
 @pytest.mark.process
