@@ -14,6 +14,7 @@ from canopen_control.bus.recordings import FORMATS, Recording, RecordingWriter
 from canopen_control.cli.main import main
 from canopen_control.cli.record import Recorded
 from canopen_control.frame import CanFrame, pack_records
+from canopen_control.host.files import space_advice
 from canopen_control.rpc.wire import plain
 
 
@@ -124,7 +125,9 @@ def test_a_full_disk_is_exit_code_1_with_what_is_in_the_file(monkeypatch, folder
     ticking.join()
     out, err = capsys.readouterr()
     assert out.startswith(f"{path}: 0 frames of local:full in ")
-    assert err == f"canopen-control: {path}: No space left on device; it contains 0 frames\n"
+    advice = space_advice(path, OSError(errno.ENOSPC, ""))
+    assert advice
+    assert err == f"canopen-control: {path}: No space left on device; it contains 0 frames{advice}\n"
     port.close()
 
 
