@@ -7,6 +7,7 @@ is set, they run with the types of ROS's own generators too.
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
@@ -154,16 +155,31 @@ if "canopen_control.ros.bridge" in sys.orig_argv:
 """
 
 
-@pytest.fixture(scope="module")
-def robby(tmp_path_factory):
-    """Robby on virtual drives with its bridge, in which a deadlock can be planted."""
-    folder = tmp_path_factory.mktemp("freezes")
+@contextlib.contextmanager
+def running(folder, *options):
+    """Run robby on virtual drives with its bridge."""
     (folder / "sitecustomize.py").write_text(PLANTED)
     with ros.stage(folder, PYTHONPATH=f"{folder}:{ros.ROOT}") as stage:
         config = copy_robby(folder, bus=PATIENT_ROBBY)
-        robot = stage.start("run", config, "--ros", "--can", "local:freezes", **stage.environment)
+        robot = stage.start("run", config, "--ros", "--can", "local:freezes", *options, **stage.environment)
         robot.until("robby runs")
         yield SimpleNamespace(domain=stage.domain, robot=robot, stage=stage)
+
+
+@pytest.fixture(scope="module")
+def robby(tmp_path_factory):
+    with running(tmp_path_factory.mktemp("freezes")) as robby:
+        yield robby
+
+
+@pytest.fixture
+def hanging(request, tmp_path_factory):
+    """A robby whose bridge is a fork, or an interpreter in which a deadlock can be planted: forks keep no handlers."""
+    if request.param == signal.SIGSTOP:
+        yield request.getfixturevalue("robby")
+    else:
+        with running(tmp_path_factory.mktemp("planted"), "--spawn") as robby:
+            yield robby
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -182,12 +198,17 @@ def test_controllers_are_loaded_switched_and_unloaded_again_and_again(loop, kind
     assert loop(CHURN, kind, robby.domain) >= 1
 
 
-@pytest.mark.parametrize("hangs", [signal.SIGSTOP, signal.SIGUSR2], ids=["stopped", "planted_deadlock"])
-def test_a_bridge_that_hangs_is_killed_and_a_new_one_serves(loop, robby, hangs):
-    assert loop(CALL, "made", robby.domain, 4) > 0
-    restarts = robby.robot.out.count("process ros: it is restarted")
-    pid = robby.stage.pid_of("canopen_control.ros.bridge")
-    os.kill(pid, hangs)
-    robby.robot.until(f"process ros (pid {pid}) has not answered for")
-    assert eventually(lambda: robby.robot.out.count("process ros: it is restarted") > restarts, 20)
-    assert loop(CALL, "made", robby.domain, 4) > 0
+@pytest.mark.parametrize(
+    ("hanging", "signal_number"),
+    [(signal.SIGSTOP, signal.SIGSTOP), (signal.SIGUSR2, signal.SIGUSR2)],
+    ids=["stopped", "planted_deadlock"],
+    indirect=["hanging"],
+)
+def test_a_bridge_that_hangs_is_killed_and_a_new_one_serves(loop, hanging, signal_number):
+    assert loop(CALL, "made", hanging.domain, 4) > 0
+    restarts = hanging.robot.out.count("process ros: it is restarted")
+    pid = hanging.stage.pid_of("canopen_control.ros.bridge")
+    os.kill(pid, signal_number)
+    hanging.robot.until(f"process ros (pid {pid}) has not answered for")
+    assert eventually(lambda: hanging.robot.out.count("process ros: it is restarted") > restarts, 20)
+    assert loop(CALL, "made", hanging.domain, 4) > 0
