@@ -40,6 +40,23 @@ def common_bridge(tmp_path_factory):
         yield running
 
 
+@pytest.fixture(scope="session")
+def common_peers():
+    """Return the other ROS programs of all files: one for each domain and each ARGUMENTS, which begins anew."""
+    with contextlib.ExitStack() as stack:
+        peers = {}
+
+        def begun(number, *arguments, **environment):
+            peer = peers.get((number, arguments))
+            if peer is None:
+                peer = peers[number, arguments] = stack.enter_context(ros.Peer(number, *arguments, **environment))
+            else:
+                peer.begin()
+            return peer
+
+        yield begun
+
+
 @pytest.fixture(scope="module")
 def own_bridge(request, tmp_path_factory):
     """The bridge of this file: the common one, or one with the ARGUMENTS of the module."""
@@ -57,7 +74,7 @@ def ros_folder(own_bridge):
 
 
 @pytest.fixture(scope="module")
-def stage(own_bridge, request):
+def stage(own_bridge, common_peers, request):
     """A robot, the bridge and another ROS program; NODES, LAYOUT, NODE_STATES, ARGUMENTS of the module: theirs."""
     with pytest.MonkeyPatch.context() as patch:
         for name, value in own_bridge.folder.items():
@@ -66,15 +83,15 @@ def stage(own_bridge, request):
         robot.bus_nodes = getattr(request.module, "NODES", [])
         robot.layout = getattr(request.module, "LAYOUT", robot.layout)
         robot.nodes.update(getattr(request.module, "NODE_STATES", {}))
-        with robot, ros.Peer(own_bridge.domain, ROS_LOG_DIR=own_bridge.folder["ROS_LOG_DIR"]) as peer:
+        peer = common_peers(own_bridge.domain, ROS_LOG_DIR=own_bridge.folder["ROS_LOG_DIR"])
+        with robot:
             yield SimpleNamespace(robot=robot, bridge=own_bridge.process, peer=peer, domain=own_bridge.domain)
 
 
 @pytest.fixture(scope="module")
-def maker(stage):
+def maker(stage, common_peers):
     """Another ROS program, with the package's interfaces where ROS has none."""
-    with ros.Peer(stage.domain, "--interfaces") as peer:
-        yield peer
+    return common_peers(stage.domain, "--interfaces")
 
 
 @pytest.fixture

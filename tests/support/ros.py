@@ -210,6 +210,11 @@ class Peer:
                 messages.append(self._messages[topic].get_nowait())
         return messages
 
+    def begin(self):
+        """Begin anew: forget what it subscribed to, published and called, and what has come."""
+        self.order("begin")
+        self._messages.clear()
+
     def kill(self):
         """End it as a crash does."""
         self._process.kill()

@@ -66,10 +66,24 @@ def _full(text):
 class Peer:
     def __init__(self):
         rclpy.init()
+        self.executor = rclpy.executors.SingleThreadedExecutor()
+        self.lock = threading.Lock()
+        self._make_node()
+
+    def _make_node(self):
         self.node = rclpy.create_node("peer")
+        self.executor.add_node(self.node)
         self.publishers, self.clients, self.timers, self.subscriptions = {}, {}, {}, {}
-        self.actions, self.goals = {}, {}
-        self.lock, self.requests = threading.Lock(), []
+        self.actions, self.goals, self.requests = {}, {}, []
+
+    def begin(self):
+        """Begin anew, with another node: for the tests of another module."""
+        for client in self.actions.values():
+            client.destroy()
+        self.executor.remove_node(self.node)
+        self.node.destroy_node()
+        self._make_node()
+        self.say(done="begin")
 
     def say(self, **answer):
         with self.lock:
@@ -261,8 +275,7 @@ class Peer:
 
 def main():
     peer = Peer()
-    executor = rclpy.executors.SingleThreadedExecutor()
-    executor.add_node(peer.node)
+    executor = peer.executor
 
     def obey():
         for line in sys.stdin:
