@@ -173,6 +173,13 @@ class SetPointHandshake:
         bits = _IMMEDIATELY * immediately | _RELATIVE * relative | _CHANGE_ON_SET_POINT * change_on_set_point
         self._next = SetPoint(target, bits)
 
+    def stop_at(self, target: int) -> None:
+        """Send a set-point at once that ends the motion, instead of any set-point whose edge was not sent yet."""
+        self._next = SetPoint(target, _IMMEDIATELY)
+        if self.phase is SetPointPhase.LOW:
+            self._current, self._next = self._next, None
+            self.target, self._updates = target, 0
+
     def abort(self, reason: str = "aborted") -> None:
         """Abandon all set-points at the next update, with bit 4 = 0 from then on."""
         if self.busy:

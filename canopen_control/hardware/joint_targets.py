@@ -646,7 +646,7 @@ class SetPointTarget(_PositionTarget):
         way = velocity * abs(velocity) / (2 * stop_slope(axis, max(1, abs(velocity))))
         resting = here + round(way * abs(axis.scale.pos_to_dev / axis.scale.vel_to_dev))
         low, high = min(here, target), max(here, target)
-        self._handshake.move(max(low, min(high, resting)), immediately=True)
+        self._handshake.stop_at(max(low, min(high, resting)))
 
     def _send_set_point(self, value: float) -> None:
         axis = self._axis

@@ -156,6 +156,18 @@ def test_an_immediate_set_point_replaces_the_one_that_waits_and_interrupts_the_m
     assert isinstance(events[-1], SetPointReached)
 
 
+@pytest.mark.parametrize(("updates", "taken"), [(0, [40]), (1, [40]), (2, [100, 40])])
+def test_a_stop_takes_the_place_of_a_set_point_whose_edge_was_not_sent(updates, taken):
+    machine, drive = SetPointHandshake(), PositionDrive()
+    machine.move(100, immediately=True)  # as a command that ended before its edge, in a public robot with PP
+    for now in range(updates):
+        drive.cycle(machine.update(drive.statusword, True, now), machine.target)
+    machine.stop_at(40)
+    events = run(machine, drive, 40)
+    assert (drive.taken, drive.position) == (taken, 40)
+    assert [event.target for event in events if isinstance(event, SetPointTaken)] == taken
+
+
 def test_a_set_point_that_is_lost_on_the_way_to_another_one_is_given_again_at_its_end():
     machine, drive = SetPointHandshake(acknowledge_timeout_ns=10), PositionDrive(single=True)
     machine.move(500, immediately=True)
