@@ -138,6 +138,11 @@ class StatusInvariants:
             _Shaft(joint, node.name, self._nodes[node.name], node.units.of_axis(0), transmissions.get(joint))
             for joint, node in watched_joints(robot.setup)
         ]
+        self._heard_ns = {  # node -> time allowed for reporting its NMT state, which its next heartbeat shows
+            name: max(_SOON_NS, node.supervision.heartbeat_ms * _MS + _EVERY_NS)
+            for view in views.values()
+            for name, node in view.config.nodes.items()
+        }
         self._next_check = robot.now_ns + _EVERY_NS
         self._calm: dict[int, bool] = {}  # whether a node has been undisturbed for a while, and is on its bus
         self._wrong_since: dict[tuple[ReportNames, str, str], int] = {}  # (reports, node, text) -> since when
@@ -209,19 +214,28 @@ class StatusInvariants:
         if device is None:
             return
         calm = self._calm[view.node_id]
-        self._judge_claim(reports, reading.name, "NMT", reading.nmt_state, device.nmt.state.name, calm, now)
+        heard = self._heard_ns[reading.name]
+        self._judge_claim(reports, reading.name, "NMT", reading.nmt_state, device.nmt.state.name, calm, now, heard)
         for axis in reading.axes:
             drive = device.drives[axis.axis]
             self._judge_claim(reports, reading.name, "CiA 402", axis.state, drive.state.name, calm, now)
             self._judge_claim(reports, reading.name, "mode", axis.mode, mode_name(drive.modes.number), calm, now)
 
     def _judge_claim(
-        self, reports: ReportNames, subject: str, what: str, claim: str | None, truth: str, calm: bool, now: int
+        self,
+        reports: ReportNames,
+        subject: str,
+        what: str,
+        claim: str | None,
+        truth: str,
+        calm: bool,
+        now: int,
+        soon: int = _SOON_NS,
     ) -> None:
         if claim is None or claim == truth or not calm:
             if self._wrong_since:
                 self._wrong_since.pop((reports, subject, what), None)
-        elif self._lasts((reports, subject, what), _SOON_NS, now):
+        elif self._lasts((reports, subject, what), soon, now):
             self._report_shown(reports, f"{subject} is reported as {claim} but is {truth}")
 
     def _judge_values(

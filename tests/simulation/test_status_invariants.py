@@ -47,6 +47,15 @@ def test_the_offset_of_bus_yml_is_part_of_a_position(tmp_path):
     assert simulation.breaches == ()
 
 
+def test_a_node_with_slow_heartbeats_may_be_shown_in_its_former_state_until_the_next_one(tmp_path):
+    folder = write_generic(tmp_path, modes="heartbeat_producer: 2000")  # as in a public bus.yml
+    acts = [ScenarioEvent(9508 * MS, "fault", "2", "silent", for_ns=925 * MS)]
+    simulation = SimulationRun(read_robot(find_robot(str(folder)), controllers=["velocity"]), 3, acts)
+    simulation.run(14 * S)
+    simulation.close()
+    assert simulation.breaches == ()
+
+
 @pytest.mark.sources
 def test_joint_states_that_stand_are_told_by_their_stamp_and_by_their_values(judged, monkeypatch):
     MUTANTS["joint_states_stand"](monkeypatch)
