@@ -1,1 +1,1 @@
-"""The bench: every figure as a ratio to a peer in the same run, or against a limit that is written beside it."""
+"""The bench: each figure is a ratio to a comparable package in the same run, or is compared with a limit."""

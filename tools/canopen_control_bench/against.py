@@ -1,4 +1,4 @@
-"""This checkout against another commit: both measured in alternating pairs, in one run, on the same machine.
+"""Compares this checkout with another commit: both are measured in alternating pairs in one run on the same machine.
 
     tools/bench against COMMIT FAMILY... [--pairs N] [--quick] [--as-is] [--json FILE]
     tools/bench --compiled against COMMIT FAMILY...
@@ -52,7 +52,7 @@ class Unmeasured(CanopenError):
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One of both: its name for people, and the folders that its processes import from."""
+    """One of the two sides: its display name, and the folders from which its processes import."""
 
     name: str
     path: str
@@ -65,7 +65,7 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """What one figure was: the medians of both sides, and the ratios of the pairs, ours by theirs."""
+    """One compared figure: the medians of both sides, and the ratios of the pairs (this checkout / the other)."""
 
     family: str
     name: str
@@ -77,7 +77,7 @@ class Ratio:
 
     @property
     def median(self) -> float:
-        """The median of the ratios, nan where one of them is none."""
+        """The median of the ratios, nan if any of them is nan."""
         return statistics.median(self.ratios) if all(map(math.isfinite, self.ratios)) else math.nan
 
     @property
@@ -90,7 +90,7 @@ class Ratio:
 
     @property
     def verdict(self) -> str:
-        """Whether this checkout is better or worse, nothing where the quartiles have 1 between them."""
+        """Whether this checkout is better or worse, or empty if 1 is between the quartiles."""
         low, high = self.quartiles
         if not (low > 1.0 or high < 1.0):
             return ""
@@ -98,7 +98,7 @@ class Ratio:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Measure and print."""
+    """Measure both sides and print the ratios."""
     args = _parser().parse_args(arguments)
     try:
         with on_signals((signal.SIGTERM,), interrupt), tempfile.TemporaryDirectory(prefix="bench-") as folder:
@@ -167,7 +167,7 @@ def _run(args: argparse.Namespace, folder: Path) -> int:
 
 
 def _git(*words: str) -> str:
-    """Return what git says; ConfigError where it says no, or is not there."""
+    """Run git and return its output; ConfigError if git fails or is not installed."""
     try:
         done = subprocess.run(["git", "-C", str(_ROOT), *words], capture_output=True, text=True, check=False)
     except OSError:
@@ -178,7 +178,7 @@ def _git(*words: str) -> str:
 
 
 def _commit(name: str) -> str:
-    """Return the hash of a commit; ConfigError for what is none."""
+    """Return the hash of a commit; ConfigError if it does not exist."""
     try:
         return _git("rev-parse", "--verify", "--quiet", "--end-of-options", f"{name}^{{commit}}").strip()
     except ConfigError as error:
@@ -188,7 +188,7 @@ def _commit(name: str) -> str:
 
 
 def _unpack(commit: str, folder: Path) -> None:
-    """Unpack the files of a commit."""
+    """Extract the files of a commit."""
     archive = folder / "commit.tar"
     _git("archive", "--format=tar", f"--output={archive}", commit)
     subprocess.run(["tar", "-x", "-f", str(archive), "-C", str(folder)], check=True)
@@ -198,7 +198,7 @@ def _unpack(commit: str, folder: Path) -> None:
 
 
 def _built(folder: Path, *, compiled: bool) -> str:
-    """Return what the processes of a checkout import from, its bytecode made beforehand."""
+    """Prepare a checkout for import, with its bytecode compiled, and return its folders."""
     if compiled:
         done = subprocess.run([_ROOT / "tools" / "compile", folder], stdout=subprocess.PIPE, text=True, check=False)
         if done.returncode:
@@ -210,7 +210,7 @@ def _built(folder: Path, *, compiled: bool) -> str:
 
 
 def _require_families(side: Side, names: Iterable[str]) -> None:
-    """Raise ConfigError for a family that the other commit does not have, or where it cannot run here."""
+    """Raise ConfigError for a family that the other commit lacks, or that cannot run here."""
     done = subprocess.run(
         [sys.executable, "-P", "-c", _KNOWN], env=side.environment, capture_output=True, text=True, check=False
     )
@@ -222,7 +222,7 @@ def _require_families(side: Side, names: Iterable[str]) -> None:
 
 
 def _measured(side: Side, words: Sequence[str], report: Path) -> Figures:
-    """Measure one side once; Unmeasured where a family failed."""
+    """Measure one side once; Unmeasured if a family failed."""
     report.unlink(missing_ok=True)
     command = [sys.executable, "-P", "-m", "canopen_control", "bench", *words, "--json", str(report)]
     with subprocess.Popen(
@@ -251,7 +251,7 @@ def _last(text: str) -> str:
 
 
 def ratios(pairs: Sequence[tuple[Figures, Figures]]) -> tuple[list[Ratio], list[str]]:
-    """Return the ratios of the figures that both sides have in all pairs, and lines about those of one side."""
+    """Return the ratios of the figures that both sides have in all pairs, and lines about the remaining figures."""
     keys = list(dict.fromkeys(key for pair in pairs for side in pair for key in side))
     found, alone = [], []
     for key in keys:
@@ -284,12 +284,12 @@ def ratios(pairs: Sequence[tuple[Figures, Figures]]) -> tuple[list[Ratio], list[
 
 
 def _value(figure: Mapping[str, Any]) -> float:
-    """Return the number to compare: what was measured, or what was done for each second of CPU."""
+    """Return the value to compare: the measured value, or the work done per CPU second."""
     return float(figure["ratio" if figure["peer_name"] == OWN_CPU else "ours"])
 
 
 def _ratio(ours: float, theirs: float) -> float:
-    """Return a ratio; of two counts of nothing it is 1, of something by nothing there is none."""
+    """Return a ratio; 1 if both counts are 0, nan if only the divisor is 0."""
     if theirs:
         return ours / theirs
     return 1.0 if not ours else math.nan

@@ -1,4 +1,4 @@
-"""The six-axis arm that is measured: arm6's files at another rate, and trajectories as planners make them.
+"""The six-axis arm that is measured: arm6's files at another rate, and trajectories like those of planners.
 
 Its joint trajectory controller takes the place of the one that takes positions, unless that is the one to be measured.
 """
@@ -38,7 +38,7 @@ _TRAJECTORIES = f"""
 
 
 def edit(path: Path, changes: Mapping[str, str]) -> None:
-    """Replace in a file; raises CanopenError where a file does not have what is to be replaced."""
+    """Replace text in a file; raises CanopenError if the file does not contain it."""
     text = path.read_text()
     for old, new in changes.items():
         if old not in text:
@@ -48,7 +48,7 @@ def edit(path: Path, changes: Mapping[str, str]) -> None:
 
 
 def copy_arm(folder: Path, *, trajectories: bool = True) -> Path:
-    """Copy arm6's files and return their folder; `trajectories`: with a controller that follows them."""
+    """Copy arm6's files and return their folder; `trajectories`: with a trajectory controller."""
     target = folder / "arm6"
     shutil.copytree(data_path("config", "arm6"), target)
     if trajectories:
@@ -62,7 +62,7 @@ def copy_arm(folder: Path, *, trajectories: bool = True) -> Path:
 
 
 def arm_at(folder: Path, hertz: int, keys: str = "", *, trajectories: bool = True) -> Path:
-    """Copy arm6's files with another SYNC period, of whole milliseconds; `keys` are further ones of the master."""
+    """Copy arm6's files with another SYNC period, in whole milliseconds; `keys` are additional keys of the master."""
     config = copy_arm(folder, trajectories=trajectories)
     edit(
         config / _BUS,
@@ -76,7 +76,7 @@ def arm_at(folder: Path, hertz: int, keys: str = "", *, trajectories: bool = Tru
 
 
 def planned(begin: Sequence[float], end: Sequence[float], seconds: float = 2.0, count: int = 50) -> JointTrajectory:
-    """Return a time-parametrised path with velocities and accelerations, at rest at both ends: least jerk."""
+    """Return a minimum-jerk path with times, velocities and accelerations, at rest at both ends."""
     points = []
     for index in range(count):
         s = index / (count - 1)

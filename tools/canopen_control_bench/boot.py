@@ -38,7 +38,7 @@ _STEPS = ("reset", "identify", "configure", "heartbeat", "start")
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """One boot: how long it took, the master's CPU, and SDO requests for each node."""
+    """One boot: its duration, the master's CPU time, and SDO requests per node."""
 
     seconds: float
     cpu_s: float
@@ -48,7 +48,7 @@ class Boot:
 
 
 def measure(options: Options) -> list[Figure]:
-    """Boot two drives, and 64 of them."""
+    """Measure the boot of two drives and of 64."""
     figures = []
     for count, limit in LIMITS_S.items():
         if options.quick and count > min(LIMITS_S):
@@ -69,7 +69,7 @@ def measure(options: Options) -> list[Figure]:
 
 
 def boots_of(played: Stage, count: int) -> list[Boot]:
-    """Put drives on a bus and boot them some times."""
+    """Start drives on a bus and boot them several times."""
     channel = f"local:boot{count}"
     last, half = FIRST_NODE + count - 1, FIRST_NODE + count // 2
     played.drives(channel, f"{FIRST_NODE}-{half - 1}")
@@ -79,7 +79,7 @@ def boots_of(played: Stage, count: int) -> list[Boot]:
 
 
 def boot(config: BusConfig, channel: str) -> Boot:
-    """Boot all nodes once; raises CanopenError with the first that has not booted."""
+    """Boot all nodes once; raises CanopenError with the first node that did not boot."""
     reactor = Reactor()
     lost: list[BusError] = []
     cycle_ns = config.master.sync_period * 1000

@@ -1,4 +1,4 @@
-"""`bridge`: what ROS costs beside the runtime: CPU for each set of messages at 50 Hz, and how long a command takes.
+"""`bridge`: the cost of ROS in addition to the runtime: CPU per set of messages at 50 Hz, and the latency of a command.
 
 A robot on mock hardware runs its diff drive controller, its bridge shows it, and another ROS process listens. The CPU
 of the bridge, all threads, is divided by the sets of JointState, Odometry and TF that the listener got; the peer is a
@@ -38,7 +38,7 @@ _POLL_S = 0.05
 
 
 def measure(options: Options) -> list[Figure]:
-    """Measure both; without ROS 2 there is nothing to measure, and that is said."""
+    """Measure both; without ROS 2, report that they cannot be measured."""
     try:
         require_ros()
     except ConfigError as error:
@@ -64,7 +64,7 @@ def measure(options: Options) -> list[Figure]:
 
 
 class BridgeBench:
-    """The robot, its bridge, who publishes the same, and who listens to both."""
+    """The robot, its bridge, a node that publishes the same messages, and a listener to both."""
 
     def __init__(self, played: Stage) -> None:
         self._subject = played.start("canopen_control_bench.bridge_subject", ROBOT)
@@ -77,15 +77,15 @@ class BridgeBench:
         self._await(lambda: all(min(count.values()) > 0 for count in self._counts().values()))
 
     def bridge_us(self, seconds: float) -> float:
-        """Return the CPU of the bridge for each set of messages."""
+        """Return the CPU time of the bridge per set of messages."""
         return self._cpu_us(self._bridge, "bridge", seconds)
 
     def plain_us(self, seconds: float) -> float:
-        """Return the same of the node that only publishes."""
+        """Return the same for the node that only publishes."""
         return self._cpu_us(self._plain, "plain", seconds)
 
     def latencies_s(self, count: int) -> list[float]:
-        """Command the base so often, and return how long each command took."""
+        """Command the base the given number of times, and return the latency of each command."""
         _ask(self._listener, {"command": count, "hz": COMMAND_HZ})
         got: list[float] = _ask(self._subject, "latencies")
         if len(got) < count / 2:
@@ -93,7 +93,7 @@ class BridgeBench:
         return got
 
     def _cpu_us(self, program: Program, who: str, seconds: float) -> float:
-        """Measure one while the other is there as well, as both are in each round."""
+        """Measure one of the publishers while the other is running too, as in each round."""
         before, cpu = self._counts()[who], cpu_ns(program.pid)
         time.sleep(seconds)
         after, used = self._counts()[who], cpu_ns(program.pid) - cpu
@@ -103,7 +103,7 @@ class BridgeBench:
         return used / sets / 1000
 
     def _counts(self) -> dict[str, dict[str, int]]:
-        """Return how many messages of each topic the listener has got, by who publishes them."""
+        """Return how many messages of each topic the listener has received, by publisher."""
         counts: dict[str, dict[str, int]] = _ask(self._listener, "counts")
         return counts
 

@@ -1,4 +1,4 @@
-"""The runtime whose bridge is measured: robby on mock hardware, its diff drive active; it notes when commands arrive.
+"""The runtime whose bridge is measured: robby on mock hardware with diff drive; records when commands arrive.
 
 `python -m canopen_control_bench.bridge_subject NAME`. A command's linear velocity is the time.monotonic() at which it
 was published. "latencies" on standard input is answered with the seconds that each command took, and forgets them.
@@ -30,7 +30,7 @@ class _ReadyTeller(RobotObserver):
 
 
 class BridgeSubject:
-    """The robot of a session as its API sees it, with its commands timed."""
+    """The robot of a session as seen by its API, with its commands timed."""
 
     def __init__(self, session: RunSession) -> None:
         self.session, self.latencies = session, list[float]()
@@ -47,12 +47,12 @@ class BridgeSubject:
         *,
         holder: object = None,
     ) -> None:
-        """Note how old a command is, and take it."""
+        """Record the age of a command, and execute it."""
         self.latencies.append(time.monotonic() - values[0])
         self.session.robot.command(controller, [0.0] * len(values), source, stamp, holder=holder)
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever it is there
-        """Be the robot in everything else."""
+        """Forward everything else to the robot."""
         return getattr(self.session.robot, name)
 
     def _on_order(self) -> None:

@@ -1,4 +1,4 @@
-"""Traffic on several buses at once: one process that sends, one that listens, so that neither's CPU is the other's.
+"""Traffic on several buses at once: one process sends and one listens, so that their CPU times are separate.
 
     python -m canopen_control_bench.bus_traffic send RATE SECONDS CHANNEL ...     -> {"sent": frames}
     python -m canopen_control_bench.bus_traffic hear CHANNEL ...                  -> {"heard": frames}
@@ -32,7 +32,7 @@ _FRAMES = b"".join(RECORD.pack(_TPDO + number % _DRIVES, 8, bytes(8)) for number
 
 
 def send_all(ports: Sequence[Port], rate: float, seconds: float) -> int:
-    """Send `rate` frames a second on each port; return how many frames were sent on all of them."""
+    """Send `rate` frames per second on each port; return the total number of frames sent."""
     begin = time.monotonic()
     sent, whole = 0, round(rate * seconds)
     while sent < whole:
@@ -48,7 +48,7 @@ def send_all(ports: Sequence[Port], rate: float, seconds: float) -> int:
 
 
 class Ears:
-    """Counts what comes on some ports."""
+    """Counts the frames received on several ports."""
 
     def __init__(self, reactor: Reactor, ports: Sequence[Port]) -> None:
         self.heard = 0

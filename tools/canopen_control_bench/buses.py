@@ -1,4 +1,4 @@
-"""`buses`: what the embedded bus carries, whoever is on it: hubs and a listener, one bus at its most, eight full ones.
+"""`buses`: the capacity of the embedded bus: hubs and a listener, one bus at its maximum, and eight full ones.
 
 A sender hands over each millisecond what a wire would carry in one. The listener, a process of its own, has to hear
 every frame; what counts is the CPU of hubs and listener together.
@@ -34,7 +34,7 @@ _MODULE = "canopen_control_bench.bus_traffic"
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """What one run showed; `cores` is the CPU of hubs and listener for each second."""
+    """The result of one run; `cores` is the CPU time of hubs and listener per second."""
 
     sent: int
     heard: int
@@ -44,12 +44,12 @@ class Carried:
 
     @property
     def lost(self) -> int:
-        """Frames that were sent and not heard."""
+        """Number of frames sent but not received."""
         return self.sent - self.heard
 
 
 def measure(options: Options) -> list[Figure]:
-    """Measure one bus and eight; a quick run has nothing steady to look at."""
+    """Measure one bus and eight; a quick run is too unsteady to measure this."""
     if options.quick:
         return []
     return [*_figures(1, MOST, "one bus, 140,000 frames/s"), *_figures(EIGHT, FULL_BUS, "eight full buses of 1 Mbit/s")]
@@ -69,7 +69,7 @@ def _figures(buses: int, rate: float, label: str) -> list[Figure]:
 
 
 def carried(names: Sequence[str], rate: float, seconds: float) -> Carried:
-    """Send so many frames a second on each bus of these names, and have one process listen to all."""
+    """Send the given number of frames per second on each bus, with one process listening to all of them."""
     channels = [f"local:{name}" for name in names]
     with stage() as played:
         listener = played.start(_MODULE, "hear", *channels)
@@ -91,7 +91,7 @@ def carried(names: Sequence[str], rate: float, seconds: float) -> Carried:
 
 
 def _settle(names: Sequence[str]) -> None:
-    """Wait until no hub has anything left to hand on."""
+    """Wait until no hub has frames left to relay."""
     end, known = time.monotonic() + _WAIT_S, -1
     while time.monotonic() < end:
         frames = sum(member.rx for name in names for member in ask_hub(name, GetHubStatus()).members)

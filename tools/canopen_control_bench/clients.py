@@ -1,4 +1,4 @@
-"""`clients`: what the ROS bridge, the view and the monitor do to the cycle of the robot they look at.
+"""`clients`: the effect of the ROS bridge, the view and the monitor on the cycle of the robot that they watch.
 
 They are processes of their own, so that all they can take from the cycle is the machine. Blocks of two seconds with and
 without them take turns, now this one first and now that one: a client that looks on is stopped by a signal for those
@@ -43,7 +43,7 @@ _LAST_WORDS_S = 2.0
 
 
 def measure(options: Options) -> list[Figure]:
-    """Measure with what is installed; each needs an extra of its own. A quick run has no ratio to look at here."""
+    """Measure with the extras that are installed; a quick run has no ratio to check here."""
     if options.quick:
         return []
     figures = []
@@ -67,7 +67,7 @@ def has_ros() -> bool:
 
 
 def _influence(contender: Contender, processors: str, *, as_is: bool) -> list[Figure]:
-    """Compare the p99 of the whole cycle with and without the view, and the monitor."""
+    """Compare the p99 of the whole cycle with and without the view, and with and without the monitor."""
     figures = []
     for name, verb in (("view", ("view", "--port", "0")), ("monitor", ("monitor",))):
         if not has_extra(name):
@@ -92,7 +92,7 @@ def _influence(contender: Contender, processors: str, *, as_is: bool) -> list[Fi
 
 
 def _round(contender: Contender, client: int, *, as_is: bool) -> tuple[list[Turn], list[Turn]]:
-    """Return blocks in which a client looks on, and blocks in which it is stopped."""
+    """Return blocks in which a client watches, and blocks in which it is stopped."""
     watched: list[Turn] = []
     alone: list[Turn] = []
     for number in range(BLOCKS):
@@ -107,7 +107,7 @@ def _round(contender: Contender, client: int, *, as_is: bool) -> tuple[list[Turn
 
 @contextlib.contextmanager
 def stopped(leader: int) -> Iterator[None]:
-    """Stop a process and those of its group, and let them go on."""
+    """Stop the processes of a group, and resume them at the end."""
     os.killpg(leader, signal.SIGSTOP)
     try:
         yield
@@ -116,17 +116,17 @@ def stopped(leader: int) -> Iterator[None]:
 
 
 def p99_of(turns: Sequence[Turn]) -> float:
-    """Return the p99 of the whole cycles of several turns, in us."""
+    """Return the p99 of the whole cycle over several turns, in us."""
     return percentiles([whole_n for turn in turns for whole_n in turn.whole_ns], 1e-3)["p99"]
 
 
 def has_extra(name: str) -> bool:
-    """Whether what the verb `view` or `monitor` needs is installed."""
+    """Whether the dependencies of the verb `view` or `monitor` are installed."""
     return importlib.util.find_spec({"view": "nicegui", "monitor": "textual"}[name]) is not None
 
 
 def _together(contender: Contender, arena: Arena, seconds: float) -> Figure:
-    """Run at 100 Hz with the bridge and the view; no cycle may be left out."""
+    """Run at 100 Hz with the bridge and the view; no cycle may be skipped."""
     with contextlib.ExitStack() as company:
         if has_ros():
             bridge = arena.stage.start("canopen_control.ros.bridge", "--name", ROBOT, ros=True)
@@ -142,7 +142,7 @@ def _together(contender: Contender, arena: Arena, seconds: float) -> Figure:
 
 @contextlib.contextmanager
 def on_a_terminal(*words: str) -> Iterator[int]:
-    """Run a verb on a terminal that nobody looks at; its process id."""
+    """Run a verb on a terminal that is not displayed, and yield its process id."""
     ours, theirs = os.openpty()
     process = subprocess.Popen(
         [*MODULE, "canopen_control", *words],
@@ -173,7 +173,7 @@ def on_a_terminal(*words: str) -> Iterator[int]:
 
 
 def _drain(terminal: int, said: bytearray) -> None:
-    """Take what is written until nobody writes any more; the end of what was said is kept."""
+    """Read all output until it ends, keeping the last part."""
     with contextlib.suppress(OSError):
         while data := os.read(terminal, 65536):
             said += data

@@ -1,4 +1,4 @@
-"""The options of the bench, and what they do: which families are measured, printed, judged and written down."""
+"""The options of the bench: which families are measured, printed, checked and stored."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from canopen_control_bench.runner import FAMILIES, GROUPS, Options, run_families
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
+    """Add the command-line options."""
     families = "\n".join(f"  {name:<10} {text}" for name, text in FAMILIES.items())
     parser.epilog = f"families:\n{families}\n\n{parser.epilog or ''}"
     parser.add_argument(
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure and print; 1 with --check when something is short."""
+    """Measure and print; return 1 with --check if a figure misses its limit."""
     if args.json is not None:
         _check_writable(args.json)
     if args.nice is not None:
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_writable(path: Path) -> None:
-    """Refuse before anything is measured; what the file holds stays."""
+    """Refuse an unwritable file before anything is measured; the file is not changed."""
     try:
         path.open("a").close()
     except OSError as error:
@@ -83,7 +83,7 @@ def _check_writable(path: Path) -> None:
 
 
 def _be_nice(niceness: int) -> None:
-    """Take a niceness, which all that is started here inherits; the table says it."""
+    """Set a niceness, which all processes started here inherit; the table shows it."""
     try:
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
     except PermissionError as error:
@@ -91,7 +91,7 @@ def _be_nice(niceness: int) -> None:
 
 
 def _names(asked: list[str]) -> list[str]:
-    """Return the families that the words stand for, each once."""
+    """Return the families selected by the words, without duplicates."""
     return list(dict.fromkeys(name for word in asked for name in GROUPS.get(word, (word,))))
 
 

@@ -1,4 +1,4 @@
-"""`cycle`: two drives, SYNC, two RPDOs and two TPDOs each; our complete runtime beside peers that only exchange them.
+"""`cycle`: two drives, SYNC, two RPDOs and TPDOs each; our complete runtime against packages that only exchange them.
 
 All take turns on one `local:` bus with the same virtual drives, in a process of their own: the runtime with diff drive,
 joint states, supervision, 402 machines and API; the `canopen` package; python-can with a codec written by hand. Who has
@@ -75,7 +75,7 @@ _SPEED = 0.5  # m/s
 
 
 class Arena:
-    """A bus with drives on it, and the contenders that take turns there."""
+    """A bus with drives, and the contenders that use it in turns."""
 
     def __init__(
         self,
@@ -109,14 +109,14 @@ class Arena:
         return ",".join(f"{name}local:{bus}" for name, bus in zip(names, self.buses, strict=True))
 
     def pace(self, period_us: int) -> None:
-        """Have our robot cycle at another period."""
+        """Set the cycle period of our robot."""
         if period_us != self.period_us:
             self.period_us = period_us
             self.robot = self._write()
 
     @contextlib.contextmanager
     def contender(self, name: str, *, check: bool = True) -> Iterator[Contender]:
-        """Have a contender take the bus; its bytes are looked at first. Ours is commanded meanwhile."""
+        """Give the bus to a contender, after checking its bytes. Ours is commanded meanwhile."""
         if name != OURS:
             contender = self._peer(name)
             if check:
@@ -133,7 +133,7 @@ class Arena:
         contender.leave()
 
     def _check_ours(self) -> None:
-        """Look at the bytes of ours at a calm pace, which leaves drives and listener a processor now and then."""
+        """Check our bytes at a slow pace, which leaves drives and listener enough CPU time."""
         period_us = self.period_us
         self.pace(max(period_us, _CHECKED_US))
         contender = self.ours()
@@ -145,7 +145,7 @@ class Arena:
 
     @contextlib.contextmanager
     def replayed(self) -> Iterator[None]:
-        """Have the drives answer as iron ones do, without a processor of this machine."""
+        """Have the drives answer like real ones, using almost no CPU time of this machine."""
         for slaves in self.slaves:
             slaves.replay(True)
         yield
@@ -153,7 +153,7 @@ class Arena:
             slaves.replay(False)
 
     def ours(self) -> Contender:
-        """Start our runtime, and return it when it runs; nobody commands it."""
+        """Start our runtime without commands, and return it when it is running."""
         cpu = [] if self.cpu is None else [str(self.cpu)]
         ours = ["canopen_control_bench.subject", str(self.robot), ROBOT, self._channels, *cpu]
         return self.stage.contender(*ours, others=self.others)
@@ -164,7 +164,7 @@ class Arena:
         return self.stage.contender(f"canopen_control_bench.peers.{module}", *words, others=self.others)
 
     def check(self, contender: Contender, expected: Callable[[int, int], Sequence[int]]) -> None:
-        """Look at the bytes of some cycles; raises CanopenError with what is wrong.
+        """Check the bytes of some cycles; raises CanopenError with what is wrong.
 
         Where it is only that the drives had no processor for long, on a busy machine, it is looked at again.
         """
@@ -189,14 +189,14 @@ class Arena:
         return frames
 
     def _expected_of_ours(self, _number: int, _position: int) -> Sequence[int]:
-        """Return what a base that drives straight on sends: every wheel turns alike; a forward controller too."""
+        """Return the target velocities of ours when driving straight ahead, by base or by forward controller."""
         radians = _SPEED / RADIUS_M
         return (round(radians * SCALE), int(radians * SCALE))
 
 
 @contextlib.contextmanager
 def commanding(arena: Arena) -> Iterator[Callable[[], None]]:
-    """Command our robot by its API at 20 Hz: straight on, and, once the function was called, faster and slower."""
+    """Command our robot over its API at 20 Hz: straight ahead, and faster and slower once the function was called."""
     ended, moves = threading.Event(), threading.Event()
 
     def command(client: RobotClient) -> None:
@@ -223,7 +223,7 @@ def commanding(arena: Arena) -> Iterator[Callable[[], None]]:
 
 
 def _settle() -> None:
-    """Wait until all wheels turn as fast as they are told to, and the limiter has nothing left to do."""
+    """Wait until all wheels turn at their commanded speed, and the limiter is idle."""
     end = time.monotonic() + _SETTLE_S
     wanted = _SPEED / RADIUS_M
     while time.monotonic() < end:
@@ -235,7 +235,7 @@ def _settle() -> None:
 
 
 def ask_robot(request: Request[A]) -> A:
-    """Ask our robot by its API."""
+    """Send a request to our robot over its API."""
     client = RobotClient.connect(ROBOT)
     try:
         return client.ask(request)
@@ -252,7 +252,7 @@ def rounds_of(
     check: bool = True,
     as_is: bool = False,
 ) -> dict[str, list[A]]:
-    """Have the contenders take turns, `count` times each, one right after another; first turns' bytes are looked at.
+    """Run the contenders in turns, `count` times each, without pauses; the bytes of the first turns are checked.
 
     Each has a processor for itself meanwhile, but for `as_is`.
     """
@@ -267,7 +267,7 @@ def rounds_of(
 
 
 def measure(options: Options) -> list[Figure]:
-    """Measure free-running cycles and paced ones; who has run freely is paced at 1 kHz right after."""
+    """Measure free-running and paced cycles; a contender that has run freely is paced at 1 kHz right after."""
     names = (OURS, CANOPEN) if options.quick else NAMES
     free_cycles, paced_cycles = (1000, 1000) if options.quick else (3000, 2000)
     with stage() as played:
@@ -296,7 +296,7 @@ def _paced_figures(label: str, turns: dict[str, list[Turn]], options: Options) -
 
 
 def _fleets(options: Options) -> list[Figure]:
-    """Pace fleets beside canopen, whose bytes `scale` looks at."""
+    """Measure fleets at a fixed pace against canopen, whose bytes are checked by `scale`."""
     figures = []
     for label, (count, period_us, cycles) in FLEETS.items():
         with stage() as played:
@@ -308,13 +308,13 @@ def _fleets(options: Options) -> list[Figure]:
 
 
 def wakeups_figure(label: str, turns: Sequence[Turn]) -> Figure:
-    """Return how often the runtime woke in a cycle: once, and for the commands of its client."""
+    """Return how often the runtime woke per cycle: once, plus the commands of its client."""
     woken = [turn.wakeups / turn.cycles for turn in turns]
     return limited(f"cycle, {label}: wake-ups", "", woken, limit=WAKEUPS_LIMIT, counted=True)
 
 
 def _calls(arena: Arena, label: str) -> list[Figure]:
-    """Count the system calls of the runtime for a second, where strace can."""
+    """Count the system calls of the runtime for a second, if strace is available."""
     with arena.contender(OURS, check=False) as contender, arena.replayed():
         cycles = 4_000_000 // arena.period_us
         contender.order(cycles, arena.period_us * 1000)
@@ -330,7 +330,7 @@ def _calls(arena: Arena, label: str) -> list[Figure]:
 
 
 def _realtime(seconds: float) -> list[Figure]:
-    """Run at 1 kHz with --realtime --cpu: no cycle may be left out, and hardly one be late.
+    """Run at 1 kHz with --realtime --cpu: no cycle may be skipped, and almost none may be late.
 
     A witness on the same processor tells which of those left out the machine itself stood still for.
     """
@@ -347,7 +347,7 @@ def _realtime(seconds: float) -> list[Figure]:
 
 
 def realtime_figures(turn: Turn, stalls: Sequence[tuple[int, int]], period_ns: int) -> list[Figure]:
-    """Return what a turn with --realtime showed beside a witness' stalls."""
+    """Return the figures of a turn with --realtime, corrected by the stalls that a witness saw."""
     ours = sum((woke - edge) // period_ns for edge, woke in unwitnessed(turn.stalls, stalls))
     late = percentiles(turn.late_ns, 1e-3)["p99.9"]
     seen = absolutes_of([turn]) | {"stalls of the machine": len(stalls)}
@@ -358,7 +358,7 @@ def realtime_figures(turn: Turn, stalls: Sequence[tuple[int, int]], period_ns: i
 
 
 def cpu_figures(label: str, turns: dict[str, list[Turn]], *, as_is: bool = False) -> list[Figure]:
-    """Return CPU per cycle, ours beside each peer's; `as_is` processors may sleep, and what is compiled is judged."""
+    """Return CPU time per cycle against each peer; with `as_is`, CPUs may idle, and the compiled build is judged."""
     paced = AS_IS_LIMITS.get(label) if as_is and build() == COMPILED else None
     return [
         compared(
@@ -375,7 +375,7 @@ def cpu_figures(label: str, turns: dict[str, list[Turn]], *, as_is: bool = False
 
 
 def wake_figure(label: str, turns: dict[str, list[Turn]]) -> Figure:
-    """Return the p99 of the time from waking up to the cycle's last frame on the bus."""
+    """Return the p99 of the time from wake-up to the last frame of the cycle on the bus."""
     rounds = [
         (percentiles(ours.work_ns, 1e-3)["p99"], percentiles(peer.work_ns, 1e-3)["p99"])
         for ours, peer in zip(turns[OURS], turns[CANOPEN], strict=True)
@@ -390,7 +390,7 @@ def wake_figure(label: str, turns: dict[str, list[Turn]]) -> Figure:
 
 
 def absolutes_of(turns: Sequence[Turn]) -> dict[str, float]:
-    """Return what else was seen in some turns: percentiles in us, CPU of the other processes for each cycle."""
+    """Return the other results of some turns: percentiles in us, and CPU time per cycle of the other processes."""
     cycles = sum(turn.cycles for turn in turns)
     found: dict[str, float] = {"cycles": cycles, "missed": sum(turn.missed for turn in turns)}
     for key, values in (

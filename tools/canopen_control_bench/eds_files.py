@@ -1,4 +1,4 @@
-"""Large EDS files that are made up, in the shapes that public ones have: what `services` has both readers load.
+"""Large generated EDS files, shaped like public ones, for the load times in `services`.
 
 A shape says how many entries there are, how they are put together (single variables, arrays and records by their
 subindices, arrays in short form, PDOs, domains) and how its maker writes: which keys, hexadecimal or decimal, which
@@ -31,7 +31,7 @@ DUMMIES = 7  # types that may fill the gaps of an RPDO; some readers make object
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """How a file is made; the shares of the kinds are weights."""
+    """The parameters of a generated file; the shares of object types are weights."""
 
     name: str
     entries: int
@@ -70,7 +70,7 @@ SHAPES = (
 
 
 def written(shape: Shape) -> bytes:
-    """Return the file of a shape."""
+    """Return the text of a file with the given shape."""
     return _Writer(shape).file()
 
 
@@ -90,7 +90,7 @@ class _Writer:
         self.lists = {"MandatoryObjects": [], "OptionalObjects": [], "ManufacturerObjects": []}
 
     def file(self) -> bytes:
-        """Return all of it: the lists of objects stand before them, so that they are made first."""
+        """Return the whole file; the object lists come first in it, so they are generated first."""
         self._standard_objects()
         self._pdo_records()
         self._other_objects()
@@ -150,7 +150,7 @@ class _Writer:
             self._object(index, self.draw.choices(names, weights)[0])
 
     def _indices(self) -> Iterator[int]:
-        """Yield where objects may stand, with gaps."""
+        """Yield the indices for objects, with gaps."""
         index = _MANUFACTURER
         while index < _LAST:
             index += self.draw.choice((1, 1, 1, 2, 5))

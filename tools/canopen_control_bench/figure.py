@@ -1,4 +1,4 @@
-"""One measured quantity: ours, a peer's or a limit, and whether that is good enough.
+"""One measured quantity, its peer or limit, and the assessment.
 
 A figure that is checked is checked by one number alone, the median of its rounds, and a round
 compares what was measured right after another. A ratio is robust on a loaded machine, and so is a count of what may
@@ -22,7 +22,7 @@ _POINTS = (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0))
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One line of the table.
+    """One row of the table.
 
     `ours` and `peer` are medians in `unit`; `peer` is None where there is nobody to compare with, and `ratio` is then
     None too. `limit` is what the ratio must not pass in `direction`, or, without a peer, what `ours` must not pass;
@@ -42,23 +42,23 @@ class Figure:
 
     @property
     def steady(self) -> bool:
-        """Whether a busy machine leaves it as it is: a ratio, or something counted instead of timed."""
+        """Whether a busy machine does not affect it: a ratio, or a count instead of a time."""
         return self.ratio is not None or self.counted
 
     @property
     def judged(self) -> float:
-        """The number that the limit is about: the ratio, or what was measured where there is no peer."""
+        """The value that is compared with the limit: the ratio, or the measured value if there is no peer."""
         return self.ours if self.ratio is None else self.ratio
 
     @property
     def good(self) -> bool:
-        """Whether it is what it must be; true where it is only shown. Not a number is never good."""
+        """Whether it meets its limit; true if it is only shown. NaN is never good."""
         if self.limit is None:
             return True
         return self.judged <= self.limit if self.direction == AT_MOST else self.judged >= self.limit
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as JSON has it."""
+        """Return it as a JSON-compatible dict."""
         return {**asdict(self), "good": self.good}
 
 
@@ -72,7 +72,7 @@ def compared(
     direction: str = AT_MOST,
     absolutes: Mapping[str, float | str] | None = None,
 ) -> Figure:
-    """Return the figure of rounds of (ours, the peer's): the medians, and the median of the rounds' ratios."""
+    """Return the figure for rounds of (ours, the peer's): the medians, and the median of the ratios per round."""
     ours, peer = (statistics.median(values) for values in zip(*rounds, strict=True))
     ratio = statistics.median(mine / theirs for mine, theirs in rounds)
     return Figure(name, unit, ours, peer, ratio, limit, direction, peer_name, dict(absolutes or {}))
@@ -88,13 +88,13 @@ def limited(
     absolutes: Mapping[str, float | str] | None = None,
     counted: bool = False,
 ) -> Figure:
-    """Return the figure of rounds of one quantity that is held against a limit."""
+    """Return the figure for rounds of one quantity that is compared with a limit."""
     ours, told = statistics.median(rounds), dict(absolutes or {})
     return Figure(name, unit, ours, limit=limit, direction=direction, absolutes=told, counted=counted)
 
 
 def percentile(values: Sequence[float], part: float) -> float:
-    """Return the value that `part` of the values (0 to 1) do not pass; 0.0 of none."""
+    """Return the value below which the `part` (0 to 1) of the values lies; 0.0 if empty."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(part * len(ordered)))] if ordered else 0.0
 

@@ -1,4 +1,4 @@
-"""The robots that are measured: robby's drives, as many as wanted, at any cycle, with a base or a forward controller.
+"""The robots that are measured: any number of robby's drives, at any cycle, with a base or a forward controller.
 
 Every RPDO is cyclic (transmission type 1), so that each cycle has the same frames as the peers': SYNC, two RPDOs and
 two TPDOs for every drive.
@@ -61,7 +61,7 @@ _FORWARD = """
 def write_fleet(
     folder: Path, count: int, period_us: int, *, base: bool = False, rate: int | None = None, buses: int = 1
 ) -> Path:
-    """Write a robot of `count` drives, node ids from 2 on each bus, and return its folder.
+    """Write a robot with `count` drives, with node ids from 2 on each bus, and return its folder.
 
     `base` has a diff drive controller on all of them, the first half left, the others a forward controller; `rate` is
     the controllers' (default: they run in every cycle, however fast it is); the drives are shared out among `buses`.

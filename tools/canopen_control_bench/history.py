@@ -1,4 +1,4 @@
-"""What earlier runs have seen: a row for each run, kept in the file that `--json` writes, the newest last.
+"""The results of earlier runs: a row for each run, stored in the file written by `--json`, newest last.
 
 A row has the date, the commit, the machine, the package, whether processors were kept awake, how idle the machine was
 before the run, and of each figure the number that is judged: the ratio, or what was measured where there is no peer.
@@ -39,7 +39,7 @@ def row_of(machine: Mapping[str, Any], figures: Mapping[str, Sequence[Figure]], 
 
 
 def kept_rows(path: Path) -> list[dict[str, Any]]:
-    """Return the rows that a file holds, oldest first; none of a file that is not there, or no report."""
+    """Return the rows in a file, oldest first; empty if the file is missing or is not a report."""
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))["history"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -52,7 +52,7 @@ def _is_row(row: object) -> bool:
 
 
 def _names(figures: Sequence[Figure]) -> list[str]:
-    """Return what figures are called in a row: a name that several have, each beside its peer, has the peer too."""
+    """Return the names of figures in a row; figures that share a name are distinguished by their peers."""
     several = [figure.name for figure in figures]
     doubled = [name for name in several if several.count(name) > 1]
     return [f"{figure.name} / {figure.peer_name}" if figure.name in doubled else figure.name for figure in figures]
@@ -61,7 +61,7 @@ def _names(figures: Sequence[Figure]) -> list[str]:
 def slower_than_before(
     rows: Sequence[Mapping[str, Any]], row: Mapping[str, Any], figures: Mapping[str, Sequence[Figure]]
 ) -> list[str]:
-    """Say which figures of `row` are worse than in the last run of the same machine that has them.
+    """Return messages about figures of `row` that are worse than in the previous run of the same machine.
 
     A time is only compared where the machine was idle both times; a ratio or a count always.
     """

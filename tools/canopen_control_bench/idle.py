@@ -1,4 +1,4 @@
-"""`idle`: what a robot at 50 Hz that stands takes of a processor: its runtime, and its view with one browser and four.
+"""`idle`: the CPU use of a robot at standstill at 50 Hz: its runtime, and its view with one browser and four.
 
 The browsers are headless chromiums, each a client of its own. They draw without a graphics card, which takes more than
 all that is measured: only the CPU of the view counts. Without a chromium (or the one that CHROMIUM names) and
@@ -38,7 +38,7 @@ _ROBOT: Final = "idle"
 
 
 def measure(options: Options) -> list[Figure]:
-    """Measure what is there; a quick run has nothing to judge here."""
+    """Measure what is installed; a quick run has nothing to check here."""
     if options.quick:
         return []
     seconds = options.seconds or _SECONDS
@@ -53,7 +53,7 @@ def measure(options: Options) -> list[Figure]:
 
 
 def _view(played: Stage, seconds: float) -> list[Figure]:
-    """Let more and more browsers look at the robot."""
+    """Connect more and more browsers to the robot."""
     view = played.start("canopen_control", "view", "--name", _ROBOT, "--port", "0")
     url = view.until("view: http").split()[-1]
     view.drain()
@@ -69,7 +69,7 @@ def _view(played: Stage, seconds: float) -> list[Figure]:
 
 
 def _cores(program: Program, seconds: float) -> float:
-    """Return how many cores a program uses, once what has just begun has come to rest."""
+    """Return the CPU use of a program in cores, after its start-up has settled."""
     time.sleep(min(_SETTLE_S, seconds))
     begin, before = time.monotonic(), cpu_ns(program.pid)
     time.sleep(seconds)
@@ -95,7 +95,7 @@ def _browser() -> Iterator[Browser]:
 
 
 def _look(browser: Browser, url: str) -> None:
-    """Open the page as another user does, and wait until the robot is on it."""
+    """Open the page as another user, and wait until it shows the robot."""
     page = browser.new_context(viewport={"width": 1440, "height": 900}).new_page()
     page.set_default_timeout(TIMEOUT_S * 1000)
     page.goto(url, wait_until="commit")

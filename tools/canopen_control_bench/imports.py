@@ -1,4 +1,4 @@
-"""`import`: how long a user waits for `canopen-control --help` and `status`, beside a bare `python -c pass`.
+"""`import`: start-up time of `canopen-control --help` and `status`, against a bare `python -c pass`.
 
 All run as a user runs them, in the same venv, so that all pay what the venv itself costs. The ROS wheels cost the most
 there: their start hook (`ros_wheels_bootstrapper.pth`) starts every interpreter of the venv a second time. What is left
@@ -64,7 +64,7 @@ def _figures(name: str, command: Sequence[str], limit: float, runs: int) -> list
 
 
 def seconds_of(command: Sequence[str], environment: Mapping[str, str], runs: int) -> float:
-    """Return the median time that a command takes; raises CanopenError when it fails."""
+    """Return the median duration of a command; raises CanopenError if it fails."""
     times = []
     for _ in range(runs):
         begin = time.perf_counter()
@@ -76,6 +76,6 @@ def seconds_of(command: Sequence[str], environment: Mapping[str, str], runs: int
 
 
 def _program() -> tuple[str, ...]:
-    """Return the installed script, beside this interpreter; the module where there is none."""
+    """Return the installed script next to this interpreter, or else the module."""
     script = Path(sys.executable).parent / "canopen-control"
     return (str(script),) if script.exists() else (*MODULE, "canopen_control")

@@ -40,7 +40,7 @@ _PAIR = struct.Struct("<ii")
 
 
 def measure(options: Options) -> list[Figure]:
-    """Measure by API, and by ROS where it is installed; a quick run has nothing steady to look at."""
+    """Measure by API, and by ROS if it is installed; a quick run is too unsteady to measure this."""
     if options.quick:
         return []
     count, figures = COMMANDS, []
@@ -68,7 +68,7 @@ def measure(options: Options) -> list[Figure]:
 
 
 def command_latencies(channel: str, command: Callable[[float], None], count: int) -> list[float]:
-    """Give commands, each with a value of its own, and return how long each took to the wire, in ms."""
+    """Send commands with distinct values, and return the time of each until its RPDO in ms."""
     found = []
     port = open_port(channel, label="listener")
     try:
@@ -85,7 +85,7 @@ def command_latencies(channel: str, command: Callable[[float], None], count: int
 
 
 def rpdo_with(port: Port, value: float) -> int:
-    """Return when the RPDO with a velocity in rad/s was on the wire; raises CanopenError if it does not come."""
+    """Return when the RPDO with a velocity in rad/s was on the wire; raises CanopenError if it does not arrive."""
     wanted = (round(value * SCALE), int(value * SCALE))
     end = time.monotonic() + _TIMEOUT_S
     while time.monotonic() < end:

@@ -1,4 +1,4 @@
-"""A bare listener: reads a bus as anybody else could, and says whether every cycle had the right bytes.
+"""A bare listener: receives a bus like any other device, and checks the bytes of every cycle.
 
 It knows nothing of the programs that it judges, only what they are to send. A cycle begins after
 a SYNC and ends with the next: first the TPDOs that the SYNC calls for, then the RPDOs, each drive's once. COB-IDs are
@@ -35,7 +35,7 @@ _KEPT = 5
 
 @dataclass(slots=True)
 class Verdict:
-    """What the listener found wrong, in words; `late` cycles had their TPDOs after the next cycle's RPDOs.
+    """The problems found by the listener; in `late` cycles the TPDOs came after the RPDOs of the next cycle.
 
     `starved` are those of the mistakes that are TPDOs alone, which did not come for very long: drives without a
     processor on a busy machine, unless it is so every time.
@@ -48,7 +48,7 @@ class Verdict:
     count: int = 0
 
     def say(self, text: str) -> None:
-        """Note a mistake; the first few are kept."""
+        """Record a problem; only the first few are kept."""
         self.count += 1
         if len(self.wrong) < _KEPT:
             self.wrong.append(text)
@@ -56,7 +56,7 @@ class Verdict:
 
 @contextlib.contextmanager
 def listening(channel: str) -> Iterator[Callable[[float], list[CanFrame]]]:
-    """Join a bus as a listener; the function returns what comes within so many seconds."""
+    """Join a bus as a listener; yields a function that returns the frames of the next seconds."""
     with contextlib.closing(open_port(channel, label="listener")) as port:
         yield lambda seconds: _hear(port, seconds)
 
@@ -73,7 +73,7 @@ def _hear(port: Port, seconds: float) -> list[CanFrame]:
 
 
 def cycles_of(frames: Sequence[CanFrame]) -> list[list[CanFrame]]:
-    """Return the PDOs of the whole cycles, without what was before the first and after the last SYNC."""
+    """Return the PDOs of the complete cycles, without those before the first and after the last SYNC."""
     cycles: list[list[CanFrame]] = []
     for frame in frames:
         if frame.can_id == SYNC:
@@ -86,7 +86,7 @@ def cycles_of(frames: Sequence[CanFrame]) -> list[list[CanFrame]]:
 def judge(
     cycles: Sequence[list[CanFrame]], nodes: Sequence[int], expected: Callable[[int, int], Sequence[int]]
 ) -> Verdict:
-    """Look at every cycle; `expected(number, position)` are the target velocities that a drive may be sent in it.
+    """Check every cycle; `expected(number, position)` are the target velocities allowed for a drive in it.
 
     Drives that come late answer within the next cycles: those are then looked at together.
     """
@@ -106,7 +106,7 @@ def judge(
 
 
 def _first_whole(cycles: Sequence[list[CanFrame]], nodes: Sequence[int]) -> int:
-    """Return the first cycle that is whole: before it may be answers to a SYNC from before the listener came."""
+    """Return the number of the first complete cycle: earlier frames may answer a SYNC that was not received."""
     for number, cycle in enumerate(cycles[:_LATEST]):
         if _in_order([frame.can_id for frame in cycle], nodes):
             return number
@@ -114,7 +114,7 @@ def _first_whole(cycles: Sequence[list[CanFrame]], nodes: Sequence[int]) -> int:
 
 
 def _span(cycles: Sequence[list[CanFrame]], nodes: Sequence[int]) -> int:
-    """Return how many cycles from the first on hold together what they should, 0 if no few do."""
+    """Return how many cycles from the first contain together the frames due, or 0 if no small number does."""
     heard: list[int] = []
     for span, cycle in enumerate(cycles[:_LATEST], 1):
         heard += [frame.can_id for frame in cycle]
@@ -146,7 +146,7 @@ def _judge_identifiers(verdict: Verdict, number: int, cycle: Sequence[CanFrame],
 def _judge_values(
     verdict: Verdict, number: int, frame: CanFrame, nodes: Sequence[int], targets: Sequence[set[int]]
 ) -> None:
-    """Look at the bytes of one PDO; those of a length that is not its own are wrong as well."""
+    """Check the bytes of one PDO; a wrong length is an error too."""
     kind, node, data = frame.can_id & ~0x7F, frame.can_id & 0x7F, frame.data
     if node not in nodes:
         return  # counted by its COB-ID

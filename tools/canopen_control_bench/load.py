@@ -33,7 +33,7 @@ _MARGIN = 10  # cycles before and after the talker
 
 
 def measure(options: Options) -> list[Figure]:
-    """Measure how much of a core the runtime uses while the bus is full; a quick run has nothing steady to look at."""
+    """Measure the CPU use of the runtime on a full bus; a quick run is too unsteady to measure this."""
     if options.quick:
         return []
     with stage() as played:
@@ -46,7 +46,7 @@ def measure(options: Options) -> list[Figure]:
 
 
 def full_turn(arena: Arena, seconds: float, *, drop: int = 0) -> Turn:
-    """Run the robot on a full bus; raises CanopenError when a frame is missing. `drop` loses some, to see that."""
+    """Run the robot on a full bus; raises CanopenError if a frame is missing. `drop` loses some, to test this check."""
     with arena.contender(OURS, check=False) as contender:
         nodes, rate = arena.nodes, FULL_BUS - _OWN
         words = (arena.channel, str(nodes[0]), str(arena.count), str(rate), str(seconds))

@@ -1,4 +1,4 @@
-"""The machine that was measured on: what it is, how busy it is, and the CPU that a process has used.
+"""The machine of the run: its description, its load, and the CPU time of processes.
 
 CPU is read from the kernel's own clock of a process (clock_getcpuclockid(3)), all its threads, in nanoseconds; where
 there is none, from /proc in hundredths of a second.
@@ -30,7 +30,7 @@ _VOLUNTARY = re.compile(r"^voluntary_ctxt_switches:\s*(\d+)", re.MULTILINE)
 
 
 def cpu_ns(pid: int) -> int:
-    """Return the CPU nanoseconds that a process has used so far; 0 if it is not there."""
+    """Return the CPU time of a process so far in ns; 0 if it does not exist."""
     with contextlib.suppress(OSError, OverflowError):
         return time.clock_gettime_ns((~pid << 3) | _CPU_CLOCK)
     with contextlib.suppress(OSError):
@@ -40,7 +40,7 @@ def cpu_ns(pid: int) -> int:
 
 
 def wakeups(pid: int) -> int:
-    """Return how often a process, all its threads, has waited and was woken so far; 0 if it is not there."""
+    """Return how often all threads of a process were woken so far; 0 if it does not exist."""
     found = 0
     with contextlib.suppress(OSError):
         for thread in Path(f"/proc/{pid}/task").iterdir():
@@ -49,13 +49,13 @@ def wakeups(pid: int) -> int:
 
 
 def resident_bytes(pid: int | None = None) -> int:
-    """Return the memory that the kernel counts for a process (resident set), by default for this one."""
+    """Return the resident memory of a process, by default of this one."""
     pages = int(Path(f"/proc/{'self' if pid is None else pid}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 def idle_part(seconds: float = _PROBE_S) -> float | None:
-    """Return which part of all CPUs is idle, seen for `seconds`; None where the kernel does not tell."""
+    """Return the idle share of all CPUs, measured for `seconds`; None if the kernel does not report it."""
     before = _jiffies()
     time.sleep(seconds)
     after = _jiffies()
@@ -74,7 +74,7 @@ def _jiffies() -> list[int] | None:
 
 @contextlib.contextmanager
 def apart(measured: int, others: Iterable[int]) -> Iterator[None]:
-    """Give a process the last processor for itself, and the rest to the others and this one; then all to all again."""
+    """Reserve the last CPU for a process, moving all others to the remaining CPUs; undone at the end."""
     processors = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
     if len(processors) < 2:
         yield
@@ -96,7 +96,7 @@ def _place(pids: Iterable[int], processors: Iterable[int]) -> None:
 
 
 def may_be_realtime() -> bool:
-    """Whether this user may have SCHED_FIFO: tried in a child, so that nothing here changes."""
+    """Whether this user may use SCHED_FIFO; tried in a child process, so that this one is not changed."""
     if not hasattr(os, "sched_setscheduler"):
         return False
     child = os.fork()
@@ -110,7 +110,7 @@ def may_be_realtime() -> bool:
 
 
 def describe() -> dict[str, str | int | float | None]:
-    """Return what a reader has to know of the machine, and how busy it was before."""
+    """Return a description of the machine and its load before the run."""
     idle = idle_part()
     return {
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -126,7 +126,7 @@ def describe() -> dict[str, str | int | float | None]:
 
 
 def _commit() -> str | None:
-    """Return the commit of the checkout that is measured, None of a package that is installed somewhere else."""
+    """Return the commit of the measured checkout, or None for an installed package."""
     asked = ["git", "-C", str(Path(canopen_control.__file__).parent), "rev-parse", "--show-toplevel", "HEAD"]
     with contextlib.suppress(OSError):
         done = subprocess.run(asked, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)

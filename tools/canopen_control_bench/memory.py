@@ -1,4 +1,4 @@
-"""`memory`: what the runtime's process has gained after a million cycles, and nine million frames.
+"""`memory`: the memory growth of the runtime's process after a million cycles and nine million frames.
 
 The complete robot runs in a process of its own on recorded frames, as fast as it can: two drives, 9 frames a cycle.
 What is compared is the memory that the kernel counts for the process (resident set), after a warm-up and at the end.
@@ -31,7 +31,7 @@ _MEGABYTE = 1e6
 
 
 def measure(options: Options) -> list[Figure]:
-    """Run the cycles, and what a cycle costs without a wire, with more drives."""
+    """Run the cycles, and measure the cost of a cycle without a wire, with more drives."""
     cycles = QUICK_CYCLES if options.quick else CYCLES
     with stage() as played:
         found = run(played, DRIVES, cycles)
@@ -50,7 +50,7 @@ def measure(options: Options) -> list[Figure]:
 
 
 def run(played: Stage, count: int, cycles: int, leak: int = 0) -> dict[str, float]:
-    """Have a process of its own run the cycles."""
+    """Run the cycles in a separate process."""
     words = (str(played.folder / f"memory{count}_{cycles}"), str(count), str(cycles), str(leak))
     found: dict[str, float] = json.loads(
         played.start("canopen_control_bench.memory", *words).line(TIMEOUT_S + cycles / 1000)
@@ -59,7 +59,7 @@ def run(played: Stage, count: int, cycles: int, leak: int = 0) -> dict[str, floa
 
 
 def grow(folder: Path, count: int, cycles: int, leak: int = 0) -> dict[str, float]:
-    """Run the cycles in this process; return what was seen, in bytes and us."""
+    """Run the cycles in this process; return the results in bytes and us."""
     fleet, lost = RecordedFleet(folder, count), list[bytearray]()
     warm = max(2000, cycles // 50)
     times = [fleet.cycle() for _ in range(warm)]

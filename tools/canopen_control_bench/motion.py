@@ -1,4 +1,4 @@
-"""`motion`: what trajectories cost the runtime, and how evenly an arm's set-points come to its drives.
+"""`motion`: the cost of trajectories for the runtime, and how evenly an arm's set-points arrive at its drives.
 
 All of it in simulated time with the complete runtime, six virtual drives and their bus in this process; what is timed
 is CPU of its thread. First the cycle of six axes that follow a trajectory beside that of six that get commands. Then
@@ -59,7 +59,7 @@ _FROM_ELSEWHERE: Final = "\n  sync_producer: other"
 
 
 def measure(options: Options) -> list[Figure]:
-    """Measure all of it; `seconds` is how long the set-points are looked at, at each rate."""
+    """Measure everything; `seconds` is how long the set-points are recorded at each rate."""
     rounds, cycles = (5, 40) if options.quick else (11, 500)
     seconds = options.seconds or (_QUICK_S if options.quick else _SECONDS)
     with tempfile.TemporaryDirectory(prefix="motion-") as folder:
@@ -74,7 +74,7 @@ def measure(options: Options) -> list[Figure]:
 
 
 class Sync(enum.Enum):
-    """Who sends SYNC where nobody says so, and what the drives make of it."""
+    """The sender of SYNC by default, and its effect on the drives."""
 
     KERNEL = "SYNC of the kernel"
     HOST = "SYNC of the host, drives recover it"
@@ -83,7 +83,7 @@ class Sync(enum.Enum):
 def _arm(
     place: Path, hertz: int, *, trajectories: bool = True, ppm: int | None = None, model: DeviceModel | None = None
 ) -> SimulatedArm:
-    """Make an arm; `ppm` is how slow the clock is of somebody else who sends SYNC, None: the host does."""
+    """Create an arm; `ppm` is how slow the clock of an external SYNC producer is, None if the host sends SYNC."""
     keys = "" if ppm is None else _FROM_ELSEWHERE
     config = arm_at(place, hertz, keys, trajectories=trajectories)
     return SimulatedArm(f"motion_{place.name}_{os.getpid()}", config, own_sync=ppm is None, ppm=ppm or 0, model=model)
@@ -93,7 +93,7 @@ def _arm(
 
 
 def _time_cycles(arm: SimulatedArm) -> list[int]:
-    """Have the CPU of each cycle noted from now on, in ns."""
+    """Record the CPU time of each cycle from now on, in ns."""
     cycle, spent, clock = arm.robot.pacer.on_edge, list[int](), time.thread_time_ns
 
     def timed(now: int) -> None:
@@ -106,7 +106,7 @@ def _time_cycles(arm: SimulatedArm) -> list[int]:
 
 
 def follow_in_turns(place: Callable[[], Path], rounds: int, cycles: int) -> Figure:
-    """Compare the cycles of axes on a trajectory with those of axes that get a command in each cycle."""
+    """Compare cycles of axes on a trajectory with cycles of axes that get a command in each cycle."""
     period_ms = 1000 / _FOLLOWED_HZ
     with ExitStack() as undo:
         ours, theirs = (
@@ -135,7 +135,7 @@ def follow_in_turns(place: Callable[[], Path], rounds: int, cycles: int) -> Figu
 
 
 class _Asked(LineClient):
-    """A connection whose other side gets to work when something is waited for; `held` is what that took, in ns."""
+    """A connection whose other side runs while this side waits; `held` is the time of that in ns."""
 
     def __init__(self, arm: SimulatedArm, name: str) -> None:
         self._arm, self.held = arm, list[int]()
@@ -156,7 +156,7 @@ class _Asked(LineClient):
 
 
 def accept_goals(place: Path, rounds: int) -> list[Figure]:
-    """Send goals of 500 points and return how long the loop was kept by a request, and by a cycle after it."""
+    """Send goals of 500 points and return how long the loop was blocked by a request, and by the following cycle."""
     requests, afterwards, usual = list[float](), list[float](), list[float]()
     with closing(_arm(place, _ACCEPTED_HZ)) as arm:
         cycles = _time_cycles(arm)
@@ -180,7 +180,7 @@ def accept_goals(place: Path, rounds: int) -> list[Figure]:
 
 
 def _send(client: RobotClient, arm: SimulatedArm) -> None:
-    """Send a goal as a client does, in pieces; CanopenError if it is refused."""
+    """Send a goal in pieces, like a client; CanopenError if it is refused."""
     plan = planned(arm.positions(), _AWAY, 60.0, POINTS)
     points = [
         TrajectoryPoint(
@@ -201,7 +201,7 @@ def _send(client: RobotClient, arm: SimulatedArm) -> None:
 
 
 def by_default(place: Callable[[], Path], hertz: int, seconds: float, who: Sync) -> list[Figure]:
-    """Compare the drives' acceleration ripple of a host that is late with that of one in time, as a user gets it."""
+    """Compare the acceleration ripple of the drives on a late host with that on a punctual one, at default settings."""
     ppm, model = (0, PLAIN) if who is Sync.KERNEL else (None, GENERIC)
     calm, late = (_arm(place(), hertz, ppm=ppm, model=model) for _ in range(2))
     with closing(calm), closing(late):
@@ -240,7 +240,7 @@ def _disturb(arm: SimulatedArm, seed: int) -> None:
 
 
 def _played(arm: SimulatedArm, seconds: float) -> list[float]:
-    """Move there and back for so long, once the cycle follows SYNC; return each drive's ripple."""
+    """Move back and forth for the given time, once the cycle follows SYNC; return the ripple of each drive."""
     arm.run(_LOCK_MS)
     arm.measure_anew()
     for number in range(max(1, round(seconds / _PLAY_S))):
@@ -250,7 +250,7 @@ def _played(arm: SimulatedArm, seconds: float) -> list[float]:
 
 
 def _lost(arm: SimulatedArm) -> int:
-    """Return how many set-points were lost or doubled at all drives."""
+    """Return the number of lost or repeated set-points over all drives."""
     found = [arm.quality(node) for node in NODES]
     return sum(result.missed + result.doubled + result.overwritten for result in found)
 
@@ -269,6 +269,6 @@ def _told(arm: SimulatedArm) -> dict[str, float | str]:
 def _ripple(
     name: str, found: Sequence[float], wanted: Sequence[float], limit: float | None, told: dict[str, float | str]
 ) -> Figure:
-    """Return the figure of the axis that is worst."""
+    """Return the figure of the worst axis."""
     worst = max(zip(found, wanted, strict=True), key=lambda pair: pair[0] / pair[1])
     return compared(name, "", [worst], peer_name="in time", limit=limit, absolutes=told)

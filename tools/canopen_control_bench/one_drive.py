@@ -1,4 +1,4 @@
-"""`drive`: one drive on a desk, as a stranger meets it: its first turn, what stops it, a clone, a program.
+"""`drive`: one drive on a bench, as a new user meets it: first turn, stop, clone, firmware.
 
 Everything is `canopen-control` with all its processes, on a `local:` bus that is paced to 1 Mbit/s. Times count from
 when a command is given until the drive itself says so, past the bus, so that they hold the start of Python too.
@@ -60,7 +60,7 @@ _LOOK_S: Final = 0.005
 
 
 def measure(options: Options) -> list[Figure]:
-    """Measure them one after the other, each on a bus of its own."""
+    """Measure them one after the other, each on a separate bus."""
     rounds, kills, size = (1, 1, QUICK_BYTES) if options.quick else (3, KILLS, IMAGE_BYTES)
     ends = tuple(_ENDS)[:1] if options.quick else tuple(_ENDS)
     jogs = [_jogged(end) for _ in range(rounds) for end in ends]
@@ -125,7 +125,7 @@ def _terminal_jog() -> Iterator[tuple[subprocess.Popen[bytes], int]]:
 
 
 def _until(condition: Callable[[], bool], terminal: int | None = None) -> float:
-    """Wait until it is so and return when that was; what a `terminal` shows is read away."""
+    """Wait for a condition and return the time; output on `terminal` is discarded meanwhile."""
     end = time.monotonic() + TIMEOUT_S
     while not condition():
         if time.monotonic() > end:
@@ -145,7 +145,7 @@ def _speed(drive: DriveClient) -> float:
 
 
 def _cloned() -> float:
-    """Return the seconds of a clone; raises CanopenError where it is none."""
+    """Return the duration of a clone in s; raises CanopenError if the clone is not exact."""
     with stage() as played:
         eds = str(_large_eds(played.folder / "large.eds"))
         _drives(played, "3,4", eds)
@@ -160,7 +160,7 @@ def _cloned() -> float:
 
 
 def _large_eds(path: Path) -> Path:
-    """Write the EDS of a drive with so many parameters."""
+    """Write the EDS of a drive with the given number of parameters."""
     od = read_eds(data_path("eds", "generic_cia402.eds"), NODE).od
     unmapped = 50  # mapping entries above their count
     for index in range(0x3000, 0x3000 + PARAMETERS + unmapped - len(parameters_of(od))):
@@ -170,7 +170,7 @@ def _large_eds(path: Path) -> Path:
 
 
 def _command(*words: str) -> str:
-    """Run a verb to its end and return what it printed; raises CanopenError with what it complained about."""
+    """Run a verb and return its output; raises CanopenError with its error output."""
     done = subprocess.run([*MODULE, "canopen_control", *words], capture_output=True, text=True, timeout=TIMEOUT_S)
     if done.returncode:
         raise CanopenError(f"{' '.join(words)}: {done.returncode}: {done.stderr.strip()}")
@@ -181,7 +181,7 @@ def _command(*words: str) -> str:
 
 
 def _programs(rounds: int, kills: int, size: int) -> list[Figure]:
-    """Load a program, then again and again after the verb was killed; of a small one the rate says nothing."""
+    """Load a firmware file, then again after killed downloads; a small file shows no rate."""
     image = whole_program(bytes(range(256)) * (size // 256))
     with stage() as played:
         _drives(played, str(NODE), _EDS)
@@ -208,7 +208,7 @@ def _seconds(words: Sequence[str]) -> float:
 
 
 class _TimedSession(NodeSession):
-    """A session that knows how long the data of a program took."""
+    """A session that times the transfer of a firmware file."""
 
     sending_s = 0.0
 
@@ -221,7 +221,7 @@ class _TimedSession(NodeSession):
 
 
 def _sending(image: bytes) -> float:
-    """Load a program and return the seconds that its data took."""
+    """Load a firmware file and return the seconds of its data transfer."""
     args = Namespace(can=_CHANNEL, name=None, eds=_EDS, timeout=1.0, node=str(NODE))
     with open_session(args) as opened:
         session = _TimedSession(opened.transfers, opened.node_id, opened.od)
@@ -231,7 +231,7 @@ def _sending(image: bytes) -> float:
 
 
 def _spoilt(words: Sequence[str], image: bytes, after_s: float) -> bool:
-    """Kill a download after a time; return whether half a program runs, or the next download does not mend it."""
+    """Kill a download after a time; return whether a partial program runs, or the next download fails."""
     process = subprocess.Popen([*MODULE, "canopen_control", *words], stdout=subprocess.DEVNULL)
     time.sleep(after_s)
     process.kill()
@@ -246,7 +246,7 @@ def _spoilt(words: Sequence[str], image: bytes, after_s: float) -> bool:
 
 
 def _runs(image: bytes = b"") -> bool:
-    """Whether the drive runs a program, or that one: by 0x1F51 and the CRC in 0x1F56."""
+    """Whether the drive runs a program, or the given one, according to 0x1F51 and the CRC in 0x1F56."""
     with DirectBus.open(_CHANNEL, timeout_s=1.0) as bus:
         runs = bus.read(NODE, 0x1F51, 1)[0] == 1
         return runs and (not image or bus.read(NODE, 0x1F56, 1) == image[-4:])

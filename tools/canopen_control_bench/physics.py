@@ -1,4 +1,4 @@
-"""`physics`: what a robot on a floor costs beside the same run without one, and whether its world can be relied on.
+"""`physics`: the cost of a robot on a floor, compared with the same run without one, and the accuracy of its world.
 
 Both runs are `canopen-control run` with all their processes, on buses of their own, at the same time and with the same
 commands. The rest is simulated time: CPU at rest, the bits of two processes, the slip of a square.
@@ -59,7 +59,7 @@ _MOTIONS: dict[str, tuple[str, Callable[[int], list[float]]]] = {
 
 
 def measure(options: Options) -> list[Figure]:
-    """Measure CPU of whole runs, then the world alone."""
+    """Measure the CPU time of whole runs, then of the world alone."""
     require_physics()
     seconds = _QUICK_S if options.quick else _SECONDS
     figures = [_beside(robot, seconds, 1 if options.quick else ROUNDS) for robot in _MOTIONS]
@@ -67,7 +67,7 @@ def measure(options: Options) -> list[Figure]:
 
 
 def _beside(robot: str, seconds: float, rounds: int) -> Figure:
-    """Return by how much of a core a run in physics costs more than one without."""
+    """Return by how many CPU cores a run with physics exceeds one without."""
     with stage() as played:
         runs = {kind: _start(played, robot, kind) for kind in ("physics", "plain")}
         steps = count()  # of all rounds: an arm that is sent back to where it began in one step does not follow
@@ -81,7 +81,7 @@ def _beside(robot: str, seconds: float, rounds: int) -> Figure:
 
 
 def _start(played: Stage, robot: str, kind: str) -> int:
-    """Start a run and return its process id, once the robot runs."""
+    """Start a run and return its process id once the robot is running."""
     name = f"{robot}_{kind}"
     options = ["--physics"] if kind == "physics" else []
     controller = _MOTIONS[robot][0]
@@ -94,7 +94,7 @@ def _start(played: Stage, robot: str, kind: str) -> int:
 
 
 def _round(robot: str, runs: dict[str, int], seconds: float, steps: Iterator[int]) -> dict[str, float]:
-    """Command both for a time, and return the CPU seconds of all their processes."""
+    """Command both runs for a time, and return the CPU seconds of all their processes."""
     controller, motion = _MOTIONS[robot]
     clients = [RobotClient.connect(f"{robot}_{kind}") for kind in runs]
     try:
@@ -136,7 +136,7 @@ def _children(pid: int) -> Iterator[int]:
 
 
 def _calibrated(side: float = 1.0) -> Figure:
-    """Return by how many times two passes of UMBmark make the largest error of a robot in physics smaller."""
+    """Return by which factor two passes of UMBmark reduce the largest error of a robot in physics."""
     from canopen_control_bench.physics_square import MisjudgedBase
 
     plan = CalibrationPlan(side, passes=2)

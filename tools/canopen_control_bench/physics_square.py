@@ -1,4 +1,4 @@
-"""robby in physics in simulated time, without a bus: a square of 2 m as UMBmark has it, and a long drive for its bits.
+"""robby in physics in simulated time, without a bus: a 2 m UMBmark square, and a long drive whose state is hashed.
 
 Wheel trajectories are followed leg by leg in both directions; odometry is made of whole counts every 20 ms. Told is
 where the robot ends in truth minus where odometry thinks that it is.
@@ -42,7 +42,7 @@ _MOTOR = "rated_torque: 0.5, peak_torque: 1.0, rotor_inertia: 5.0e-4, friction: 
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """Truth minus odometry at the end of a square, m and rad."""
+    """True pose minus odometry at the end of a square, in m and rad."""
 
     x: float
     y: float
@@ -50,36 +50,36 @@ class Ending:
 
     @property
     def error(self) -> float:
-        """How far both are apart, in m."""
+        """The distance between both, in m."""
         return math.hypot(self.x, self.y)
 
 
 @dataclass(frozen=True, slots=True)
 class BelievedWheels:
-    """The wheels as odometry believes them to be, m; robby's own are the default."""
+    """The wheels as assumed by odometry, in m; robby's own are the default."""
 
     left: float = RADIUS
     right: float = RADIUS
     track: float = TRACK
 
     def counts(self, left: float, right: float) -> tuple[float, float]:
-        """Return the counts of ways of both wheels in m."""
+        """Return the counts for the travel of both wheels in m."""
         return left * COUNTS / (math.tau * self.left), right * COUNTS / (math.tau * self.right)
 
     def ways(self, left: float, right: float) -> tuple[float, float]:
-        """Return the ways in m that both wheels have gone by counts."""
+        """Return the travel of both wheels in m for the given counts."""
         return left * math.tau * self.left / COUNTS, right * math.tau * self.right / COUNTS
 
 
 class Leg:
-    """The drive of one wheel: goes one leg after the other, in counts, at its share of the speed."""
+    """The drive of one wheel: runs one leg after the other, in counts, at its share of the speed."""
 
     def __init__(self, legs: list[float], pace: float = 1.0) -> None:
         self.legs, self._pace = legs, pace
         self.axis: AxisMotion | None = None
 
     def arrived(self, now: int) -> None:
-        """Begin the next leg."""
+        """Start the next leg."""
         if self.legs and self.axis is not None:
             position, velocity = self.axis.state(now)
             target = position + self.legs.pop(0)
@@ -87,7 +87,7 @@ class Leg:
             self.axis.run(move_to(now, position, velocity, target, speed, ramp, ramp), now)
 
     def limit_switch_hit(self, side: int, now: int) -> None:
-        """Do nothing: there is none."""
+        """Do nothing: there are no limit switches."""
 
     def check_following_error(self, error: float, now: int) -> None:
         """Do nothing."""
@@ -99,18 +99,18 @@ class Leg:
         """Do nothing."""
 
     def wants_samples(self) -> bool:
-        """Nobody does."""
+        """Return False: nothing needs samples."""
         return False
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return that there is none."""
+        """Return None: there is no index pulse."""
 
     def index_passed(self, place: float) -> None:
         """Do nothing."""
 
 
 def world_of(friction: float = 0.8) -> PhysicsWorld:
-    """Return robby's world, with the motors that the figures are of."""
+    """Return robby's world with the motors used for the figures."""
     urdf = data_path("config", "robby/robby.urdf.xacro")
     axes = "\n".join(
         f'  "{node}": {{joint: {side}_wheel_joint, scale_pos_to_dev: {sign * _SCALE}, {_MOTOR}}}'
@@ -137,7 +137,7 @@ def _axes(world: PhysicsWorld, legs: dict[tuple[int, int], Leg]) -> dict[tuple[i
 def square(
     direction: int, friction: float = 0.8, side: float = 2.0, wheels: BelievedWheels = BelievedWheels()
 ) -> Ending:
-    """Drive the square once, by what odometry believes of the wheels; direction 1 is counter-clockwise."""
+    """Drive the square once with the assumed wheels; direction 1 is counter-clockwise."""
     world = world_of(friction)
     turn = direction * math.pi / 2 * wheels.track / 2
     straight_counts, turn_counts = wheels.counts(side, side), wheels.counts(-turn, turn)
@@ -171,18 +171,18 @@ def square(
 
 
 class MisjudgedBase:
-    """robby in physics with wheels that it misjudges, as UMBmark calibrates it."""
+    """robby in physics with wrongly assumed wheels, as calibrated by UMBmark."""
 
     def __init__(self, unequal: float, track: float) -> None:
         self._wheels = BelievedWheels(RADIUS * (1.0 + unequal / 2), RADIUS * (1.0 - unequal / 2), TRACK / track)
         self._factors = (1.0, 1.0, 1.0)
 
     def wheel_values(self) -> WheelValues:
-        """Return the wheels as they are believed to be."""
+        """Return the assumed wheels."""
         return WheelValues(self._wheels.track * self._factors[0], self._factors)
 
     def set_factors(self, factors: tuple[float, float, float]) -> None:
-        """Believe in other multipliers."""
+        """Set new multipliers of the assumed wheels."""
         self._factors = factors
 
     def drive(self, path: SquarePath) -> Driven:
@@ -198,7 +198,7 @@ class MisjudgedBase:
 
 
 def digest_after(seconds: float, seed: int = 1) -> str:
-    """Return the hash of every bit of the state after a drive with random speeds, looked at in a random rhythm."""
+    """Return the hash of the complete state after a drive with random speeds, sampled at random intervals."""
     orders, looks = random.Random(seed), random.Random()  # no secret
     world = world_of()
     movers = _axes(world, {LEFT: Leg([]), RIGHT: Leg([])})
@@ -217,7 +217,7 @@ def digest_after(seconds: float, seed: int = 1) -> str:
 
 
 def rest_cpu(seconds: float) -> float:
-    """Return the CPU seconds of so many at rest, enabled, looked at 50 times a second."""
+    """Return the CPU seconds for a time at rest, enabled, sampled 50 times a second."""
     movers = _axes(world_of(), {LEFT: Leg([]), RIGHT: Leg([])})
     for mover in movers.values():
         mover.run(hold(0, mover.plant.position), 0)

@@ -1,4 +1,4 @@
-"""A robot on `memory:` whose drives are recordings: the cycle's own work, without a wire, as often as wanted.
+"""A robot on `memory:` whose drives are recordings: measures the work of a cycle itself, without a wire.
 
 The robot boots against virtual drives in simulated time and turns its wheels; then the drives are taken away, and what
 they sent in one cycle comes again and again. Left are receiving, reading, the controllers, writing and sending.
@@ -36,7 +36,7 @@ _BOOT_STEPS, _WARM_STEPS = 300, 60
 
 
 class RecordedFleet:
-    """A running robot of `count` drives; `cycle()` is one cycle of it."""
+    """A running robot with `count` drives; `cycle()` runs one cycle of it."""
 
     def __init__(self, folder: Path, count: int, *, moving: bool = True) -> None:
         self.count, self.cycles = count, 0
@@ -52,7 +52,7 @@ class RecordedFleet:
         self._beats = pack_records([CanFrame(0x700 + node.node_id, b"\x05") for node in self.core.nodes.values()])
 
     def _record(self, name: str) -> list[CanFrame]:
-        """Boot and turn the wheels; return the TPDOs of one cycle."""
+        """Boot, turn the wheels, and return the TPDOs of one cycle."""
         core, reactor, bus = self.core, self._reactor, self._bus
         devices = [
             make_device(core.setup.bus.eds_paths[node.name], node.node_id) for node in core.setup.bus.nodes.values()
@@ -84,7 +84,7 @@ class RecordedFleet:
         return frames
 
     def cycle(self) -> int:
-        """Run one cycle and return the nanoseconds that it took."""
+        """Run one cycle and return its duration in ns."""
         feed, clock = self._feed, self._clock
         if self.cycles % _BEAT_CYCLES == 0:
             self._command()
@@ -109,12 +109,12 @@ class RecordedFleet:
             self.core.command(CONTROLLER, [10.0] * self.count, "bench")
 
     def check(self) -> None:
-        """Raise CanopenError if the robot does not run any more, or not every joint."""
+        """Raise CanopenError if the robot or any joint has stopped running."""
         if self.core.state is not RobotState.RUNNING or not all(joint.enabled for joint in self.core.joints.values()):
             raise CanopenError(f"stopped running: {[event.text for event in self.core.events.recent][-3:]}")
 
     def close(self) -> None:
-        """Leave everything."""
+        """Close the robot and its bus."""
         self.core.close()
         self._feed.close()
         self._reactor.close()

@@ -1,4 +1,4 @@
-"""Families of figures by name, run one after the other; the table that a user reads, and the JSON."""
+"""Families of figures by name, run one after the other; the table for users, and the JSON."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ IDLE_ENOUGH = 0.9  # of all processors, before anything was started
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How to measure: `quick` is for CI, `seconds` is how long a long run takes, `say` tells progress.
+    """How to measure: `quick` is for CI, `seconds` is the length of a long run, `say` reports progress.
 
     In the families of `AWAKE`, and in the pairs of `clients`, processors are kept awake, where this user may do that;
     there who is compared with others has one for itself. Not so `as_is`: what it takes to wake a
@@ -73,7 +73,7 @@ class Options:
 
 @dataclass(slots=True)
 class Report:
-    """What was measured, where and when; `failures` says why a family could not be.
+    """The figures, place and time of a run; `failures` gives the reasons for families that failed.
 
     `last` is what an earlier run has seen, by family, figure and peer, and `last_run` which one that was; `slower` says
     what is worse than in the last run of this machine.
@@ -88,15 +88,15 @@ class Report:
     slower: list[str] = field(default_factory=list)
 
     def short(self) -> list[Figure]:
-        """Return the figures that are not what they must be; of a quick run what no busy machine changes."""
+        """Return the figures that miss their limits; for a quick run only those that a busy machine does not affect."""
         return [figure for figures in self.figures.values() for figure in self._short_of(figures)]
 
     def fell_short(self) -> list[str]:
-        """Return the families that have such a figure, or could not be measured."""
+        """Return the families that have such a figure or could not be measured."""
         return [name for name, figures in self.figures.items() if self._short_of(figures)] + list(self.failures)
 
     def take(self, other: Report) -> None:
-        """Take what another run saw of its families in place of what this one did."""
+        """Replace families with those of another run."""
         for name in (*other.figures, *other.failures):
             self.failures.pop(name, None)
         self.figures.update(other.figures)
@@ -106,7 +106,7 @@ class Report:
         return [figure for figure in figures if not figure.good and (figure.steady or not self.quick)]
 
     def put_beside(self, path: Path) -> None:
-        """Show what an earlier run has written to a file beside; one that is not there, or no report, says nothing."""
+        """Show an earlier run's values from a file next to the new ones; a missing or invalid file is ignored."""
         self.slower = slower_than_before(kept_rows(path), self._row(), self.figures)
         try:
             found = json.loads(path.read_text())
@@ -121,7 +121,7 @@ class Report:
         self.last, self.last_run = last, last_run
 
     def write(self, path: Path) -> None:
-        """Write it as JSON, with a row of this run below those of the runs that the file has."""
+        """Write it as JSON, appending a row of this run to the history in the file."""
         figures = {name: [figure.as_dict() for figure in figures] for name, figures in self.figures.items()}
         history = [*kept_rows(path), self._row()]
         found = {"machine": self.machine, "quick": self.quick, "figures": figures, "failures": self.failures}
@@ -155,7 +155,7 @@ class Report:
 
 
 def run_families(names: Sequence[str], options: Options) -> Report:
-    """Measure the families and return what was seen."""
+    """Measure the families and return the report."""
     report = Report(describe(), {}, options.quick)
     report.machine["processors"] = "may sleep"
     for name in names:
@@ -177,7 +177,7 @@ def module_of(name: str) -> ModuleType:
 
 
 def table(figures: Sequence[Figure], last: Sequence[float | None] = ()) -> str:
-    """Return figures as lines of a table, each with what else was seen below it; `last` is ours of another time."""
+    """Return figures as table rows, each followed by its other results; `last` holds our values of another run."""
     head = f"{'last':>12}" if last else ""
     lines = [f"  {'':<46}{head}{'ours':>12}{'peer':>12} {'unit':<6}{'ratio':>7}  must be"]
     told: object = None

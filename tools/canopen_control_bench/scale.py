@@ -1,4 +1,4 @@
-"""`scale`: from 2 to 126 drives on one bus, and on several: CPU for each drive and cycle of the complete runtime.
+"""`scale`: from 2 to 126 drives on one bus, and on several: CPU time of the complete runtime per drive and cycle.
 
 CPU is measured free-running, one cycle after the other. Then the same robot runs at the shortest period that a bus of
 1 Mbit/s has room for, by the worst case of its frames (`canopen_control.master.budget`), on a hub that takes as long
@@ -92,7 +92,7 @@ def _figures(count: int, turns: dict[str, list[Turn]], options: Options) -> list
 
 
 def shortest_period_us(played: Stage, count: int, bitrate: int) -> int:
-    """Return the shortest period at which the frames of so many drives fill a bus to `FULL`, heartbeats included."""
+    """Return the shortest period at which the frames of the drives fill a bus to `FULL`, heartbeats included."""
     folder = played.folder / f"budget{bitrate}"
     config = read_bus(write_fleet(folder, count, _FREE_PERIOD_US) / "bus.yml")
     period_us = _GRANULE_US
@@ -104,7 +104,7 @@ def shortest_period_us(played: Stage, count: int, bitrate: int) -> int:
 
 
 def _on_the_wire(arena: Arena, seconds: float) -> Figure:
-    """Run at the shortest period on a hub that is as slow as the wire; no frame and no cycle may be missing."""
+    """Run at the shortest period on a hub as slow as the wire; no frame and no cycle may be missing."""
     periods = {bitrate: shortest_period_us(arena.stage, arena.count, bitrate) for bitrate in BITRATES}
     period_us = periods[max(BITRATES)]
     arena.pace(period_us)
@@ -139,7 +139,7 @@ def _on_the_wire(arena: Arena, seconds: float) -> Figure:
 
 
 def _several_buses(count: int, on_one: Sequence[float], *, as_is: bool) -> Figure:
-    """Share sixteen drives out among buses; the peer is the one bus."""
+    """Distribute sixteen drives over several buses; the peer is a single bus."""
     with stage() as played:
         arena = Arena(played, 16, _FREE_PERIOD_US, base=False, buses=[f"bench{number}" for number in range(count)])
         run = functools.partial(Contender.turn, cycles=_CYCLES, period_ns=0)
@@ -155,21 +155,21 @@ def _several_buses(count: int, on_one: Sequence[float], *, as_is: bool) -> Figur
 
 
 def _virtual_drives() -> Figure:
-    """Say what 64 virtual drives in one process cost while they are cycled every 10 ms."""
+    """Measure the cost of 64 virtual drives in one process at a cycle of 10 ms."""
     turn, absolutes = _at_100_hz(64)
     cores = turn.others_ns["drives"] / turn.wall_ns
     return limited("64 virtual drives at 10 ms: cores", "", [cores], limit=DRIVES_LIMIT, absolutes=absolutes)
 
 
 def _eight_buses() -> Figure:
-    """Say what 16 drives on each of eight buses cost the runtime that cycles them every 10 ms."""
+    """Measure the cost of 16 drives on each of eight buses for the runtime at a cycle of 10 ms."""
     turn, absolutes = _at_100_hz(16 * 8, 8)
     cores = turn.cpu_ns / turn.wall_ns
     return limited("8 buses of 16 drives at 10 ms: cores", "", [cores], limit=BUSES_LIMIT, absolutes=absolutes)
 
 
 def _at_100_hz(count: int, buses: int = 1) -> tuple[Turn, dict[str, float | str]]:
-    """Cycle drives every 10 ms, live ones; CanopenError where a TPDO is missing."""
+    """Run live drives at a cycle of 10 ms; CanopenError if a TPDO is missing."""
     with stage() as played:
         names = [f"bench{number}" for number in range(buses)]
         arena = Arena(played, count, _FREE_PERIOD_US, base=False, buses=names)
@@ -182,5 +182,5 @@ def _at_100_hz(count: int, buses: int = 1) -> tuple[Turn, dict[str, float | str]
 
 
 def _share_of_tpdos(turn: Turn, count: int) -> float:
-    """Return how many of the TPDOs that were due have come, 1.0 for all."""
+    """Return the share of due TPDOs that arrived; 1.0 if all did."""
     return min(1.0, turn.tpdos / (2 * count * max(1, turn.cycles - _LATE)))

@@ -1,4 +1,4 @@
-"""The SDO server of the `services` family, in a process of its own, and our client beside it.
+"""The SDO server of the `services` family, run as a separate process, and our client.
 
 python -m canopen_control_bench.sdo_client        serves until the hub or whoever started it is gone
 """
@@ -34,7 +34,7 @@ _LOOK_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Client:
-    """What every client can do: read a number, and move a block by segments or by block transfer."""
+    """The interface of each client: read a number, and move a block by segments or by block transfer."""
 
     read: Callable[[], object]
     upload: Callable[[bool], bytes]
@@ -48,17 +48,17 @@ class Store:
         self.objects = {NUMBER: (0x20192).to_bytes(4, "little"), BLOCK: bytes(BLOCK_BYTES)}
 
     def upload(self, index: int, subindex: int) -> bytes:
-        """Return an object."""
+        """Return the value of an object."""
         self.size_of(index, subindex)
         return self.objects[index, subindex]
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
-        """Write an object."""
+        """Set the value of an object."""
         self.size_of(index, subindex)
         self.objects[index, subindex] = data
 
     def size_of(self, index: int, subindex: int) -> None:
-        """Abort for an object that is not there; sizes are free."""
+        """Abort if an object does not exist; any size is accepted."""
         if (index, subindex) not in self.objects:
             raise SdoServerAbort(AbortCode.NO_OBJECT)
 
@@ -75,7 +75,7 @@ def our_client() -> Iterator[Client]:
 
 
 def serve() -> None:
-    """Answer until the hub or whoever started this process is gone."""
+    """Serve until the hub or the parent process ends."""
     parent = os.getppid()
     port, server = open_port(f"local:{BUS}", label="server"), SdoServer(NODE, Store())
     sys.stdout.write("ready\n")

@@ -1,4 +1,4 @@
-"""`services`: SDO and EDS beside the `canopen` package in the same run, against the same server on the same bus.
+"""`services`: SDO and EDS against the `canopen` package in the same run, with the same server on the same bus.
 
 Both clients live in this process and take turns; the server is ours, in a process of its own. CPU is that of this
 process, all its threads; it has a processor for itself, bus and server the other. "As it comes": each on the bus that
@@ -56,7 +56,7 @@ PAYLOAD = bytes(number % 251 for number in range(BLOCK_BYTES))
 
 @dataclass(frozen=True, slots=True)
 class Spent:
-    """What a piece of work took: CPU of this process, and time."""
+    """The cost of a piece of work: CPU time of this process, and duration."""
 
     cpu_s: float
     wall_s: float
@@ -83,7 +83,7 @@ def measure(options: Options) -> list[Figure]:
 
 
 def check(client: Client, payload: bytes) -> None:
-    """Move a block there and back both ways; raises CanopenError when what comes back is not what was sent."""
+    """Transfer a block in both directions and in both ways; raises CanopenError if the data differ."""
     for block in (False, True):
         sent = payload[::-1] if block else payload
         client.download(sent, block)
@@ -106,7 +106,7 @@ def _round_trips(trips: int) -> list[Figure]:
 
 
 def _blocks(*, quick: bool) -> list[Figure]:
-    """Compare CPU, and what passes in a second: that of the best round, since it waits for other processes."""
+    """Compare CPU time, and throughput of the best round, since throughput depends on other processes."""
     figures = []
     for name, move in (
         ("block download", lambda client: client.download(PAYLOAD, True)),
@@ -140,7 +140,7 @@ def _segmented() -> list[Figure]:
 
 
 def _rounds(work: Work, openers: tuple[Opener, Opener], rounds: int) -> list[Pair]:
-    """Have both do the work in turns; a server has one client at a time, so they come and go."""
+    """Run both in turns; a server has one client at a time, so each reconnects for its turn."""
     found = []
     for _ in range(rounds):
         ours, theirs = (_spent(work, opener) for opener in openers)
@@ -166,14 +166,14 @@ def _kilobytes(spent: Spent) -> float:
 
 
 def _eds() -> Figure:
-    """Read the same EDS with both, which have to find the same dictionary."""
+    """Read the same EDS with both packages; their dictionaries must be equal."""
     if len(to_canopen(read_eds(EDS, NODE).od)) != len(import_eds(EDS, NODE)):
         raise CanopenError(f"{EDS}: the two readers do not find the same objects")
     return compared("EDS load, TMCM-1270: CPU", "ms", _loads(EDS, ROUNDS, LOADS), peer_name=CANOPEN, limit=EDS_LIMIT)
 
 
 def _large_eds(*, quick: bool) -> list[Figure]:
-    """Have both read a file of each shape: the median, which a few shapes only show, and the one that is least good."""
+    """Read a file of each shape with both packages; show the median, some shapes, and the worst one."""
     shapes = SHAPES[:QUICK_SHAPES] if quick else SHAPES
     with tempfile.TemporaryDirectory() as folder:
         figures = [_shape(shape, Path(folder, "large.eds")) for shape in shapes]
@@ -204,7 +204,7 @@ def _shape(shape: Shape, path: Path) -> Figure:
 
 
 def _loads(path: str, rounds: int, loads: int) -> list[tuple[float, float]]:
-    """Return the CPU in ms of one load, ours and theirs, of each round."""
+    """Return the CPU time in ms of one load per round, ours and theirs."""
 
     def milliseconds(load: Callable[[], object]) -> float:
         begin = time.process_time()

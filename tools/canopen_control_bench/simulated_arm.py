@@ -1,4 +1,4 @@
-"""A six-axis arm in simulated time on a host that may be late, behind an adapter that may bunch frames.
+"""A six-axis arm in simulated time on a host that may be late, with an adapter that may bunch frames.
 
 The host and the drives have a loop and a clock of their own: while the host is late the drives, and a node that sends
 SYNC, go on. The adapter hands over what has come, in both directions, at the edges of a grid of its own, as one does
@@ -84,7 +84,7 @@ class SimulatedArm(RobotObserver):
             failed.pop_all()
 
     def close(self) -> None:
-        """Leave everything."""
+        """Close the robot and its drives."""
         self._held.close()
 
     def _port(self, channel: str, label: str) -> Port:
@@ -118,7 +118,7 @@ class SimulatedArm(RobotObserver):
     # ------------------------------------------------------------------------------------------------------ time
 
     def run(self, ms: float) -> None:
-        """Let simulated milliseconds pass; what a callback raised is raised here."""
+        """Advance simulated time by milliseconds; exceptions of callbacks are raised here."""
         end = self.now + round(ms * MS)
         while self.now < end:
             if self.now % self.batch_ns == 0:
@@ -131,11 +131,11 @@ class SimulatedArm(RobotObserver):
             raise self._errors[0]
 
     def serve(self) -> None:
-        """Let the host serve what has come, while no time passes."""
+        """Process pending events without advancing time."""
         self.host.run_until(self.host.now())
 
     def until(self, condition: Callable[[], object], ms: float = 8000) -> None:
-        """Let time pass until `condition`; CanopenError after `ms`."""
+        """Advance time until `condition` holds; CanopenError after `ms`."""
         end = self.now + round(ms * MS)
         while not condition():
             if self.now >= end:
@@ -158,7 +158,7 @@ class SimulatedArm(RobotObserver):
         self.host.run_until(now)
 
     def after_cycle(self, now: int) -> None:
-        """Be busy with other things when the next edge comes, which may be moved a little."""
+        """Delay the next cycle as if the host were busy; its edge may move slightly."""
         del now
         late, pacer = self.late(), self.robot.pacer
         if late:
@@ -166,7 +166,7 @@ class SimulatedArm(RobotObserver):
             self._asleep = edge - pacer.period_ns // 32, edge + late
 
     def command_by_wake_up(self) -> None:
-        """Give controllers the time of the wake-up instead of the grid's: one set-point for each wake-up."""
+        """Use the wake-up time for controllers instead of the grid time: one set-point per wake-up."""
         robot = self.robot
         components, buses, manager, last = robot.registry.components, robot.buses.values(), robot.manager, self.now
         sync_first = [bus for bus in buses if bus.sends_sync_first]
@@ -194,17 +194,17 @@ class SimulatedArm(RobotObserver):
     # ---------------------------------------------------------------------------------------------------- motion
 
     def positions(self) -> list[float]:
-        """Return where the joints are, in rad."""
+        """Return the joint positions in rad."""
         return [self.robot.registry.state(f"{joint}/position").value for joint in JOINTS]
 
     def send(self, end: Sequence[float], seconds: float, count: int = 50) -> TrajectoryGoal:
-        """Send a goal of `count` points from where the joints are."""
+        """Send a goal of `count` points from the current joint positions."""
         goal = TrajectoryGoal(planned(self.positions(), end, seconds, count))
         self.robot.send_goal(CONTROLLER, goal, "bench")
         return goal
 
     def play(self, end: Sequence[float], seconds: float) -> None:
-        """Follow a trajectory to its end, where the last set-points are taken too; CanopenError if it fails."""
+        """Follow a trajectory until its last set-points have been applied; CanopenError if it fails."""
         goal = self.send(end, seconds)
         self.until(lambda: goal.ended, 1000 * seconds + 4000)
         self.run(50)
@@ -212,20 +212,20 @@ class SimulatedArm(RobotObserver):
             raise CanopenError(f"the goal was {goal.state.value}: {goal.text}")
 
     def measure_anew(self) -> None:
-        """Forget what the drives have seen of set-points, and the bus of frames."""
+        """Reset the set-point statistics of the drives, and the recorded frames."""
         self.bus.clear_history()
         for drive in self.drives.values():
             drive.drives[0].meter.restart()
 
     def quality(self, node: int) -> SetPointQuality:
-        """Return what a drive says of its set-points since it measures anew."""
+        """Return a drive's set-point statistics since the last reset."""
         found = self.drives[node].drives[0].meter.quality(1.0)
         if found is None:
             raise CanopenError(f"node {node} was in no cyclic mode")
         return found
 
     def taken(self, node: int) -> list[list[int]]:
-        """Return the set-points that were there at each SYNC of what the bus remembers: none, one or several."""
+        """Return the number of set-points at each recorded SYNC: none, one or several."""
         taken: list[list[int]] = []
         newest: list[int] = []
         for _, frame in self.bus.history:

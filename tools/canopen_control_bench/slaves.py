@@ -1,4 +1,4 @@
-"""The slaves of the bench: virtual drives that can be made to answer a SYNC with next to no work.
+"""The slaves of the bench: virtual drives that can answer a SYNC with almost no work.
 
     python -m canopen_control_bench.slaves CHANNEL FIRST_NODE COUNT
 
@@ -36,7 +36,7 @@ _STEP = 50  # counts
 
 
 class ReplayPort:
-    """A port that keeps the newest TPDO of each COB-ID, and answers SYNCs with them while `replaying`."""
+    """A port that stores the latest TPDO of each COB-ID, and answers SYNCs with them while `replaying`."""
 
     def __init__(self, port: Port) -> None:
         self._port = port
@@ -48,16 +48,16 @@ class ReplayPort:
 
     @property
     def stats(self) -> PortStats:
-        """The port's."""
+        """The statistics of the port."""
         return self._port.stats
 
     @property
     def wants_write(self) -> bool:
-        """The port's."""
+        """Whether the port has frames to write."""
         return self._port.wants_write
 
     def replay(self, on: bool) -> None:
-        """Begin to answer, or give the bus back."""
+        """Start answering by itself, or return control of the bus to the drives."""
         self.replaying = on
         self._answers = replays([CanFrame(can_id, data) for can_id, data in self._newest.items()])
 
@@ -66,7 +66,7 @@ class ReplayPort:
         return self._port.fileno()
 
     def receive(self) -> bytes:
-        """Return what the drives are to see of what has come."""
+        """Return the received frames that the drives are to process."""
         records = self._port.receive()
         if not self.replaying:
             return records
@@ -81,7 +81,7 @@ class ReplayPort:
         return bytes(left)
 
     def send(self, records: Records) -> None:
-        """Send, and keep the TPDOs."""
+        """Send frames, and store the TPDOs among them."""
         for can_id, length, data in RECORD.iter_unpack(bytes(records)):
             if can_id & ~0x7F in _TPDOS:
                 self._newest[can_id] = data[:length]
@@ -92,7 +92,7 @@ class ReplayPort:
         self._port.flush()
 
     def events(self) -> list[BusEvent]:
-        """Return the port's."""
+        """The events of the port."""
         return self._port.events()
 
     def close(self) -> None:
@@ -101,13 +101,13 @@ class ReplayPort:
 
 
 def replays(frames: Sequence[CanFrame]) -> list[bytes]:
-    """Return the records of one round of cycles, positions moving there and back: a jump would stop the robot."""
+    """Return the records of one round of cycles with positions moving back and forth: a jump would stop the robot."""
     steps = [*range(_VARIANTS), *range(_VARIANTS, 0, -1)]
     return [pack_records([_moved(frame, _STEP * step) for frame in frames]) for step in steps]
 
 
 def _moved(frame: CanFrame, counts: int) -> CanFrame:
-    """Return a TPDO with its position further on; one without a position as it is."""
+    """Return a TPDO with its position advanced; one without a position is unchanged."""
     if frame.can_id & ~0x7F != _TPDOS[1]:
         return frame
     position = (int.from_bytes(frame.data[:4], "little") + counts) & 0xFFFFFFFF

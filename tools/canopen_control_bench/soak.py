@@ -1,4 +1,4 @@
-"""`soak`: an hour (CI: a minute) at 100 Hz with random commands, and drives that break at random.
+"""`soak`: an hour (in CI a minute) at 100 Hz with random commands and random drive failures.
 
 Every few seconds one of the drives shows a fault of the table of `canopen_control.virtual.fault_table`; the whole
 robot has to stand still within `STOP_LIMIT_S`, and to run again after the fault is taken away, reset and enabled.
@@ -58,7 +58,7 @@ _SEED = 402
 
 @dataclass(slots=True)
 class Seen:
-    """What happened so far."""
+    """The counts so far."""
 
     faults: int = 0
     commands: int = 0
@@ -67,7 +67,7 @@ class Seen:
 
 
 class Soak:
-    """Commands a robot and breaks its drives."""
+    """Commands a robot and injects faults into its drives."""
 
     def __init__(self, arena: Arena, pid: int) -> None:
         self.arena, self.pid, self.seen = arena, pid, Seen()
@@ -76,13 +76,13 @@ class Soak:
         self.drives = [DriveClient.connect(arena.channel, node, _DRIVE_S) for node in arena.nodes]
 
     def close(self) -> None:
-        """Leave the robot."""
+        """Close the connections to the robot."""
         self.client.close()
         for drive in self.drives:
             drive.close()
 
     def run(self, seconds: float) -> None:
-        """Command and break for so long; raises CanopenError when the robot does not come back."""
+        """Run commands and faults for the given time; raises CanopenError if the robot does not recover."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self._drive_for(self.random.uniform(*_FAULT_S))
@@ -97,7 +97,7 @@ class Soak:
             time.sleep(_COMMAND_S)
 
     def _break(self) -> None:
-        """Break a drive, wait for the stop of all, mend it, and wait until the robot runs and turns again."""
+        """Fail a drive, wait until all have stopped, clear the fault, and wait until the robot runs and turns again."""
         place, fault = self.random.randrange(self.arena.count), self.random.choice(FAULTS)
         begin = time.monotonic()
         self.drives[place].ask(SwitchFault(name=fault))
@@ -110,7 +110,7 @@ class Soak:
         self.seen.recoveries_s.append(self._until(self._runs_again, f"the robot to run after {what}") - begin)
 
     def _stands_still(self) -> bool:
-        """Whether the wheels stand, and keep standing while they are commanded."""
+        """Whether the wheels are at rest, and remain so while commanded."""
         values = [_MOST_RADIANS] * self.arena.count
         self.client.notify(CommandController(controller=CONTROLLER, values=values, source="soak"))
         return all(abs(self._speed(place)) < _STANDING for place in range(len(self.drives)))
@@ -138,7 +138,7 @@ class Soak:
 
 
 def measure(options: Options) -> list[Figure]:
-    """Soak for as long as wanted, after a warm-up that brings everything in that will be needed."""
+    """Run the soak test after a warm-up that loads everything needed."""
     seconds = options.seconds or (QUICK_SECONDS if options.quick else SECONDS)
     with stage() as played:
         arena = Arena(played, DRIVES, PERIOD_US, base=False)

@@ -1,4 +1,4 @@
-"""Where a bench plays: folders of its own, virtual drives, and the programs that are measured, each a process.
+"""The environment of a bench: separate folders, virtual drives, and the measured programs, each a process.
 
 Nothing outside the stage's own folder is touched, and whatever it started is ended by its id when
 the stage is left, the hubs included.
@@ -38,7 +38,7 @@ _SLOWEST_NS = 10_000_000  # of a free-running cycle
 
 
 class Program:
-    """A process of the stage: `python -m WORDS`, what it complains about in a file."""
+    """A process of the stage: `python -m WORDS`, with its error output in a file."""
 
     def __init__(self, folder: Path, words: Sequence[str], *, ros: bool = False) -> None:
         self.words = words
@@ -56,7 +56,7 @@ class Program:
         self._drain: threading.Thread | None = None
 
     def line(self, seconds: float = TIMEOUT_S) -> str:
-        """Return its next line; raises CanopenError with its complaint where it ends instead, or says nothing."""
+        """Return its next line; raises CanopenError with its error output if it ends or is silent."""
         assert self.process.stdout is not None
         watchdog = threading.Timer(seconds, self.process.kill)
         watchdog.start()
@@ -69,7 +69,7 @@ class Program:
         return line
 
     def until(self, words: str) -> str:
-        """Return its next line that begins with `words`; raises CanopenError as `line`."""
+        """Return its next line that begins with `words`; raises CanopenError like `line`."""
         while not (line := self.line()).startswith(words):
             pass
         return line
@@ -81,13 +81,13 @@ class Program:
         self.process.stdin.flush()
 
     def drain(self) -> None:
-        """Let it talk from now on, unheard: a full pipe would hold it up."""
+        """Discard its output from now on: a full pipe would block it."""
         assert self.process.stdout is not None
         self._drain = threading.Thread(target=self.process.stdout.read, daemon=True)
         self._drain.start()
 
     def end(self) -> None:
-        """End it, if it does not end by itself within a few seconds of its standard input's end."""
+        """End it by force if it does not end within a few seconds after its standard input is closed."""
         with contextlib.suppress(OSError):
             if self.process.stdin is not None:
                 self.process.stdin.close()
@@ -105,7 +105,7 @@ class Program:
 
 
 class Contender(Program):
-    """A program that serves turns, see `canopen_control_bench.turns`."""
+    """A program that runs turns, see `canopen_control_bench.turns`."""
 
     def __init__(self, folder: Path, words: Sequence[str], others: dict[str, int]) -> None:
         super().__init__(folder, words)
@@ -116,14 +116,14 @@ class Contender(Program):
         assert "ready" in json.loads(self.line())
 
     def order(self, cycles: int, period_ns: int) -> None:
-        """Have it begin."""
+        """Start a turn."""
         self._before = {name: cpu_ns(pid) for name, pid in self.others.items()}
         self._woken = {name: wakeups(pid) for name, pid in self._pids.items()}
         self._due_s = TIMEOUT_S + 2 * cycles * max(period_ns, _SLOWEST_NS) / 1e9
         self.tell(json.dumps({"cycles": cycles, "period_ns": period_ns}))
 
     def answer(self) -> Turn:
-        """Wait for what it has measured; also tells what the others used meanwhile, by name, and how often all woke."""
+        """Wait for the results of a turn, and add the CPU time of other programs and the number of wake-ups."""
         turn = Turn(**json.loads(self.line(self._due_s)))
         turn.others_ns = {name: cpu_ns(self.others[name]) - before for name, before in self._before.items()}
         woken = {name: wakeups(pid) - self._woken[name] for name, pid in self._pids.items() if name in self._woken}
@@ -135,22 +135,22 @@ class Contender(Program):
         return {_OWN: self.pid, **self.others}
 
     def turn(self, cycles: int, period_ns: int) -> Turn:
-        """Have it run so many cycles, and return what it has measured."""
+        """Run a turn of so many cycles, and return its results."""
         self.order(cycles, period_ns)
         return self.answer()
 
     def leave(self) -> None:
-        """Have it end, and wait for that."""
+        """End the program and wait for its end."""
         self.tell(json.dumps("end"))
         self.process.wait(TIMEOUT_S)
         self.end()
 
 
 class Witness(Program):
-    """A bare timer beside a contender, see `canopen_control_bench.witness`."""
+    """A bare timer that runs with a contender, see `canopen_control_bench.witness`."""
 
     def stalls(self) -> list[tuple[int, int]]:
-        """Have it end, and return when it was late: from when to when."""
+        """End it, and return the intervals in which it was late."""
         self.tell("end")
         return [(edge, woke) for edge, woke in json.loads(self.line())["stalls"]]
 
@@ -159,7 +159,7 @@ class Slaves(Program):
     """Virtual drives that can answer without work, see `canopen_control_bench.slaves`."""
 
     def replay(self, on: bool) -> None:
-        """Have them answer without work from now on, or be drives again."""
+        """Make them answer without work from now on, or act as drives again."""
         self.tell("replay" if on else "live")
         self.line()
 
@@ -172,21 +172,21 @@ class Stage:
         self.programs: list[Program] = []
 
     def drives(self, channel: str, node_ids: str, *options: str) -> Program:
-        """Run virtual drives in one process, and return it when they are there."""
+        """Run virtual drives in one process, and return it when they are running."""
         drives = self.start("canopen_control", "drive", "--node-id", node_ids, "--eds", EDS, "--can", channel, *options)
         drives.line()
         drives.drain()
         return drives
 
     def slaves(self, channel: str, first: int, count: int) -> Slaves:
-        """Run the bench's own virtual drives in one process, and return it when they are there."""
+        """Run the bench's own virtual drives in one process, and return it when they are running."""
         slaves = Slaves(self.folder, ["canopen_control_bench.slaves", channel, str(first), str(count)])
         self.programs.append(slaves)
         slaves.line()
         return slaves
 
     def witness(self, cpu: int, period_ns: int) -> Witness:
-        """Have a bare timer watch a processor, and return it when it does."""
+        """Start a bare timer on a CPU, and return it when it is running."""
         witness = Witness(self.folder, ["canopen_control_bench.witness", str(cpu), str(period_ns)])
         self.programs.append(witness)
         witness.line()
@@ -199,13 +199,13 @@ class Stage:
         return program
 
     def contender(self, *words: str, others: dict[str, int]) -> Contender:
-        """Run a program that serves turns, and return it when it is ready."""
+        """Start a program that runs turns, and return it when it is ready."""
         contender = Contender(self.folder, words, others)
         self.programs.append(contender)
         return contender
 
     def cpu_s(self) -> dict[str, float]:
-        """Return the CPU seconds of each kind of program that runs, since its start, and of the hubs."""
+        """Return the CPU seconds of the running programs by kind, and of the hubs, since their start."""
         used: dict[str, float] = {}
         for program in self.programs:
             kind = program.words[1 if program.words[0] == "canopen_control" else 0].rpartition(".")[2]
@@ -214,7 +214,7 @@ class Stage:
         return {f"{kind} CPU s": round(seconds, 2) for kind, seconds in used.items() if seconds}
 
     def close(self) -> None:
-        """End everything."""
+        """End all processes."""
         for program in reversed(self.programs):
             program.end()
         for name in list_sockets("busctl"):
@@ -224,7 +224,7 @@ class Stage:
 
 @contextlib.contextmanager
 def stage() -> Iterator[Stage]:
-    """Set a stage up, in folders that only it uses, and leave nothing of it."""
+    """Provide a stage in temporary folders, and clean it up at the end."""
     names = ("XDG_RUNTIME_DIR", "XDG_STATE_HOME", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID")
     kept = {name: os.environ.get(name) for name in names}
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:

@@ -26,7 +26,7 @@ _POLL_S = 0.01
 
 
 def measure(options: Options) -> list[Figure]:
-    """Start a robot again and again, without ROS and, where it is installed, with."""
+    """Start a robot repeatedly, without ROS and, if it is installed, with ROS."""
     rounds = range(QUICK_ROUNDS if options.quick else ROUNDS)
     with stage() as played:
         until_commanded(played, "warm")
@@ -41,7 +41,7 @@ def measure(options: Options) -> list[Figure]:
 
 
 def until_commanded(played: Stage, name: str) -> float:
-    """Return the seconds from the command line until the robot takes commands; it is ended then."""
+    """Return the seconds from the command line until the robot accepts commands; then end it."""
     begin = time.monotonic()
     robot = run_robby(played, name)
     seconds = time.monotonic() - begin
@@ -50,7 +50,7 @@ def until_commanded(played: Stage, name: str) -> float:
 
 
 def until_joint_states(played: Stage, name: str, listener: Program) -> float:
-    """Return the seconds from the command line until another ROS program has heard the joints."""
+    """Return the seconds from the command line until another ROS program has received joint states."""
     before, begin = _heard(listener), time.monotonic()
     robot = run_robby(played, name, "--ros")
     while _heard(listener) == before:
@@ -63,7 +63,7 @@ def until_joint_states(played: Stage, name: str, listener: Program) -> float:
 
 
 def run_robby(played: Stage, name: str, *options: str) -> Program:
-    """Start robby, and return it when it says that it runs: its drives are enabled, its controller is active."""
+    """Start robby, and return it when it is running: its drives are enabled, its controller is active."""
     robot = played.start("canopen_control", "run", "robby", "--name", name, *options)
     robot.until(f"{name} runs")
     robot.drain()

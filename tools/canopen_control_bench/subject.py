@@ -1,4 +1,4 @@
-"""The complete runtime, measured: what `canopen-control run` runs, with the lateness and the work of each cycle.
+"""The complete runtime as a measured program: like `canopen-control run`, with lateness and work of each cycle.
 
 Paced turns leave the runtime as it is; a hook at the end of each cycle keeps three numbers. Free-running turns stop the
 pacer and begin each cycle when the last TPDO of the one before has come, through the same reactor and the same ports.
@@ -41,7 +41,7 @@ class _SubjectObserver(RobotObserver):
 
 
 class Subject:
-    """A session that serves turns from standard input."""
+    """A session that runs turns ordered over standard input."""
 
     def __init__(self, session: RunSession) -> None:
         self.session, self.robot, self.reactor = session, session.robot, session.reactor
@@ -56,7 +56,7 @@ class Subject:
         self.robot.observers.insert(0, self._observer)
 
     def run(self) -> str | None:
-        """Serve until the robot has stopped; returns why it failed, or None."""
+        """Serve until the robot has stopped; return the reason for a failure, or None."""
         return self.session.run()
 
     def running(self) -> None:
@@ -95,7 +95,7 @@ class Subject:
             self._cycle()
 
     def take_cycle(self, now: int) -> None:
-        """Write the cycle down: `late_max` is put back each time, so that it is this cycle's alone."""
+        """Record the cycle; `late_max` is reset each time, so that it covers this cycle only."""
         turn = self._turn
         if turn is None:
             return
@@ -144,12 +144,12 @@ class Subject:
 
 
 def options(cpu: int | None = None) -> RunOptions:
-    """Return how it runs: on drives that are there already; on a processor of its own with real-time priority."""
+    """Return the run options: existing drives; a reserved CPU with real-time priority."""
     return RunOptions(drives=False, realtime=None if cpu is None else DEFAULT_PRIORITY, cpu=cpu)
 
 
 def main(arguments: list[str]) -> int:
-    """Run the robot and serve turns."""
+    """Run the robot and its turns."""
     folder, name, channels, *cpu = arguments
     setup = read_robot(find_robot(folder), name=name, can=channels.split(","))
     session = RunSession(setup, options(*map(int, cpu)))

@@ -1,4 +1,4 @@
-"""How often a process asks the kernel, and for what.
+"""Counts the system calls of a process by name.
 
 Counted by strace, which makes each call dearer and changes nothing of their number.
 """
@@ -23,7 +23,7 @@ _ATTACH_S = 5.0
 
 
 def count_calls(pid: int, seconds: float) -> dict[str, int]:
-    """Return the system calls of a process in so many seconds by name; none where strace cannot look."""
+    """Return the number of system calls of a process in a time by name; empty if strace cannot attach."""
     strace = shutil.which("strace")
     if strace is None:
         return {}
@@ -40,7 +40,7 @@ def count_calls(pid: int, seconds: float) -> dict[str, int]:
 
 
 def parse_calls(table: str) -> dict[str, int]:
-    """Return the calls of a table as `strace -c` writes it, by name."""
+    """Parse a table of `strace -c` and return the calls by name."""
     return dict(_rows(table))
 
 
@@ -51,7 +51,7 @@ def _rows(table: str) -> Iterator[tuple[str, int]]:
 
 
 def _attached(process: subprocess.Popen[bytes], said: Path) -> bool:
-    """Wait until strace has said that it looks; false where it may not."""
+    """Wait until strace reports that it is attached; return False if it may not attach."""
     end = time.monotonic() + _ATTACH_S
     while process.poll() is None and time.monotonic() < end:
         if b"attached" in said.read_bytes():

@@ -1,4 +1,4 @@
-"""Fills a bus: TPDOs of drives that are there, one frame at a time, at the rate of a wire.
+"""Fills a bus with TPDOs of existing drives, one frame at a time, at wire speed.
 
 python -m canopen_control_bench.talker CHANNEL FIRST_NODE COUNT RATE SECONDS        -> {"sent": frames}
 """
@@ -17,7 +17,7 @@ _RANGE = 50  # counts: a drive that stands still, as its encoder sees it
 
 
 def talk(channel: str, nodes: range, rate: float, seconds: float) -> int:
-    """Send for so long; return how many frames were sent."""
+    """Send for the given time; return the number of frames sent."""
     port = open_port(channel, label="talker")
     now, sleep = time.monotonic_ns, time.sleep
     gap, count = 1e9 / rate, round(rate * seconds)
@@ -35,7 +35,7 @@ def talk(channel: str, nodes: range, rate: float, seconds: float) -> int:
 
 
 def main() -> None:
-    """Send what the arguments say, when a line comes."""
+    """Send as the arguments say, when a line arrives."""
     channel, first, count, rate, seconds = sys.argv[1:6]
     sys.stdout.write("ready\n")
     sys.stdout.flush()

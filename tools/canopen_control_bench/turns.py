@@ -1,4 +1,4 @@
-"""How a program that is measured is told what to do: a line of JSON in, a line of JSON out.
+"""Protocol between the bench and a measured program: one line of JSON as order, one as result.
 
     {"cycles": 2000, "period_ns": 1000000}        on absolute deadlines; 0: as fast as the answers come
     -> {"cycles", "missed", "tpdos", "wall_ns", "cpu_ns", "late_ns": [...], "work_ns": [...], "whole_ns": [...],
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 
 def _numbers() -> array[int]:
-    """Return what holds a number for each cycle: none that the garbage collector of who is measured would look at."""
+    """Return an array of one number per cycle, which the garbage collector of the measured program ignores."""
     return array("q")
 
 
 @dataclass(slots=True)
 class Turn:
-    """What one run of cycles showed; times in ns."""
+    """The results of a turn; times in ns."""
 
     cycles: int = 0
     missed: int = 0
@@ -48,7 +48,7 @@ class Turn:
 
     @property
     def cpu_us(self) -> float:
-        """CPU for each cycle, in us."""
+        """CPU time per cycle in us."""
         return self.cpu_ns / self.cycles / 1000
 
     def say(self) -> None:
@@ -57,13 +57,13 @@ class Turn:
 
 
 def say(message: Mapping[str, object]) -> None:
-    """Print a line of JSON, at once."""
+    """Print a line of JSON and flush it."""
     sys.stdout.write(json.dumps(message, default=list) + "\n")
     sys.stdout.flush()
 
 
 def serve_turns(cycle: Callable[[int], None], wait: Callable[[], None]) -> None:
-    """Serve standard input: `cycle(n)` sends the frames of a cycle, `wait()` returns when its answers are there."""
+    """Run the turns ordered on standard input: `cycle(n)` sends the frames, `wait()` returns when answers are in."""
     say({"ready": True})
     for line in sys.stdin:
         order = json.loads(line)

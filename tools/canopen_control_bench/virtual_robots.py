@@ -1,4 +1,4 @@
-"""`simulate`: robots in virtual time beside real time, seconds of the robot for each second of a processor.
+"""`simulate`: robots in virtual time, in seconds of robot time per second of CPU time.
 
 Everything of `canopen-control simulate` is on: the runtime, the drives, the bit-true bus, the observer and the digest.
 What is timed is CPU of this process: the first run reads the files, which the seeds of a campaign share, and is thrown
@@ -43,7 +43,7 @@ _SEED: Final = 7
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """One simulation: CPU of its boot and of the rest, in s, how much of the robot's time the rest was, its digest."""
+    """One simulation: CPU seconds of the boot and of the rest, the robot time of the rest, and the digest."""
 
     boot_s: float
     cpu_s: float
@@ -75,7 +75,7 @@ def measure(options: Options) -> list[Figure]:
 
 
 def simulate(setup: RobotSetup, seconds: float) -> Simulated:
-    """Simulate a robot that is commanded, without troubles; raises CanopenError where it does not boot."""
+    """Simulate a commanded robot without faults; raises CanopenError if it does not boot."""
     motions, duration_ns = motions_of(setup), round(seconds * 1e9)
     nodes = [node.node_id for bus in setup.buses.values() for node in bus.nodes.values()]
     begun = time.process_time()

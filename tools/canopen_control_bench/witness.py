@@ -1,4 +1,4 @@
-"""A bare timer on one processor, at a priority above all that is measured: when it is late, the machine stood still.
+"""A bare timer on a CPU at top priority: when it is late, the whole machine was stalled.
 
     python -m canopen_control_bench.witness PROCESSOR PERIOD_NS
 
@@ -29,7 +29,7 @@ def watch(
     now: Callable[[], int] = time.monotonic_ns,
     sleep: Callable[[float], object] = time.sleep,
 ) -> list[tuple[int, int]]:
-    """Wake every `period_ns` until `ended`, and return deadline and arrival of the times that were late."""
+    """Wake every `period_ns` until `ended`, and return deadline and arrival of the late wake-ups."""
     stalls = []
     edge = now()
     while not ended():
@@ -43,7 +43,7 @@ def watch(
 
 
 def unwitnessed(stalls: Sequence[tuple[int, int]], witnessed: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return those of `stalls` that no witnessed one overlaps."""
+    """Return those of `stalls` that do not overlap any witnessed stall."""
     return [(edge, woke) for edge, woke in stalls if not any(begin < woke and end > edge for begin, end in witnessed)]
 
 
@@ -53,7 +53,7 @@ def _wait_for_line(ended: threading.Event) -> None:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Watch until standard input has a line."""
+    """Run until standard input receives a line."""
     cpu, period_ns = map(int, arguments)
     ended = threading.Event()
     threading.Thread(target=_wait_for_line, args=(ended,), daemon=True).start()

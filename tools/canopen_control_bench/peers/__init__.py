@@ -1,1 +1,1 @@
-"""What we are measured beside: programs of their own, each in the fastest idiom that its package documents."""
+"""The packages we are compared with, each as a program that uses the fastest documented API."""

@@ -69,7 +69,7 @@ _INDEX = {
 
 
 class Master:
-    """The drives, and what comes from them."""
+    """The drives, and the data received from them."""
 
     def __init__(self, bus: can.BusABC, *, inline: bool) -> None:
         self.bus, self.inline, self.controlword = bus, inline, 0
@@ -89,7 +89,7 @@ class Master:
         self.network.nmt.state = "OPERATIONAL"
 
     def cycle(self, number: int) -> None:
-        """Look at what has come, then send the RPDOs and SYNC."""
+        """Process received messages, then send the RPDOs and SYNC."""
         while self.inline and self.take(0):
             pass
         self.seen = [variable.raw for drive in self.drives for variable in drive.inputs]
@@ -104,14 +104,14 @@ class Master:
         self.network.sync.transmit()
 
     def take(self, timeout: float) -> bool:
-        """Hand the next message to the package, in this thread; False if none came."""
+        """Pass the next message to the package in this thread; return False if there was none."""
         message = self.bus.recv(timeout)
         if message is not None:
             self.network.notify(message.arbitration_id, message.data, message.timestamp)
         return message is not None
 
     def wait(self) -> None:
-        """Return when the last TPDO has come."""
+        """Wait for the last TPDO and return its time."""
         if not self.inline:
             if not self.arrived.wait(ANSWER_S):
                 raise SystemExit("the drives do not answer")

@@ -1,4 +1,4 @@
-"""What the peers command, cycle by cycle, so that a listener can tell whether the right values are on the wire."""
+"""The commands of the peers in each cycle, chosen so that a listener can check the values on the wire."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _SPAN = 1000
 
 
 def controlword(step: int) -> int:
-    """Return what enables a drive, step by step."""
+    """Return the controlword that enables a drive, step by step."""
     return CONTROLWORDS[min(step // 10, len(CONTROLWORDS) - 1)]
 
 
 def target(cycle: int, position: int) -> int:
-    """Return the target velocity of the drive at `position` in a cycle, in its own units: never twice the same."""
+    """Return the target velocity of the drive at `position` in a cycle, in device units: never the same twice."""
     return (cycle % _SPAN) * 2 - _SPAN + position

@@ -1,4 +1,4 @@
-"""python-can alone as master, with a codec written by hand: the process data of N drives, and nothing else.
+"""python-can alone as master, with a hand-written codec: the process data of N drives, and nothing else.
 
 One thread, `bus.recv` and `bus.send`, one compiled struct for each PDO. It maps the PDOs over SDO as the others do.
 
@@ -28,7 +28,7 @@ UNUSED = ((0x1402, 0x400), (0x1403, 0x500), (0x1802, 0x380), (0x1803, 0x480))
 
 
 class Master:
-    """As much of a master as it takes."""
+    """The minimal master that is needed."""
 
     def __init__(self, bus: can.BusABC, nodes: range) -> None:
         self.bus, self.nodes = bus, nodes
@@ -53,7 +53,7 @@ class Master:
         raise SystemExit(f"node {node_id} does not answer")
 
     def configure(self, node_id: int) -> None:
-        """Map two PDOs each way, synchronous; switch the others off."""
+        """Map two synchronous PDOs in each direction; switch the others off."""
         for communication, base in UNUSED:
             self.write(node_id, communication, 1, OFF | base + node_id, 4)
         for communication, base, mapping in PDOS:
@@ -68,7 +68,7 @@ class Master:
             self.write(node_id, index, 0, value, 4)
 
     def take(self, timeout: float) -> int:
-        """Take a frame and keep what it says; returns its COB-ID, 0 if none came."""
+        """Receive a frame and store its values; return its COB-ID, or 0 if there was none."""
         message = self.bus.recv(timeout)
         if message is None:
             return 0
@@ -81,7 +81,7 @@ class Master:
         return can_id
 
     def cycle(self, number: int) -> None:
-        """Take what has come, then send the RPDOs and SYNC."""
+        """Process received frames, then send the RPDOs and SYNC."""
         while self.take(0):
             pass
         word = WORD_MODE.pack(self.controlword, MODE)
@@ -91,7 +91,7 @@ class Master:
         self.send(0x080, b"")
 
     def wait(self) -> None:
-        """Return when the last TPDO has come."""
+        """Wait for the last TPDO and return its time."""
         while (can_id := self.take(ANSWER_S)) != self.last:
             if not can_id:
                 raise SystemExit("the drives do not answer")

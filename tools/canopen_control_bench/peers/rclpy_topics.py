@@ -1,4 +1,4 @@
-"""Other ROS programs for the bridge's figures: one that only publishes, and one that listens and commands.
+"""Other ROS programs for the figures of the bridge: one publishes only, one listens and sends commands.
 
 `python -m canopen_control_bench.peers.rclpy_topics publish` publishes a JointState of two joints, an Odometry and a
 TFMessage below /plain with one timer of rclpy at 50 Hz. `... listen` subscribes to those and to the bridge's, and
@@ -36,7 +36,7 @@ COMMANDS = "/robby_base_controller/cmd_vel_unstamped"
 
 
 def main(arguments: list[str]) -> int:
-    """Do what the first argument says until standard input ends."""
+    """Run the program named by the first argument until standard input ends."""
     prepare(os.environ, wheels=from_wheels(), prefix=sys.prefix)
     from canopen_control.ros.rcl import single_threaded_executor, start
 

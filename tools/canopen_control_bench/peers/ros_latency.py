@@ -1,4 +1,4 @@
-"""An rclpy program that commands joints by topic and hears joint states, with a listener on the bus beside it.
+"""An rclpy program that commands joints by topic and receives joint states, with a listener on the bus.
 
     python -m canopen_control_bench.peers.ros_latency CHANNEL COMMANDS ROUNDS
 
@@ -29,7 +29,7 @@ _TIMEOUT_S = 20.0
 
 
 def main() -> None:
-    """Measure, and say what was seen."""
+    """Measure, and print the results."""
     channel, count, rounds = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     rclpy.init()
     node = rclpy.create_node("bench_latency")
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def state_latencies(node: rclpy.node.Node, channel: str) -> list[float]:
-    """Return how long each joint state took since its position was on the wire, in ms; the joints are turning."""
+    """Return the time from each position on the wire to its joint state, in ms; the joints are turning."""
     first_seen: dict[int, int] = {}
     found: list[float] = []
     ended = threading.Event()

@@ -1,4 +1,4 @@
-"""The `canopen` package as SDO client: on our bus by python-can's plugin, and on the bus that it brings itself.
+"""The `canopen` package as SDO client: on our bus through python-can's plugin, and on python-can's own bus.
 
 Its own server has no block transfer, so ours serves it on python-can's `virtual` bus too.
 """
@@ -46,7 +46,7 @@ class VirtualServer:
 
 @contextlib.contextmanager
 def their_virtual_client() -> Iterator[Client]:
-    """Client and server on threads of this process, as the package comes."""
+    """Client and server on threads of this process, in the default configuration of the package."""
     served = VirtualServer()
     try:
         with their_client("virtual") as client:
@@ -81,5 +81,5 @@ def their_client(interface: str = "canopen_control") -> Iterator[Client]:
 
 
 def import_eds(path: str, node_id: int) -> canopen.ObjectDictionary:
-    """Read an EDS as the package does."""
+    """Read an EDS with the package."""
     return canopen.import_od(path, node_id)
