@@ -1,4 +1,4 @@
-"""Mistakes in the package, one at a time, that tests and simulations have to catch; and what runs a command with one.
+"""Mutants of the package, each a mistake that tests and simulations must detect, and commands to run with one.
 
     python tools/code_mutants.py                                # list them, each with what has to catch it
     python tools/code_mutants.py run NAME pytest -q tests/cia402 -m "not process"
@@ -40,7 +40,7 @@ CAMPAIGN: Final = "tools/campaigner"
 
 
 class Change(NamedTuple):
-    """Code in a function of a module below the package, "" for the module itself, and what stands there instead."""
+    """Code in a function of a module of the package ("" for module level), and its replacement."""
 
     module: str
     function: str
@@ -49,17 +49,17 @@ class Change(NamedTuple):
 
     @property
     def path(self) -> Path:
-        """The file of the module."""
+        """The path of the module's file."""
         return ROOT / PACKAGE / f"{self.module.replace('.', '/')}.py"
 
     @property
     def subpackage(self) -> str:
-        """The subpackage that is changed."""
+        """The changed subpackage."""
         return self.module.partition(".")[0]
 
 
 class Mutant(NamedTuple):
-    """A mistake: what it `does`, its change, and the simulations that show it, as commands of `run`.
+    """A mutant: what it `does`, its change, and the simulations that detect it, as commands of `run`.
 
     `tests` is the test module, without processes and of the subpackage that is changed, that has to catch it. A mutant
     without `runs` is one that no simulation shows.
@@ -78,7 +78,7 @@ _FORKLIFT: Final = "seeds forklift --seeds 40 --for 20"
 
 
 def _scenario(robot: str, name: str) -> str:
-    """Return the command that plays a scenario of the campaign, on a bundled robot or on one of its small ones."""
+    """Return the command that plays a scenario of the campaign, on a bundled robot or one of its small robots."""
     small = ROOT / CAMPAIGN / "robots" / robot
     where = f"{CAMPAIGN}/robots/{robot}" if small.is_dir() else ""
     file = f"{where}/{name}.yml" if where else f"{CAMPAIGN}/scenarios/{name}.yml"
@@ -490,7 +490,7 @@ BY_NAME: Final = {mutant.name: mutant for mutant in MUTANTS}
 
 
 class _Replace(ast.NodeTransformer):
-    """Puts other code where some stands: statements that follow each other, or an expression; `count` is how often."""
+    """Replaces code: consecutive statements, or an expression; `count` is the number of replacements."""
 
     def __init__(self, old: str, new: str) -> None:
         before = ast.parse(old.strip()).body
@@ -503,7 +503,7 @@ class _Replace(ast.NodeTransformer):
         self.count = 0
 
     def visit(self, node: ast.AST) -> ast.AST:
-        """Replace what is below a node, then in it: what was put there may have the old code in it."""
+        """Process the children of a node, then the node itself: the replacement may contain the old code."""
         if self._expression is not None and isinstance(node, ast.expr) and ast.dump(node) == self._expression:
             self.count += 1
             return self._after[0].value  # type: ignore[attr-defined]
@@ -515,7 +515,7 @@ class _Replace(ast.NodeTransformer):
         return node
 
     def _in(self, body: list[ast.stmt]) -> list[ast.stmt]:
-        """Return statements with the replaced ones among them."""
+        """Return statements with the replacements made."""
         size, at, found = len(self._statements), 0, []
         while at < len(body):
             if [ast.dump(statement) for statement in body[at : at + size]] == self._statements:
@@ -550,7 +550,7 @@ def mutated(change: Change, source: str | None = None) -> ast.Module:
 
 
 class _Hook(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Makes one module of changed code; `used` once it was."""
+    """Import hook that loads one module from changed code; `used` is set when it did."""
 
     def __init__(self, change: Change) -> None:
         self._change = change
@@ -559,19 +559,19 @@ class _Hook(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         self.used = False
 
     def find_spec(self, name: str, _path: object, _target: object = None) -> importlib.machinery.ModuleSpec | None:
-        """Find the module that is changed."""
+        """Find the changed module."""
         if name != self._name:
             return None
         return importlib.util.spec_from_file_location(name, self._change.path, loader=self)
 
     def exec_module(self, module: ModuleType) -> None:
-        """Run the changed code."""
+        """Execute the changed code."""
         self.used = True
         exec(self._code, module.__dict__)
 
 
 def apply(mutant: Mutant) -> None:
-    """Have this process import the mutated package from now on; RuntimeError where the module is there already."""
+    """Make this process import the mutated package; RuntimeError if the module is already imported."""
     name = f"{PACKAGE}.{mutant.change.module}"
     if name in sys.modules:
         raise RuntimeError(f"{name} was imported before it could be changed")
@@ -607,7 +607,7 @@ def run_with(mutant: Mutant | None, command: Sequence[str]) -> int:
 
 
 def run_seeds(arguments: Sequence[str]) -> int:
-    """Simulate the seeds of a robot until one breaks a rule; 1 where one does."""
+    """Simulate the seeds of a robot until one violates an invariant; return 1 in that case."""
     parser = argparse.ArgumentParser(prog="seeds")
     parser.add_argument("robot")
     parser.add_argument("--seeds", type=int, default=40)
@@ -636,7 +636,7 @@ def run_seeds(arguments: Sequence[str]) -> int:
 
 
 def _caught(name: str, command: Sequence[str], seconds: float = 900.0) -> tuple[bool, float, str]:
-    """Return whether a command fails with a mutant ("" for none), how long it took, and its last word."""
+    """Return whether a command fails with a mutant ("" for none), its duration, and its last output line."""
     began = time.monotonic()
     here = [sys.executable, __file__, *(("run", name) if name else ("plain",))]
     try:
@@ -655,12 +655,12 @@ def _caught(name: str, command: Sequence[str], seconds: float = 900.0) -> tuple[
 
 
 def tests_of(mutant: Mutant) -> list[str]:
-    """Return the command of the tests that have to catch it."""
+    """Return the command of the tests that must detect a mutant."""
     return ["pytest", "-q", "-x", "-m", "not process and not alone", f"tests/{mutant.tests}.py"]
 
 
 def measure(names: Sequence[str], *, tests: bool, seeds: bool) -> int:
-    """Print which mutants are caught, and by what; 0 where all are that should be."""
+    """Print which mutants are detected, and by what; return 0 if all are that should be."""
     clean: dict[str, bool] = {}
     missed = 0
     for mutant in (candidate for candidate in MUTANTS if not names or candidate.name in names):
@@ -687,7 +687,7 @@ def measure(names: Sequence[str], *, tests: bool, seeds: bool) -> int:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Do what the command line says."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(prog="code_mutants.py", description=(__doc__ or "").partition("\n")[0])
     verbs = parser.add_subparsers(dest="verb")
     one = verbs.add_parser("run", help="run a command with a mutant")

@@ -1,4 +1,4 @@
-"""The parts of ./tools/test: which there are, which of them run side by side, and what is printed about them.
+"""The parts of ./tools/test: their commands, which of them run in parallel, and their report.
 
 tools/test prepares the environment and starts this program in the checkout's folder. Each part is one command in a
 process group of its own. A lane runs its parts one after the other, and lanes run at the same time. The output of a
@@ -122,7 +122,7 @@ GUESTS: Final = {
 
 
 class UsageError(Exception):
-    """The arguments of ./tools/test ask for something that does not exist."""
+    """The arguments of ./tools/test name something that does not exist."""
 
 
 @dataclass(frozen=True)
@@ -143,13 +143,13 @@ class Part:
 
     @property
     def cache(self) -> Path:
-        """Where pytest remembers what failed in this part."""
+        """The cache folder of pytest for this part."""
         return Path(".pytest_cache", re.sub(r"\W+", "_", self.name))
 
 
 @dataclass
 class Result:
-    """How a part ended: exit code, wall clock and CPU time in s."""
+    """The result of a part: exit code, wall clock time and CPU time in s."""
 
     part: Part
     code: int
@@ -162,7 +162,7 @@ class Result:
 
 
 def pytest(name: str, expression: str, *arguments: str, compiled: Path | None = None, again: bool = False) -> Part:
-    """Return the part that runs the tests that EXPRESSION selects, on the compiled package where its folder is given.
+    """Return the part that runs the tests selected by EXPRESSION, on the compiled package if its folder is given.
 
     With `again`, tests that fail are run once more when nothing else runs, and the second result counts.
     """
@@ -183,7 +183,7 @@ def _in_one_process(command: Sequence[str]) -> tuple[str, ...]:
 
 
 def files_with(*marks: str) -> list[str]:
-    """Return the test files that name one of the marks, in sorted order.
+    """Return the test files that contain one of the marks, sorted.
 
     The files of PROCESS_FOLDERS belong to the mark `process` without naming it.
     """
@@ -197,7 +197,7 @@ def files_with(*marks: str) -> list[str]:
 
 
 def checks() -> list[Part]:
-    """Return the parts that read the sources and run nothing of them."""
+    """Return the parts that check the sources without running them."""
     ruff = (sys.executable, "-m", "ruff")
     return [
         Part("ruff check", (*ruff, "check", ".")),
@@ -212,7 +212,7 @@ APART: Final = ("-n", "8", "--dist", "loadgroup")  # few tests that wait for ans
 
 
 def default_lanes(*, again: bool = False) -> list[list[Part]]:
-    """Return the lanes of ./tools/test: what only computes beside what waits for other processes.
+    """Return the lanes of ./tools/test: tests that only compute, alongside tests that wait for processes.
 
     The tests without a process run in two plain pytest processes. Workers of pytest-xdist would each collect all of
     them, which takes longer than an uneven end costs: the third lane fills it.
@@ -229,7 +229,7 @@ def default_lanes(*, again: bool = False) -> list[list[Part]]:
 
 
 def halves() -> tuple[list[str], list[str]]:
-    """Return the folders and files with tests that start no process, in two lists of about the same size in bytes."""
+    """Return the folders and files with tests that start no process, in two lists of similar size in bytes."""
     halves: tuple[list[str], list[str]] = ([], [])
     sizes = [0, _OF_CHECKS]
     entries = {
@@ -249,7 +249,7 @@ def halves() -> tuple[list[str], list[str]]:
 
 
 def rest_steps() -> list[list[list[Part]]]:
-    """Return the steps of ./tools/test --rest, each a list of lanes: what the default run leaves out.
+    """Return the steps of ./tools/test --rest, each a list of lanes: everything that the default run omits.
 
     Whole robots whose reactions have a limit in time (`timed`) run two at a time, what measures (`alone`) runs alone.
     What only computes has the lowest priority, and takes what they leave: the compiled package and the long tests
@@ -283,13 +283,13 @@ def rest_steps() -> list[list[list[Part]]]:
 
 
 def rest_files() -> list[str]:
-    """Return the test files with tests that the default run leaves out, in sorted order."""
+    """Return the test files with tests that the default run omits, sorted."""
     whole = [f"tests/{name}" for name in REST_FILES]
     return sorted({*whole, *files_with("rest", *REST_KINDS), *map(str, Path("tests/bench").glob("test_*.py"))})
 
 
 def files_of_compiled_modules() -> list[str]:
-    """Return the test files of the modules that are compiled (pyproject.toml), and of properties of their folders."""
+    """Return the test files of the compiled modules (see pyproject.toml), and the property tests of their folders."""
     project = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))
     modules = [
         Path(name) for name in project["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"]["include"]
@@ -306,7 +306,7 @@ def files_of_compiled_modules() -> list[str]:
 
 
 def guests() -> list[list[Part]]:
-    """Return the lanes with guests: emulated CAN cards, the subpackage for a kernel's CAN, robots on it.
+    """Return the lanes with guests: emulated CAN cards, the subpackage for kernel CAN, robots on it.
 
     Each is a kernel with one processor. An emulated machine computes all the time, a kernel in user mode half of it:
     two of those share a processor.
@@ -329,7 +329,7 @@ def guests() -> list[list[Part]]:
 
 
 class Run:
-    """One run: starts parts, adopts and ends what they leave, and collects their results."""
+    """One run: starts parts, adopts and ends orphaned processes, and collects the results."""
 
     def __init__(self) -> None:
         self.results: list[Result] = []
@@ -343,7 +343,7 @@ class Run:
         ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
     def lanes(self, lanes: Sequence[Sequence[Part]]) -> None:
-        """Run all lanes at the same time and return when the last one has ended."""
+        """Run all lanes in parallel and return when the last one has ended."""
         self._named |= {part.name for lane in lanes for part in lane}
         threads = [threading.Thread(target=self._lane, args=(lane,)) for lane in lanes if lane]
         for thread in threads:
@@ -358,7 +358,7 @@ class Run:
         self._show_progress(clear=True)
 
     def second_looks(self) -> None:
-        """Run what failed in parts that allow it once more, alone; the second result counts."""
+        """Run failed parts that permit it once more, alone; the second result counts."""
         for result in [candidate for candidate in self.results if candidate.failed and candidate.part.second_look]:
             assert result.part.second_look is not None
             again = replace(result.part, name=f"{result.part.name}, once more", command=result.part.second_look)
@@ -369,7 +369,7 @@ class Run:
                 self.results.append(replace(result, code=GOOD, failed=()))
 
     def summary(self) -> str:
-        """Return the table of parts with their times, and the tests that passed only at the second look."""
+        """Return the table of parts with their times, and the tests that passed only in the second run."""
         lines = ["== time and CPU"]
         lines += [f"{result.part.name:40} {result.wall:7.1f} s {result.cpu:8.1f} s CPU" for result in self.results]
         lines.append(f"{'all':40} {time.monotonic() - self._begin:7.1f} s {_cpu_of_children():8.1f} s CPU")
@@ -387,7 +387,7 @@ class Run:
         return not self.interrupted and all(result.code == GOOD for result in self.results)
 
     def end_children(self) -> None:
-        """End every process that this run has started: SIGINT to each part, and SIGKILL to what is left."""
+        """End every process started by this run: SIGINT to each part, then SIGKILL to remaining processes."""
         for pid in list(self._running):
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(pid, signal.SIGINT)
@@ -398,7 +398,7 @@ class Run:
         kill_descendants()
 
     def _reap_adopted(self) -> None:
-        """Reap processes that this one has adopted; those of parts are reaped by their lanes, which measure them."""
+        """Reap adopted processes; those of parts are reaped by their lanes, which measure them."""
         with contextlib.suppress(ChildProcessError):
             while ended := os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT):
                 if ended.si_pid in self._running or self._starting:
@@ -500,7 +500,7 @@ def _descendants() -> list[int]:
 
 
 def kill_descendants() -> None:
-    """Kill and reap every process that descends from this one."""
+    """Kill and reap every descendant of this process."""
     while pids := _descendants():
         for pid in pids:
             with contextlib.suppress(ProcessLookupError):
@@ -529,7 +529,7 @@ def _reap() -> None:
 
 
 def install_debian_packages() -> None:
-    """Install what the screens and guests of --rest need, as far as this user may: root, or CI with sudo."""
+    """Install the Debian packages for the screens and guests of --rest, as root, or in CI with sudo."""
     missing = [package for program, packages in SCREENS.items() if not shutil.which(program) for package in packages]
     for program, packages in GUESTS.items():
         if subprocess.run([program, "-c"], capture_output=True).returncode:
@@ -553,7 +553,7 @@ def install_debian_packages() -> None:
 
 
 def paths_of(words: Sequence[str]) -> list[str]:
-    """Return the folders and files of tests that are meant by words such as `cia402` and `cli/sdo`; refuse others."""
+    """Return the test folders and files named by words such as `cia402` and `cli/sdo`; refuse unknown words."""
     paths = []
     for word in words:
         module = Path("tests", word).parent / f"test_{Path(word).name}.py"
@@ -568,7 +568,7 @@ def paths_of(words: Sequence[str]) -> list[str]:
 
 
 def refuse_unwritable_folders() -> None:
-    """Refuse to run where ruff, mypy and pytest could not keep their caches, and tests no files of their own."""
+    """Refuse to run in folders in which ruff, mypy, pytest and tests cannot write files."""
     for folder in (".", ".pytest_cache", ".mypy_cache", ".ruff_cache", "build"):
         if os.path.exists(folder) and not os.access(folder, os.W_OK | os.X_OK):
             raise UsageError(
@@ -581,13 +581,13 @@ def refuse_unwritable_folders() -> None:
 
 
 def split(words: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the words before the first one that begins with `-`, and the others, which are pytest's."""
+    """Return the words before the first one that begins with `-`, and the rest, which are pytest options."""
     first = next((index for index, word in enumerate(words) if word.startswith("-")), len(words))
     return list(words[:first]), list(words[first:])
 
 
 def run_default(run: Run) -> None:
-    """Run what ./tools/test runs without arguments; where no test may be skipped, with the programs that they need.
+    """Run the default parts of ./tools/test; install needed programs first if no test may be skipped.
 
     With CANOPEN_CONTROL_SECOND_LOOK set, as in CI, a test that fails runs once more, as in --rest.
     """
@@ -600,7 +600,7 @@ def run_default(run: Run) -> None:
 
 
 def run_rest(run: Run) -> None:
-    """Run what the default run leaves out, and look once more at what fails."""
+    """Run what the default run omits, and repeat what fails."""
     install_debian_packages()
     for lanes in rest_steps():
         run.lanes(lanes)
@@ -614,7 +614,7 @@ def run_all(run: Run) -> None:
 
 
 def coverage_parts(words: Sequence[str]) -> list[Part]:
-    """Return the parts that measure what the tests of `words`, or of the default run, reach."""
+    """Return the parts that measure the coverage of the tests of `words`, or of the default run."""
     coverage = (sys.executable, "-m", "coverage")
     subpackages, more = split(words)
     selection = _KEPT_OUT + (" and not alone" if subpackages else " and not rest")
@@ -631,7 +631,7 @@ def coverage_parts(words: Sequence[str]) -> list[Part]:
 
 
 def run_coverage(run: Run, words: Sequence[str]) -> None:
-    """Measure what the tests reach; the processes that they start are counted too, unless they are killed."""
+    """Measure the coverage of the tests, including the processes that they start, unless those are killed."""
     parts = coverage_parts(words)
     Path("build/coverage").mkdir(parents=True, exist_ok=True)
     subprocess.run([sys.executable, "-m", "coverage", "erase"])
@@ -650,7 +650,7 @@ COMMANDS: Final[dict[str, Callable[[Run], None]]] = {"": run_default, "--rest": 
 
 @contextlib.contextmanager
 def ended_by_signals(run: Run) -> Iterator[None]:
-    """End all children on SIGINT, SIGTERM and SIGHUP, and when the run is over."""
+    """End all children on SIGINT, SIGTERM and SIGHUP, and at the end of the run."""
 
     def stop(number: int, frame: object) -> None:
         del number, frame

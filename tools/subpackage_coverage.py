@@ -1,4 +1,4 @@
-"""How much of each subpackage the tests reach, lines and branches, from the JSON of coverage.
+"""Coverage of each subpackage by the tests, in lines and branches, from coverage's JSON report.
 
 A subpackage below LEAST says why in pyproject.toml, [tool.subpackage_coverage.below], or the exit code is 1.
 
@@ -23,13 +23,13 @@ _PARTS = ("covered_lines", "covered_branches", "num_statements", "num_branches")
 
 
 def subpackage_of(path: str) -> str:
-    """Return the subpackage of a file: the folder below the package, or the file where it stands there alone."""
+    """Return the subpackage of a file: its folder below the package, or the file itself if it is at the top level."""
     parts = Path(path).parts
     return parts[parts.index(PACKAGE) + 1].removesuffix(".py")
 
 
 def covered_by_subpackage(files: Mapping[str, Any]) -> dict[str, float]:
-    """Return the percentage of lines and branches that were reached, by subpackage that has any."""
+    """Return the percentage of covered lines and branches for each subpackage that has any."""
     counts: dict[str, Counter[str]] = {}
     for path, file in files.items():
         counts.setdefault(subpackage_of(path), Counter()).update({part: file["summary"][part] for part in _PARTS})
@@ -44,7 +44,7 @@ def covered_by_subpackage(files: Mapping[str, Any]) -> dict[str, float]:
 def judged(
     covered: Mapping[str, float], reasons: Mapping[str, str], subpackages: Iterable[str] = ()
 ) -> tuple[str, bool]:
-    """Return the table, of `subpackages` or all, and whether each subpackage below LEAST has a reason."""
+    """Return the table of `subpackages` or all, and whether each subpackage below LEAST has a reason."""
     wanted = set(subpackages) or set(covered)
     lines, good = [], True
     for subpackage, percent in covered.items():
@@ -59,7 +59,7 @@ def judged(
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the table; 1 where a reason is missing."""
+    """Print the table; return 1 if a reason is missing."""
     path, *subpackages = arguments
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
     files = json.loads(Path(path).read_text(encoding="utf-8"))["files"]

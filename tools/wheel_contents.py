@@ -1,4 +1,4 @@
-"""What is in a wheel, checked against the checkout: sources, data, tags, and the extension modules of a compiled one.
+"""Checks the contents of a wheel against the checkout: sources, data, tags, and extension modules of compiled wheels.
 
     python tools/wheel_contents.py WHEEL ...
 
@@ -33,14 +33,14 @@ STRANGERS = ("tests/", "tools/", "docs/", "build/")
 
 
 def compiled_modules() -> list[str]:
-    """Return the sources of the modules that are compiled, relative to the root."""
+    """Return the sources of the compiled modules, relative to the root."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     hook = project["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"]
     return [path.lstrip("/") for path in hook["include"]]
 
 
 def problems(wheel: Path) -> list[str]:
-    """Return what is wrong with a wheel, a sentence each."""
+    """Return the problems of a wheel as sentences."""
     python, _, platform = wheel.stem.split("-")[-3:]
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
@@ -77,7 +77,7 @@ def _metadata(archive: zipfile.ZipFile, names: Sequence[str], tag: str, *, pure:
 
 
 def _extensions(names: Sequence[str], python: str, *, pure: bool) -> Iterator[str]:
-    """Compare the extension modules with those that the tags promise: `cp311` is `.cpython-311-`."""
+    """Compare the extension modules with those implied by the tags: `cp311` is `.cpython-311-`."""
     found = {str(PurePosixPath(name).with_name(PurePosixPath(name).name.split(".")[0])) for name in _libraries(names)}
     wanted = set() if pure else {SHARED, *(path.removesuffix(".py") for path in compiled_modules())}
     yield from (f"{name} is not compiled" for name in sorted(wanted - found))
@@ -87,13 +87,13 @@ def _extensions(names: Sequence[str], python: str, *, pure: bool) -> Iterator[st
 
 
 def _libraries(names: Sequence[str]) -> list[str]:
-    """Return the extension modules; what Fast DDS calls (callbacks_*.so) is not a module of Python's."""
+    """Return the extension modules; the callbacks for Fast DDS (callbacks_*.so) are not Python modules."""
     found = map(PurePosixPath, names)
     return [str(name) for name in found if ".so" in name.suffixes and not name.name.startswith("callbacks_")]
 
 
 def main(wheels: Sequence[str]) -> int:
-    """Print a line for each wheel, and what is wrong with it; 1 if anything is, or there is none."""
+    """Print a line for each wheel, and its problems; return 1 if there are any, or no wheel is given."""
     bad = not wheels
     for wheel in map(Path, wheels):
         found = problems(wheel)

@@ -176,13 +176,13 @@ def _parser() -> argparse.ArgumentParser:
         prog="tools/campaign", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--for", type=_seconds, default=1800.0, dest="seconds", metavar="T", help="default: 30m")
-    parser.add_argument("--seed", type=int, help="default: drawn, and printed")
-    parser.add_argument("--replay", metavar="FILE", help="play these actions, one a line as they are printed")
-    parser.add_argument("--list", action="store_true", help="print the actions and do nothing")
+    parser.add_argument("--seed", type=int, help="default: random, and printed")
+    parser.add_argument("--replay", metavar="FILE", help="play the actions in FILE, one per line as printed")
+    parser.add_argument("--list", action="store_true", help="print the actions without running them")
     parser.add_argument("--can", default="local:campaign", metavar="CHANNEL", help="default: local:campaign; or vcan0")
-    parser.add_argument("--ros", action="store_true", help="with the ROS 2 bridge, and publishers that command")
-    parser.add_argument("--keep", action="store_true", help="keep all logs and outputs, not only those of breaches")
-    parser.add_argument("--json", action="store_true", help="the result as JSON on standard output")
+    parser.add_argument("--ros", action="store_true", help="run the ROS 2 bridge, and publishers that send commands")
+    parser.add_argument("--keep", action="store_true", help="keep all logs and output, not only those of breaches")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
     return parser
 
 

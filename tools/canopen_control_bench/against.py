@@ -115,15 +115,15 @@ def main(arguments: Sequence[str]) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="tools/bench against", description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("commit", metavar="COMMIT", help="what git knows: a hash, a branch, HEAD~3")
-    parser.add_argument("family", nargs="+", metavar="FAMILY", help=f"of: {', '.join((*FAMILIES, *GROUPS))}")
+    parser.add_argument("commit", metavar="COMMIT", help="a git revision: a hash, a branch, HEAD~3")
+    parser.add_argument("family", nargs="+", metavar="FAMILY", help=f"one of: {', '.join((*FAMILIES, *GROUPS))}")
     parser.add_argument(
-        "--pairs", type=int, default=FEWEST, metavar="N", help=f"how many (default and least: {FEWEST})"
+        "--pairs", type=int, default=FEWEST, metavar="N", help=f"number of pairs (default and minimum: {FEWEST})"
     )
-    parser.add_argument("--quick", action="store_true", help="short runs, as of the bench")
-    parser.add_argument("--as-is", action="store_true", help="let processors sleep, as of the bench")
+    parser.add_argument("--quick", action="store_true", help="short runs, same as for the bench")
+    parser.add_argument("--as-is", action="store_true", help="allow CPU idle states, same as for the bench")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the ratios of all pairs to a file")
-    parser.add_argument("--compiled", action="store_true", help="compile the modules of the cycle of both")
+    parser.add_argument("--compiled", action="store_true", help="compile the cycle modules of both commits")
     return parser
 
 
