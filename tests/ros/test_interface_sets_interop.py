@@ -78,9 +78,14 @@ LACKING = {
 }
 
 
+@pytest.fixture(scope="module")
+def whole():
+    """Return the endpoints of each kind of controller on this host."""
+    return json.loads(ros.run_ros("import json" + ENDPOINTS))
+
+
 @pytest.mark.parametrize("path", SETS, ids=lambda path: path.stem)
-def test_what_a_host_lacks_is_left_out_alone(path):
-    whole = json.loads(ros.run_ros("import json" + ENDPOINTS))
+def test_what_a_host_lacks_is_left_out_alone(path, whole):
     kinds = json.loads(ros.run_ros(OTHER.format(path=str(path)) + ENDPOINTS))
     assert all(not lacking for _, lacking in whole.values())
     lacking = {kind: set(each) for kind, (_, each) in kinds.items() if each}

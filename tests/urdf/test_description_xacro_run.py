@@ -139,7 +139,8 @@ from canopen_control.urdf.description import XacroRun
 {preparation}
 run = XacroRun(Path({str(path)!r}), {{}})
 print(run._process.pid, flush=True)
-time.sleep(1.0)  # it is in the middle of it
+while int(Path(f"/proc/{{run._process.pid}}/stat").read_text().rpartition(")")[2].split()[11]) < 50:
+    time.sleep(0.01)  # after half a second of processor time it is in the middle of it
 os.kill(os.getpid(), signal.SIGKILL)
 """
     done = subprocess.run([sys.executable, "-P", "-c", script], capture_output=True, text=True, check=False)
