@@ -151,7 +151,7 @@ class SdoServer:
             _ON_COMMAND[data[0] >> 5](self, data, now)
 
     def receive_records(self, records: bytes, start: int, now: int) -> int:
-        """Process several frame records from byte `start` on at once, as if each were passed to `receive`.
+        """Process several frame records together, starting at byte `start`, as if each were passed to `receive`.
 
         Return the number of records processed; if it is 0, pass the first record to `receive`.
         """

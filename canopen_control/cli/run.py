@@ -464,7 +464,7 @@ def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _slow_reason(setup: RobotSetup) -> SlowReason | None:
-    """Return why the speed of a robot on real drives is limited, or None after a valid preflight."""
+    """Return why speeds on real drives are limited and for which joints, or None if a preflight permits full speed."""
     from canopen_control.check.preflight_record import slow_reason
 
     return slow_reason(setup)

@@ -389,7 +389,7 @@ def _program(status: Status) -> list[str]:
 
 
 def _traffic(status: Status, node: str) -> str:
-    """Return the numbers of SDO requests to a node since the robot started, as text."""
+    """Return the SDO request counts of a node since the robot started, as text."""
     if node not in status.nodes:
         return ""
     sdo = status.nodes[node].sdo

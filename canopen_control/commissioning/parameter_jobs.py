@@ -35,7 +35,7 @@ class BackupReport:
 
 
 def run_backup(session: NodeSession, run: JobRun, reached: Reached, name: str = "") -> str:
-    """Read all parameters twice and create a DCF named `name`, by default after the node."""
+    """Read all parameters twice and create a DCF; the file `name` defaults to the name of the node."""
     if unfinished := unfinished_words(session, reached):
         run.note(unfinished)
     name = name or f"{session.name or f'node{session.node_id}'}.dcf"

@@ -145,7 +145,7 @@ class JointStatus:
 
     @property
     def fault(self) -> FaultEvent | None:
-        """Fault of the drive with its statusword, later with its error code, or None."""
+        """Fault of the drive, or None; it has only the statusword until the error code is known."""
         if not self.machine.fault:
             return None
         return self.faults.fault or FaultEvent(statusword=self.machine.statusword)
@@ -525,7 +525,7 @@ class JointDrive(JointStatus):
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
     def _step_homing(self, run: JointHoming, now: int) -> None:
-        """Run one cycle of a homing: enable in mode HM, home, and restore mode and power at the end."""
+        """Run one cycle of homing: enable the drive in mode HM, home, and restore mode and power at the end."""
         if run.phase is HomingPhase.KNOWN:
             run.phase = HomingPhase.ENABLE
             try:

@@ -466,7 +466,7 @@ class HomePosition:
         return None if self._last is None else self._last.result
 
     def begin(self, method: int | None, *, was_enabled: bool) -> None:
-        """Start homing; DriveError while a homing is in progress, or if the drive does not list the method."""
+        """Start homing; raise DriveError if homing is in progress already, or if the drive does not list the method."""
         node = self._axis.node
         if self.homing is not None:
             raise DriveError(f"{node.label}: a homing is already in progress; wait for its end")

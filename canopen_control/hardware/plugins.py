@@ -407,7 +407,7 @@ KNOWN: Final = {
 def kind_of(
     description: UrdfDescription, tag: Ros2ControlSystem, *, mock: bool = False, real: bool = False
 ) -> PluginKind:
-    """Return the kind of a tag's component; RobotConfigError, with the nearest name, for an unknown plugin."""
+    """Return the kind of a tag's component; raise RobotConfigError with the closest name for an unknown plugin."""
     if mock or real:
         return PluginKind.MOCK if mock else PluginKind.CANOPEN
     kind = KNOWN.get(tag.plugin)

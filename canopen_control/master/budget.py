@@ -1,6 +1,6 @@
-"""Bus load of process data: bits of the worst cycle, average load and shortest possible SYNC period.
+"""Bus load of process data: bits of the longest cycle, average load and shortest possible SYNC period.
 
-The worst cycle contains every PDO that may be sent in one cycle, with the maximum number of stuff bits, and decides
+The longest cycle contains every PDO that may be sent in one cycle, with the maximum number of stuff bits, and decides
 whether the period is possible. The load is the average over all frames at their rates, with the maximum number of
 stuff bits. SDO, EMCY and NMT are not included: a load above `HIGH` leaves too little bandwidth for them.
 """
@@ -30,7 +30,7 @@ _ON_REMOTE = (252, 253)  # sent on a remote frame only (CiA 301, 7.5.2.37)
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """Frame with `length` data bytes, sent `per_cycle` times per cycle; `cyclic` frames belong to the worst cycle."""
+    """Frame with `length` data bytes, sent `per_cycle` times per cycle; `cyclic` frames belong to the longest cycle."""
 
     name: str
     cob_id: int
@@ -55,17 +55,17 @@ class Budget:
 
     @property
     def bits(self) -> int:
-        """Number of bits in the worst cycle, without stuff bits."""
+        """Number of bits in the longest cycle, without stuff bits."""
         return sum(bits_of(share.length)[0] for share in self.shares if share.cyclic)
 
     @property
     def worst_bits(self) -> int:
-        """Number of bits in the worst cycle, including the maximum number of stuff bits."""
+        """Number of bits in the longest cycle, including the maximum number of stuff bits."""
         return sum(share.worst_bits for share in self.shares if share.cyclic)
 
     @property
     def shortest_period_ns(self) -> int:
-        """Duration of the worst cycle on the bus in ns."""
+        """Duration of the longest cycle on the bus in ns."""
         return duration_ns(self.worst_bits, self.bitrate)
 
     @property
@@ -76,7 +76,7 @@ class Budget:
 
     @property
     def fits(self) -> bool:
-        """Whether the worst cycle fits into the period."""
+        """Whether the longest cycle fits into the period."""
         return self.shortest_period_ns <= self.period_ns
 
 

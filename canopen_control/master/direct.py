@@ -221,9 +221,10 @@ class DirectBus:
     # -- LSS
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
-        """Run an LSS service, such as `lambda master: master.store()`; RemoteProtocolError on failure.
+        """Run the LSS request that `ask` starts and return its result; raise RemoteProtocolError if it fails.
 
-        `scan_s` is the timeout of each request during a scan, None for the default.
+        An example of `ask` is `lambda master: master.store()`. `scan_s` is the timeout of each request during a scan,
+        None for the default.
         """
         master = LssMaster(timeout_ns=round(self.timeout_s * 1e9))
         if scan_s is not None:

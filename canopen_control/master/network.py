@@ -47,7 +47,7 @@ _COMMANDS: Final = {int(command): command.name.lower().replace("_", " ") for com
 
 
 class Evidence(enum.IntEnum):
-    """Kinds of evidence for a second master, in ascending order of certainty."""
+    """Kinds of evidence of a second master, in ascending order of strength."""
 
     SDO = 1
     NMT = 2

@@ -180,7 +180,7 @@ def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: b
 
 
 def _peer_merged(node: Node, defaults: Node) -> Node:
-    """Merge like ros2_canopen's generator: keys of `defaults` replace the node's own keys."""
+    """Merge as ros2_canopen's generator does: keys of `defaults` replace the node's own keys."""
     if node.kind not in ("mapping", "null") or defaults.kind != "mapping":
         return node.over(defaults)
     pairs = {key.text: (key, value) for key, value in [*node.pairs(), *defaults.pairs()]}
@@ -196,8 +196,8 @@ def _brief(value: object) -> str:
     return "another" if isinstance(value, dict | list) else repr(value)
 
 
-def _indented(node: Node) -> Node:
-    """Report PDO keys that are indented like the PDO numbers, and move them below the last number."""
+def _nest_pdo_keys(node: Node) -> Node:
+    """Report PDO keys at the same indentation as the PDO numbers, and move them into the PDO with the last number."""
     keys = node.keys()  # also under the names that replace misspelled keys
     pairs = {name: (keys[name], value) for name, value in node.items()}
     for kind in ("rpdo", "tpdo"):
@@ -233,7 +233,7 @@ def _foreign_driver(node: Node) -> str:
 def node_config(name: str, node: Node, master: MasterConfig, options: FileOptions) -> tuple[NodeConfig, Node] | None:
     """Convert and check the keys of a node; return them with the corrected section, or None if they are unusable."""
     ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE, _foreign_driver(node))
-    node = _indented(_respelled(node))
+    node = _nest_pdo_keys(_respelled(node))
     keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)
     if keys is None:
         return None

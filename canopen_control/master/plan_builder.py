@@ -401,7 +401,7 @@ class PlanBuilder:
         self._add(index, subindex, data, reason, False, pdo)
 
     def write_downloaded(self, index: int, subindex: int) -> None:
-        """Add the write of an object by a file, if any, unless the `sdo:` list of bus.yml writes the object."""
+        """Plan the write of the value that a DCF gives for an object, unless `sdo:` in bus.yml writes a number."""
         data = self._downloaded.get((index, subindex))
         if data is not None and self.listed_value(index, subindex) is None:
             self.write_raw(index, subindex, data, self.download_reason)

@@ -478,7 +478,7 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
 
 
 def _check_fixed(builder: PlanBuilder, planned: _Requested, pdo: PdoConfig) -> None:
-    """Warn of a COB-ID that is read-only in the EDS and has a different value there.
+    """Warn about a COB-ID that is read-only in the EDS and whose EDS value differs from the planned value.
 
     The write is planned anyway, because some EDS declare writable COB-IDs `ro` or `const`.
     """

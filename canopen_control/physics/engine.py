@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 def make(path: Path) -> PhysicsWorld:
     """Return the world of a plant file; raise PhysicsError, RobotConfigError, or ConfigError if MuJoCo is missing."""
     require_physics()
-    return make_of(read_physics_file(path), path)
+    return make_world(read_physics_file(path), path)
 
 
-def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
-    """Return the world for the contents `file` of the plant file at `path`."""
+def make_world(file: PhysicsFile, path: Path) -> PhysicsWorld:
+    """Return the world that a plant file describes; `file` is its content, `path` its location."""
     from canopen_control.physics.body_model import alone
 
     world = read_world_description(path.parent / file.world) if file.world else WorldDescription()

@@ -1,4 +1,4 @@
-"""Motors of a robot's joints: settings of the plant file, and estimates of missing values.
+"""Motors of a robot's joints: settings from the plant file, and estimates of missing values.
 
 The motor of a wheel is estimated from the mass that it moves, the motor of another joint from its inertia and weight in
 several postures. The `effort` in the description is the peak torque.

@@ -189,7 +189,7 @@ class ProxyNode(Endpoint):
             part.close()
 
     def own_joint(self) -> str | None:
-        """Return the joint to whose axis the services are restricted; None if they affect all axes."""
+        """Return the joint whose axis the services act on, or None if they act on all axes."""
         return None
 
     def _ask(self) -> None:

@@ -45,7 +45,7 @@ def is_off(joint: JointDrive) -> bool:
 
 
 def is_rising(joint: JointDrive) -> bool:
-    """Whether a drive follows commands or soon will: enable is requested and the node is ready."""
+    """Whether a drive follows commands or soon will: enable is requested, its node is ready, and it is not halted."""
     return joint.enable_requested and joint.node.ready and not joint.machine.halted
 
 
@@ -406,7 +406,7 @@ class StopLatch:
             self._write_file(now)
 
     def release(self, by: str, now: int) -> None:
-        """Release the latch and report an event; does nothing if not latched."""
+        """Release the latch and report an event; do nothing if STOP is not latched."""
         if self.by is not None:
             self.by = None
             text = f"STOP was released by {by}; the drives stay disabled until you enable them"

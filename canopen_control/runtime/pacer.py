@@ -85,7 +85,7 @@ class SyncPhase:
         return 0
 
     def step(self) -> int:
-        """Return the correction of the current period in ns; negative shortens the period."""
+        """Return and consume the correction of the current period in ns; a negative value shortens the period."""
         phase_left, rate_step = self._phase_left, self._rate_step
         if not phase_left:
             return rate_step

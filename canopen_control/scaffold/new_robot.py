@@ -304,7 +304,7 @@ def _wrong_base(name: str, axes: int) -> list[str]:
 
 
 def _baudrate(devices: Sequence[Device]) -> int:
-    """Return the highest bit rate in kbit/s that all EDS files list; 1000 without a common bit rate."""
+    """Return the highest bit rate in kbit/s common to all EDS files that list any; 1000 without a common one."""
     bit_rates = [device.od.device.bit_rates for device in devices if device.od.device.bit_rates]
     common = frozenset.intersection(*bit_rates) if bit_rates else frozenset[int]()
     return max(common) // 1000 if common else 1000

@@ -70,7 +70,7 @@ class StateCoverage:
         self.sampled()
 
     def sampled(self) -> None:
-        """Observe the axes of the robot's current process, which a restart replaces."""
+        """Observe the axes of the robot's current core; a restart of the robot creates a new core."""
         core = self._robot.core
         if core is not self._core:
             self._core = core

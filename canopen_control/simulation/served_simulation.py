@@ -1,4 +1,4 @@
-"""Socket of a simulated robot, to which programs connect like to a running robot.
+"""Socket of a simulated robot, to which programs connect as they would to a running robot.
 
 Their requests reach the robot's own server at the end of a slice of virtual time; the answers are sent after the next
 slice. The simulation is paced to real time. The player's observers are informed of the requests. With other programs

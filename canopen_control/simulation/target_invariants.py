@@ -119,7 +119,7 @@ class _Commanders:
 
 
 class TargetInvariants:
-    """Check of targets on the bus and of the shafts; breaches are passed to `report(rule, text)`."""
+    """Checks the targets on the bus and the motion of the shafts; violations are passed to `report(rule, text)`."""
 
     def __init__(
         self,

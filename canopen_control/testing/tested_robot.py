@@ -358,7 +358,7 @@ class TestedDrive:
 
     @property
     def quirks(self) -> list[str]:
-        """Active quirks of the drive in text form."""
+        """Active quirks of the drive, as text."""
         device = self._drive.device
         return [] if device is None or device.quirks is None else device.quirks.active
 

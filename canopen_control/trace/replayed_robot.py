@@ -1,4 +1,4 @@
-"""Replay of a robot's recording on a robot socket, with the states and events at their original rate.
+"""Replay of a robot's recording on a robot socket, with states and events at their original rate.
 
 Clients that watch a robot (the page, `status --watch`, `monitor`) can watch the replay; requests for motion or changes
 are refused. The recording is played once, starting when a client subscribes, and then remains at its end.

@@ -144,9 +144,10 @@ def _modes(states: Iterable[TimedSnapshot]) -> dict[str, str]:
 
 
 def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFacts | None:
-    """Return cycle period, counts during the samples, and histogram of lateness, or None without data.
+    """Return the cycle period, cycle counts, maximum lateness and working time, and a histogram of the lateness.
 
-    The bins are those of `status --json`; with fewer than two samples the counts are those of the whole run.
+    None without data. The counts cover the time of the samples, or the whole run with fewer than two samples; the
+    maxima are those of the whole run. The bins are those of `status --json`.
     """
     last = states[-1].cycle if states else None if status is None else status.cycle
     if last is None or last == CycleTimes():

@@ -170,7 +170,7 @@ def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None 
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """Content of a mesh in a format for browser and simulation: "stl" (binary), or "glb" for the browser only."""
+    """Mesh data in a format that the browser and the simulation read: "stl" (binary), or "glb" for the browser only."""
 
     content: bytes
     format: str

@@ -106,7 +106,7 @@ def _run(path: str, mappings: Mapping[str, str]) -> tuple[bytes, str]:
         with contextlib.redirect_stderr(output):
             import xacro  # after the limits
 
-            with _finding(path):
+            with _source_lookup(path):
                 text = str(xacro.process_file(path, mappings=arguments).toprettyxml(indent="  "))
     except Exception as error:  # noqa: BLE001 - a xacro file runs its author's expressions: anything may come
         reason = next((words for kind, words in _TOO_MUCH.items() if _has_cause(error, kind)), "")
@@ -158,8 +158,8 @@ def _where(output: str) -> str:
 
 
 @contextlib.contextmanager
-def _finding(path: str) -> Iterator[None]:
-    """Make xacro use `find_package` for `$(find ...)`, and open installed files in their source folders."""
+def _source_lookup(path: str) -> Iterator[None]:
+    """Context in which xacro finds packages with `find_package`, and missing installed files in their sources."""
     import xacro
     from xacro import substitution_args  # after the limits
 

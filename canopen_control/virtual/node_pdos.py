@@ -228,7 +228,7 @@ class PdoRecords:
         return check
 
     def _users(self) -> dict[int, int]:
-        """Return the record that uses each 11-bit identifier; SYNC and EMCY have priority over PDOs."""
+        """Return, by 11-bit identifier, the index of the record that uses it; SYNC and EMCY have priority over PDOs."""
         store = self._store
         users: dict[int, int] = {}
         for index, default in ((_SYNC, 0x80), (_EMCY, INVALID_BIT)):

@@ -137,22 +137,22 @@ class Node:
         self._elements: list[Node] = []
 
     @classmethod
-    def scalar(cls, place: Node, text: str, value: object, *, quoted: bool) -> Node:
-        """Make the node `place` a scalar and return it."""
-        place.text, place._scalar, place.quoted = text, value, quoted
-        return place
+    def scalar(cls, node: Node, text: str, value: object, *, quoted: bool) -> Node:
+        """Set text and value of a scalar node, and return the node."""
+        node.text, node._scalar, node.quoted = text, value, quoted
+        return node
 
     @classmethod
-    def mapping(cls, place: Node, pairs: dict[str, tuple[Node, Node]]) -> Node:
-        """Make the node `place` a mapping of (key node, value node) pairs by key and return it."""
-        place._pairs = pairs
-        return place
+    def mapping(cls, node: Node, pairs: dict[str, tuple[Node, Node]]) -> Node:
+        """Set the (key node, value node) pairs of a mapping node, by key, and return the node."""
+        node._pairs = pairs
+        return node
 
     @classmethod
-    def sequence(cls, place: Node, elements: list[Node]) -> Node:
-        """Make the node `place` a sequence and return it."""
-        place._elements = elements
-        return place
+    def sequence(cls, node: Node, elements: list[Node]) -> Node:
+        """Set the elements of a sequence node, and return the node."""
+        node._elements = elements
+        return node
 
     def __repr__(self) -> str:
         return f"Node({self.path}:{self.line}:{self.column} {self.where})"

@@ -43,7 +43,7 @@ _NOT_ENABLED = "NotEnabled"
 
 
 def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for the duration of a command."""
+    """Declare `--for` and `--once`, and the option for the name of the robot."""
     group = parser.add_mutually_exclusive_group()
     group.add_argument("--for", type=seconds, metavar="S", dest="seconds", help="repeat for S seconds, then send zeros")
     group.add_argument("--once", action="store_true", help="send once; the command ends with the controller's timeout")

@@ -267,7 +267,7 @@ class GetDriveState(Request[DriveState], frozen=True):
 
 @DRIVE.method("inputs", Effect.CHANGES)
 class SetInputs(Request[Done], frozen=True, kw_only=True):
-    """Set the digital inputs (0x60FD) of an axis, which keep the value."""
+    """Set the digital inputs (0x60FD) of an axis; they keep this value until they are set again."""
 
     value: Inputs
     axis: int = 0

@@ -177,7 +177,7 @@ class TouchProbe(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class ReadTouchProbe(Request[TouchProbe], frozen=True, kw_only=True):
-    """Return the touch probe objects of a node's axis: function, status and captured positions."""
+    """Return the touch probe objects of a node's first axis: function, status and captured positions."""
 
     node: NodeName
 
@@ -415,7 +415,7 @@ class ListControllerTypes(Request[list[str]], frozen=True):
 
 @ROBOT.method("load", Effect.CHANGES)
 class LoadController(Request[Done], frozen=True, kw_only=True):
-    """Load a controller in ros2_controllers.yaml and configure it, unless `configure` is false."""
+    """Load a controller from ros2_controllers.yaml and configure it, unless `configure` is false."""
 
     controller: str
     configure: bool = True
