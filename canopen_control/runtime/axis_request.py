@@ -156,6 +156,13 @@ class PendingAxisRequest:
             return True
         return False
 
+    def confirm_stop(self) -> bool:
+        """End a request to disable drives that are disabled, also in its first cycle; return whether it has ended."""
+        stopped = self._action is Action.DISABLE and all(reached(joint, self._action) for joint in self._joints)
+        if stopped:
+            self._done(None)
+        return stopped
+
     def fail(self, reason: str) -> None:
         self._done(reason)
 

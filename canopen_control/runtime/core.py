@@ -590,6 +590,8 @@ class RobotCore:
         if late or powered:
             first = "the drives did not confirm the stop in time; " if late else ""
             self.failure = self.failure or f"{first}{how}; check the drives before you approach the robot"
+        else:
+            self._requests = [request for request in self._requests if not request.confirm_stop()]
         for bus in self.buses.values():
             bus.release_nodes()
         self._end(f"has stopped, {how}" if how else "has stopped")

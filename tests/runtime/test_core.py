@@ -581,6 +581,18 @@ def test_what_stops_is_never_refused(bench, action):
     assert robby.texts("stopped") == ["robby has stopped, its drives are disabled"]
 
 
+def test_a_stop_in_the_last_cycle_has_succeeded(bench):
+    robby = bench()
+    robby.start()
+    robby.robot.shutdown("a test")
+    robby.until(lambda: all(system.stopped for system in robby.robot.systems))
+    answers = []
+    robby.robot.stop(answers.append)
+    assert robby.texts("stopped") == []
+    robby.until(lambda: robby.texts("stopped"), ms=100)
+    assert answers == [None]
+
+
 def test_a_wheel_that_never_booted_is_no_doubt_about_the_stop(bench, tmp_path):
     config = copy_robby(tmp_path, bus={"    node_id: 2\n": "    node_id: 2\n    required: false\n"})
     robby = bench(config=str(config), drives=(LEFT,))
