@@ -70,7 +70,7 @@ _COMMUNICATION_PARAMETERS = 2  # subindex of 0x1011 whose restored values are ef
 _OPERATION_ENABLED_BIT = 0x04
 _SHUTDOWN = 0x0006
 #: target object -> object with the actual value, which RPDOs contain until the first command
-_PRESETS = {0x607A: 0x6064, 0x6060: 0x6061}
+_PRESETS = {(0x607A, 0): 0x6064, (0x60C1, 1): 0x6064, (0x6060, 0): 0x6061}
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,11 +212,11 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
         # CiA 402-2, table 30: bit 2, operation enabled
         if statusword & _OPERATION_ENABLED_BIT and not running:
             yield from _write_optional(transfers, CONTROLWORD + offset, _SHUTDOWN.to_bytes(2, "little"))
-        for target, actual in _PRESETS.items():
-            if (target + offset, 0) in sent:
+        for (target, subindex), actual in _PRESETS.items():
+            if (target + offset, subindex) in sent:
                 value = yield from _read_optional(plan, "J", transfers, actual + offset, 0, signed=True)
                 if value is not None:
-                    transfers.presets[target + offset, 0] = transfers.presets[actual + offset, 0] = value
+                    transfers.presets[target + offset, subindex] = transfers.presets[actual + offset, 0] = value
         if (MODES_OF_OPERATION + offset, 0) in transfers.presets:  # unless bus.yml writes a mode
             for write in plan.writes:
                 if write.address == (MODES_OF_OPERATION + offset, 0):

@@ -440,12 +440,13 @@ def test_a_node_that_cannot_store_boots_and_says_so():
     assert "cannot store its configuration (0x1010:01)" in result.warnings[0]
 
 
-def test_process_data_begin_with_what_the_drive_says_and_an_old_target_velocity_is_taken_back():
-    layout = PlannedPdo(2, 0x303, 255, (MappedObject(0x607A, 0, 32, DataType.INTEGER32),))
+@pytest.mark.parametrize("target", [(0x607A, 0), (0x60C1, 1)])
+def test_process_data_begin_with_the_actual_position_and_an_old_target_velocity_is_cleared(target):
+    layout = PlannedPdo(2, 0x303, 255, (MappedObject(*target, 32, DataType.INTEGER32),))
     device = Device({(0x6064, 0): (-5).to_bytes(4, "little", signed=True), (0x60FF, 0): b"\x09\0\0\0"})
     names = {(0x60FF, 0): "Target velocity"}
     result = device.run(boot(scripted(axes=(0,), rpdos=(layout,), entry_names=names), reset=True))
-    assert result.presets == {(0x607A, 0): -5, (0x6064, 0): -5}
+    assert result.presets == {target: -5, (0x6064, 0): -5}
     assert (0x60FF, 0, bytes(4)) in device.written
 
 
