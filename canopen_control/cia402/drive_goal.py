@@ -339,7 +339,8 @@ class ModeRequest:
     """Requested mode of operation, and whether 0x6061 confirms it.
 
     `mode` is None without a request; `sent` is the value for 0x6060, which differs from `mode` until the drive is in a
-    state in which it changes its mode; `deadline` is the timeout of an unconfirmed mode, `NEVER` for none.
+    state in which it changes its mode; `deadline` is the timeout of an unconfirmed mode, `NEVER` for none. `missed` is
+    the mode that was last not confirmed in time, None since its confirmation.
     """
 
     def __init__(self, timeout_ns: int) -> None:
@@ -347,6 +348,7 @@ class ModeRequest:
         self.mode: int | None = None
         self.sent: int | None = None
         self.display: int | None = None
+        self.missed: int | None = None
         self.deadline = NEVER
         self._timeout = timeout_ns
         self._halved = False  # the deadline is shorter, because the drive shows no mode while disabled
@@ -422,12 +424,12 @@ class ModeRequest:
         self.deadline = NEVER
         if not self._fire(ModeTrigger.SHOWN):
             return None
-        self._last_confirmed = mode
+        self._last_confirmed, self.missed = mode, None
         return ModeConfirmed(now, mode)
 
     def _time_out(self, mode: int, enabled: bool, now: int) -> DriveEvent:
         back = self._last_confirmed if self._last_confirmed != mode else None
-        self.mode, self.deadline = back, NEVER
+        self.mode, self.missed, self.deadline = back, mode, NEVER
         self.sent = back
         if back is None:
             self._fire(ModeTrigger.OVERDUE)

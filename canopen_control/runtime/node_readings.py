@@ -137,7 +137,8 @@ def _mode(joint: JointDrive) -> int | None:
     """Return the mode of operation that a drive displays (0x6061), else the requested mode, else None."""
     request = joint.machine.mode_request
     # some drives show 0 (no mode) until they are enabled
-    unshown = request.display is None or (request.display == 0 and not joint.machine.enabled)
+    hidden = not joint.machine.enabled and request.missed != request.mode
+    unshown = request.display is None or (request.display == 0 and hidden)
     return request.mode if request.mode is None or unshown else request.display
 
 

@@ -171,3 +171,17 @@ def test_a_confirmed_mode_is_the_one_that_0x6061_showed_last(steps):
         assert request.mode is None or request.mode in asked
         assert (request.mode is None) is (request.state in (ModeState.NONE, ModeState.REFUSED))
         assert request.confirmed <= (request.mode in (None, display))
+
+
+def test_a_mode_that_was_not_confirmed_in_time_is_kept_until_it_is():
+    request = ModeRequest(100)
+    request.ask(3)
+    for now in (0, 100):
+        assert request.missed is None
+        request.update(0, True, now)
+    assert request.missed == 3
+    request.ask(3)
+    request.update(0, True, 200)
+    assert request.missed == 3
+    request.update(3, True, 210)
+    assert request.missed is None

@@ -52,10 +52,21 @@ def test_a_fault_is_that_of_the_emcy_at_the_node_and_of_statusword_and_code_at_t
 
 
 @pytest.mark.parametrize(
-    ("display", "enabled", "mode"), [(None, True, 3), (0, False, 3), (0, True, 0), (8, False, 8), (3, True, 3)]
+    ("display", "enabled", "missed", "mode"),
+    [
+        (None, True, None, 3),
+        (0, False, None, 3),
+        (0, False, 8, 3),
+        (0, False, 3, 0),
+        (0, True, None, 0),
+        (8, False, None, 8),
+        (3, True, None, 3),
+    ],
 )
-def test_a_mode_is_the_displayed_one_except_no_mode_of_a_drive_that_is_not_enabled(display, enabled, mode):
-    request = SimpleNamespace(mode=3, display=display)
+def test_a_mode_is_the_displayed_one_except_no_mode_of_a_drive_that_may_show_its_mode_later(
+    display, enabled, missed, mode
+):
+    request = SimpleNamespace(mode=3, display=display, missed=missed)
     assert _mode(SimpleNamespace(machine=SimpleNamespace(mode_request=request, enabled=enabled))) == mode
 
 
