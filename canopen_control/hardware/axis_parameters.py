@@ -301,6 +301,7 @@ _OBJECTS: Final = (
     (objects.MAX_MOTOR_SPEED, (0,)),
     (objects.PROFILE_DECELERATION, (0,)),
     (objects.QUICK_STOP_DECELERATION, (0,)),
+    (objects.QUICK_STOP_OPTION, (0,)),
     (objects.POSITIVE_TORQUE_LIMIT, (0,)),
     (objects.NEGATIVE_TORQUE_LIMIT, (0,)),
     (objects.POSITION_ENCODER_RESOLUTION, (1, 2)),
@@ -479,6 +480,7 @@ class AxisParameters:
         self._apply_limits()
         self.loaded = True
         self._report_slow_ramps()
+        self._report_quick_stop()
         self._on_loaded()
 
     def _report_slow_ramps(self) -> None:
@@ -492,6 +494,16 @@ class AxisParameters:
                     f"0x{axis.index(base):04X} is {slope}, so that braking from {axis.limits.words} takes "
                     f"{speed / slope:.0f} s; write a faster ramp under `sdo:` in bus.yml"
                 )
+
+    def _report_quick_stop(self) -> None:
+        """Report a reaction to a quick stop that only the manufacturer defines: Beckhoff's AX8000 ignores it at -1."""
+        code = self.get(objects.QUICK_STOP_OPTION)
+        if code is not None and code not in objects.OPTION_CODES[objects.QUICK_STOP_OPTION]:
+            index = self._axis.index(objects.QUICK_STOP_OPTION)
+            self._report(
+                f"0x{index:04X} is {code}, which CiA 402 does not define: a quick stop may not stop the axis; add "
+                f"`{{index: 0x{index:04X}, sub_index: 0, value: 2}}` under `sdo:` in bus.yml"
+            )
 
     def _pair(self, index: int) -> tuple[int, int] | None:
         first, second = self.get(index, 1), self.get(index, 2)

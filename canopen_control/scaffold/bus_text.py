@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.objects import (
     ABORT_CONNECTION_OPTION,
+    OPTION_CODES,
     PROFILE_ACCELERATION,
     PROFILE_DECELERATION,
     PROFILE_VELOCITY,
     QUICK_STOP_DECELERATION,
+    QUICK_STOP_OPTION,
     object_name,
 )
 from canopen_control.master.known_drives import proposals
@@ -263,7 +265,7 @@ def _counts_comment(axis: AxisChoice) -> str:
 def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
     """Return the `sdo` entries: manufacturer's needs, reaction to a lost master, and ramps missing in the EDS."""
     lines, od = list[str](), node.device.od
-    if accepts(od.get(ABORT_CONNECTION_OPTION, 0), _QUICK_STOP):
+    if accepts(od.get(ABORT_CONNECTION_OPTION, 0), _QUICK_STOP) and _stops_quickly(node):
         lines.append(remark("  - {index: 0x6007, sub_index: 0, value: 3}", "when the master is lost: quick stop"))
     for axis in drive.axes:
         unit = 60.0 / math.tau / axis.rpm if axis.rpm else axis.counts / math.tau
@@ -280,6 +282,12 @@ def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
         lines.append("  # the values that the drive has stored apply")
     lines = [*_named_writes(robot, node), *lines]
     return ["sdo:", *lines] if lines else []
+
+
+def _stops_quickly(node: NewNode) -> bool:
+    """Whether a quick stop stops the drive, by 0x605A in the EDS; otherwise a fault (0x6007 = 1) has to stop it."""
+    entry = node.device.od.get(QUICK_STOP_OPTION, 0)
+    return entry is None or entry.value is None or entry.value in OPTION_CODES[QUICK_STOP_OPTION]
 
 
 def _eds_value(node: NewNode, index: int, subindex: int) -> bool:

@@ -121,3 +121,13 @@ def test_a_ramp_in_the_drive_that_would_take_minutes_is_told(servo, index, slope
     texts = [text for text in bench.texts("parameters") if "node 2" in text and "takes" in text]
     words = f"0x{index:04X} is 255, so that braking from the velocity limit of the description takes 409 s"
     assert [words in text for text in texts] == ([True] if told else [])
+
+
+@pytest.mark.parametrize(("code", "told"), [(-1, True), (9, True), (2, False), (0, False), (8, False)])
+def test_a_reaction_to_a_quick_stop_that_cia_402_does_not_define_is_told(servo, code, told):
+    bench = servo("quick")
+    bench.start()
+    bench.drives[2].store.set(0x605A, 0, code)
+    bench.joint(2).parameters.load()
+    bench.run(500)
+    assert any(f"0x605A is {code}, which" in text for text in bench.texts("parameters")) is told

@@ -97,6 +97,8 @@ def test_ramps_are_written_only_where_the_eds_tells_none():
 def test_a_lost_master_is_a_quick_stop_where_the_drive_has_an_option_for_it():
     option = Entry(0x6007, 0, "Abort connection", DataType.INTEGER16, "rw", default=0)
     assert keys_of(shape(extra=[option]))["defaults"]["sdo"] == [{"index": 0x6007, "sub_index": 0, "value": 3}]
+    ignored = Entry(0x605A, 0, "Quick stop option", DataType.INTEGER16, "rw", default=-1)
+    assert "sdo" not in keys_of(shape(extra=[option, ignored]))["defaults"], "0x6007 = 1 of the boot stops it"
     limited = dataclasses.replace(option, low=0, high=2)
     assert "sdo" not in keys_of(shape(extra=[limited]))["defaults"]
 
