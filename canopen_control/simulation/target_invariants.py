@@ -234,6 +234,8 @@ class TargetInvariants:
         """
         if not view.statusword & _LIMIT or view.limited_at > now - _OFF_NS or drive.modes.number not in (_PV, _CSV):
             return ""
+        if not self._robot.up:  # nobody commands
+            return ""
         targets = view.targets_since(_VELOCITY, now - _LAG_NS)
         into_limit = bool(targets) and all(targets) and abs(drive.mover.plant.velocity) < _LEAST
         return f"to move at {targets[-1]}, against its active limit" if into_limit else ""

@@ -1,4 +1,5 @@
 import pytest
+from support.generic import write_generic
 from support.mutants import MUTANTS
 from support.simulated import BASE, FORWARD, MS, Judged, S, setup_of
 
@@ -9,6 +10,7 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.answer_invariants import AnswerInvariants
 from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.robot_under_test import RobotUnderTest
 from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.target_invariants import TargetInvariants, _Followed
@@ -57,6 +59,18 @@ def test_a_group_that_stands_because_of_the_limit_of_one_drive_has_lost_no_comma
     judged.run(3.0).drive(5.0, 5.0, seconds=7.0).run(7.0)
     assert "limit" in judged.kinds
     assert judged.told == []
+
+
+def test_nobody_commands_a_drive_against_its_limit_after_the_death_of_the_robot(tmp_path):
+    setup = read_robot(find_robot(str(write_generic(tmp_path, velocity=4.0))), controllers=["velocity"])
+    robot = RobotUnderTest(setup)
+    for drive in robot.drives.values():
+        drive.quirks = ["internal_limit_always"]
+    command = ScenarioEvent(2 * S, "command", "velocity", values=(-2.0, -2.0), for_ns=3 * S)
+    simulation = SimulationRun(setup, 1, [command, ScenarioEvent(3 * S, "kill")], robot=robot)
+    simulation.run(5 * S)
+    simulation.close()
+    assert simulation.breaches == ()
 
 
 @pytest.mark.sources
