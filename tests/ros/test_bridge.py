@@ -45,7 +45,8 @@ def test_a_foreign_middleware_is_one_sentence_and_exit_code_1(number):
 def test_without_a_robot_it_says_so(number):
     with ros.bridge(number) as process:
         output, _ = process.communicate(timeout=ros.TIMEOUT)
-    assert (process.returncode, output) == (1, "canopen-control: no robot 'fake' is running\n")
+    assert process.returncode == 1
+    assert output.startswith("canopen-control: no robot 'fake' is running")
 
 
 @pytest.mark.parametrize(
