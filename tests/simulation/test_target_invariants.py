@@ -61,13 +61,20 @@ def test_a_group_that_stands_because_of_the_limit_of_one_drive_has_lost_no_comma
     assert judged.told == []
 
 
+QUICK_STOP = "- {index: 0x6007, sub_index: 0, value: 3}"  # of a lost master
+
+
 def test_nobody_commands_a_drive_against_its_limit_after_the_death_of_the_robot(tmp_path):
-    setup = read_robot(find_robot(str(write_generic(tmp_path, velocity=4.0))), controllers=["velocity"])
+    setup = read_robot(
+        find_robot(str(write_generic(tmp_path, sdo=QUICK_STOP, extra="counts_per_revolution: 65536"))),
+        controllers=["velocity"],
+    )
     robot = RobotUnderTest(setup)
     for drive in robot.drives.values():
         drive.quirks = ["internal_limit_always"]
+    enable, kill = ScenarioEvent(1 * S, "axis", name="enable"), ScenarioEvent(3 * S, "kill")
     command = ScenarioEvent(2 * S, "command", "velocity", values=(-2.0, -2.0), for_ns=3 * S)
-    simulation = SimulationRun(setup, 1, [command, ScenarioEvent(3 * S, "kill")], robot=robot)
+    simulation = SimulationRun(setup, 1, [enable, command, kill], robot=robot)
     simulation.run(5 * S)
     simulation.close()
     assert simulation.breaches == ()
