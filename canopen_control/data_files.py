@@ -17,7 +17,7 @@ _FORMATS = (  # beginning of the data, and the format it indicates
     (b"\x7fELF", "a program, not a text"),
 )
 BINARY = "a binary file, not a text"
-_LOOKED_AT = 4096  # bytes of a file that show whether it is a text
+_SAMPLE_SIZE = 4096  # bytes of a file that show whether it is a text
 LONGEST_TEXT = 50_000_000
 """Maximum length of a description or launch file in bytes."""
 
@@ -57,7 +57,7 @@ def foreign_format(data: bytes) -> str:
     if known := next((name for begin, name in _FORMATS if data.startswith(begin)), ""):
         return known
     in_utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff") or (data[1:2] == b"\0" and data[:1] != b"\0")
-    return BINARY if b"\0" in data[:_LOOKED_AT] and not in_utf16 else ""
+    return BINARY if b"\0" in data[:_SAMPLE_SIZE] and not in_utf16 else ""
 
 
 def read_utf8(path: Path, limit: int = LONGEST_TEXT) -> str:

@@ -241,7 +241,7 @@ class SquarePath:
 
     @property
     def done(self) -> bool:
-        """Whether the base stands still at the end of the square."""
+        """Whether the base is at rest at the end of the square."""
         return self._phase is _Phase.DONE
 
     def twist(self, pose: Planar, now: float) -> tuple[float, float]:

@@ -208,7 +208,7 @@ class Controller:
     is_base: ClassVar[bool] = False
     """Whether the joints move one vehicle base: they stop together, and no CLI command moves one of them alone."""
     moves_joints: ClassVar[bool] = True
-    """Whether the controller moves joints; others, such as broadcasters, run beside the controller that does."""
+    """Whether the controller moves joints; others, such as broadcasters, run in parallel."""
     twist_axes: ClassVar[tuple[str, ...]] = ()
     """Twist axes that a base accepts, such as "linear.x"; empty if the controller accepts joint values."""
     independent: ClassVar[bool] = False

@@ -1,4 +1,4 @@
-"""Controllers of devices beside the joints: GpioCommandController, and the services of one CANopen node or drive.
+"""Controllers for devices other than joints: GpioCommandController, and the services of one CANopen node or drive.
 
 Rules (gpio_controllers, Jazzy): a command sets some of the command interfaces, the others keep their values; the
 commanded values are written again in every update, nothing before the first command; without command interfaces the
@@ -11,7 +11,7 @@ node end without affecting other nodes.
 Rules of the services (canopen_ros2_controllers): the parameter is `joint`; topics and services have the controller's
 name. Upstream passes each request through interfaces that a hardware component polls in its cycle. Here the controllers
 claim no interfaces: they offer the services that every node of the bus has, with the same answers and safety checks. So
-they are started beside the controller that moves the joint, and work whether they are active or not.
+they are started together with the controller that moves the joint, and work whether they are active or not.
 """
 
 from __future__ import annotations

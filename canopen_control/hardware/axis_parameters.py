@@ -314,7 +314,7 @@ _HOMING_SPEEDS: Final = (1, 2)  # speed during search for the switch, and for th
 _UNLIMITED: Final = 0xFFFFFFFF
 _SLOWEST_S: Final = 60.0  # of a ramp, as in `check`
 # the scales of bus.yml if none is given
-_NOT_GIVEN: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 1000.0, "vel_from_dev": 0.001}
+_DEFAULT_SCALES: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 1000.0, "vel_from_dev": 0.001}
 
 
 class AxisParameters:
@@ -525,7 +525,7 @@ class AxisParameters:
     def _apply_scale(self) -> None:
         axis, counts = self._axis, self.counts_per_turn()
         units = axis.node.config.units.of_axis(axis.number)
-        if counts is None or any(units[name] != value for name, value in _NOT_GIVEN.items()):
+        if counts is None or any(units[name] != value for name, value in _DEFAULT_SCALES.items()):
             axis.scale = configured_scale(axis.node, axis.number)
         else:
             own = axis.node.config.units.with_scale(counts / math.tau)
@@ -534,7 +534,7 @@ class AxisParameters:
         axis.turn = turn or abs(scale.pos_to_dev) * math.tau
         axis.rpm_to_dev = math.copysign(60.0 / math.tau, scale.vel_to_dev)
         if turn is not None:
-            to_dev = scale.pos_to_dev if scale.pos_to_dev != _NOT_GIVEN["pos_to_dev"] else scale.vel_to_dev
+            to_dev = scale.pos_to_dev if scale.pos_to_dev != _DEFAULT_SCALES["pos_to_dev"] else scale.vel_to_dev
             axis.rpm_to_dev = to_dev / turn * 60.0
 
     def _counts_of_motor(self) -> float | None:

@@ -97,7 +97,7 @@ def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: boo
 
 STANDSTILL: Final = 0.05  # rad/s (or m/s): a lower speed counts as standstill
 _STILL_NS: Final = 100_000_000  # duration of a constant position that counts as standstill of a drive without velocity
-_LOOK_NS: Final = 1_000_000_000
+_DERIVE_NS: Final = 1_000_000_000
 _DERIVED_NS: Final = 19_000_000  # minimum time between two positions for a velocity, because counts are coarse
 _MISMATCHES: Final = 3  # consecutive checks
 MEASURED: Final = {
@@ -147,12 +147,12 @@ class Feedback:
         self._jump_speed = 0.0  # counts/s that would explain the last jump
         self._sampled = self._sampled_before = 0  # stamps of the last two positions
         self._checked_at = self._checked_count = self._mismatches = 0
-        self._derived_from, self._derived_at = 0, -_LOOK_NS  # count and stamp
+        self._derived_from, self._derived_at = 0, -_DERIVE_NS  # count and stamp
 
     def node_ready(self) -> None:
         """Continue at the last joint position after the node has returned, regardless of its raw position."""
         self._axis.unwrap.rebase()
-        self._derived_at = -_LOOK_NS
+        self._derived_at = -_DERIVE_NS
         self._position_values = self._velocity_values = None
         self._raw_position = self._raw_velocity = self._raw_effort = None
 
@@ -160,7 +160,7 @@ class Feedback:
         """Restart at the drive's raw position after a homing."""
         self._axis.unwrap = PositionUnwrapper()
         self._position_values = self._raw_position = None
-        self._derived_at = -_LOOK_NS
+        self._derived_at = -_DERIVE_NS
         self._jumps = 0
 
     def node_lost(self) -> None:
@@ -247,7 +247,7 @@ class Feedback:
         elapsed, count = stamp - self._derived_at, self._axis.unwrap.count
         if elapsed < _DERIVED_NS:
             return
-        if elapsed < _LOOK_NS:  # else the node was absent in between
+        if elapsed < _DERIVE_NS:  # else the node was absent in between
             speed = (count - self._derived_from) * 1e9 / elapsed
             self._velocity_state.value = speed * self._axis.scale.pos_from_dev + 0.0
         self._derived_from, self._derived_at = count, stamp
@@ -267,7 +267,7 @@ class Feedback:
         count = self._axis.unwrap.count
         moved, elapsed = count - self._checked_count, now - self._checked_at
         self._checked_count, self._checked_at = count, now
-        steady = 0 < elapsed < _LOOK_NS
+        steady = 0 < elapsed < _DERIVE_NS
         mismatch = self._check_unit(moved * 1e9 / elapsed, self._raw_velocity) if steady else None
         self._mismatches = 0 if mismatch is None else self._mismatches + 1
         return mismatch if self._mismatches == _MISMATCHES else None

@@ -42,7 +42,7 @@ ERROR: Final = ReturnType.ERROR
 
 
 class LifecycleState(enum.Enum):
-    """Lifecycle state of a hardware component, as of a managed node in ROS 2."""
+    """Lifecycle state of a hardware component, as for a managed node in ROS 2."""
 
     UNCONFIGURED = "unconfigured"
     INACTIVE = "inactive"

@@ -415,7 +415,7 @@ class JointDrive(JointStatus):
         if self._watch.leaves_limit():
             self._events.append(JointEvent("limit_left", "the axis has left its limit", Level.INFO))
         self._motion.check(self.targets.current, self.enabled)
-        if self._watch.turns_the_wrong_way(self.enabled) or self._motion.turns_away:
+        if self._watch.turns_the_wrong_way(self.enabled) or self._motion.moves_away:
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
             self._events.append(JointEvent("direction", text, stops=True))
         if self._motion.late:

@@ -4,7 +4,7 @@ One table maps the events of the drive's state machine to a kind, a level and wh
 the statusword is reported when it begins, not while it lasts. An active limit forbids motion in the direction in which
 the axis moved and leaves the other direction open; an axis that moves together with others stops with them at the
 limit, and again when it is commanded beyond the limit. An axis that turns against its command is distinguished from one
-that lags: both values are large in `WRONG_LOOKS` consecutive checks. If a drive has no error code (0x603F), its EMCY
+that lags: both values are large in `WRONG_CHECKS` consecutive checks. If a drive has no error code (0x603F), its EMCY
 message is the only report.
 """
 
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from canopen_control.master.cycle import Output
 
 
-WRONG_LOOKS: Final = 5  # checks, one every 0.1 s
+WRONG_CHECKS: Final = 5  # checks, one every 0.1 s
 _LESS: Final = 0.95  # factor of a speed below which the axis is slowing down
-_QUIET_LOOKS: Final = 10
+_QUIET_CHECKS: Final = 10
 _FOLLOWING: Final = 1 << 13
 _BITS: Final = WARNING | INTERNAL_LIMIT | _FOLLOWING
 _FOLLOWING_MODES = (OperationMode.PP, OperationMode.CSP)  # bit 13 has another meaning in HM and PV
@@ -149,9 +149,9 @@ class StatusWatch:
         self._against = self._against + 1 if against else 0
         if self._against == 1:
             self._against_from = abs(speed)
-        elif self._against == WRONG_LOOKS and abs(speed) < _LESS * self._against_from:
+        elif self._against == WRONG_CHECKS and abs(speed) < _LESS * self._against_from:
             self._against, self._against_from = 1, abs(speed)  # the axis decelerates before it reverses
-        return self._against == WRONG_LOOKS
+        return self._against == WRONG_CHECKS
 
     def refuses(self, interface: str | None) -> str | None:
         """Return a text once if a target does not fit its object, and again after a valid target; call at 10 Hz.
@@ -168,7 +168,7 @@ class StatusWatch:
         """Return a text when the speed limit starts to reduce targets, else None; call at 10 Hz."""
         limits = self._axis.limits
         is_held, limits.held = limits.held, False
-        was_reported, self._quiet = self._quiet > 0, _QUIET_LOOKS if is_held else max(0, self._quiet - 1)
+        was_reported, self._quiet = self._quiet > 0, _QUIET_CHECKS if is_held else max(0, self._quiet - 1)
         if not is_held or was_reported:
             return None
         if limits.most < limits.velocity:
@@ -234,21 +234,21 @@ class FaultWatch:
 # would jump to the set-points when its brake has released.
 
 
-STANDING_LOOKS: Final = 15  # checks, one every 0.1 s
-_LATE_LOOKS: Final = 2
+STANDING_CHECKS: Final = 15  # checks, one every 0.1 s
+_LATE_CHECKS: Final = 2
 _WAY: Final = 0.02  # rad or m: a smaller distance to the target commands no motion
 _STEP: Final = STANDSTILL / 10  # rad or m in one check
 
 
 class MotionWatch:
-    """Motion check of one axis; `stands`, `late` and `turns_away` are results of the last `check`.
+    """Motion check of one axis; `stands`, `late` and `moves_away` are results of the last `check`.
 
     `unmoved` tells that the axis has not followed its set-points since it was enabled.
     """
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine) -> None:
         self._axis, self._machine = axis, machine
-        self.stands = self.late = self.turns_away = False
+        self.stands = self.late = self.moves_away = False
         self._standing = self._away = 0
         self._moved = False  # since the axis was enabled
         self._still: int | None = None  # position at the last check with motion
@@ -260,7 +260,7 @@ class MotionWatch:
 
     def check(self, target: ModeTarget | None, enabled: bool) -> None:
         """Compare the motion since the last check with the target."""
-        self.stands = self.late = self.turns_away = False
+        self.stands = self.late = self.moves_away = False
         position = self._axis.position
         if not enabled or target is None or position is None or not position.fresh or self._machine.halted:
             self._standing = self._away = 0
@@ -306,24 +306,24 @@ class MotionWatch:
             self._moved = self._moved or self._still is not None
             self._still = here
         self._standing = 0 if moved or limited or not self._commands_motion(target, scale) else self._standing + 1
-        self.stands = self._standing == STANDING_LOOKS
+        self.stands = self._standing == STANDING_CHECKS
         cyclic = target.tracks and target.interface == POSITION
-        self.late = cyclic and not self._moved and self._standing == _LATE_LOOKS
+        self.late = cyclic and not self._moved and self._standing == _LATE_CHECKS
 
     def _check_direction(self, way: int, here: int, step: int, scale: float) -> None:
         """Count checks with motion away from the target, except while the motion reverses towards it."""
         if abs(step) < _STEP * scale:
-            self.turns_away = self._ended_away(way, here, scale)
+            self.moves_away = self._ended_away(way, here, scale)
             self._rest, self._right, self._away = here, False, 0
             return
         if way * step > 0:
             self._right = True
         wrong = not self._right and way * step < 0 and abs(way) > _WAY * scale
         self._away = self._away + 1 if wrong else 0
-        self.turns_away = self._away == WRONG_LOOKS
+        self.moves_away = self._away == WRONG_CHECKS
 
     def _ended_away(self, way: int, here: int, scale: float) -> bool:
-        """Whether a motion of less than `WRONG_LOOKS` checks ended farther from its target."""
+        """Whether a motion of less than `WRONG_CHECKS` checks ended farther from its target."""
         if self._right or self._rest is None:
             return False
         moved = here - self._rest

@@ -98,13 +98,13 @@ class JointTargets:
         target = make_target(mode, self._axis, self._machine)
         return None if target is None else target.interface
 
-    def claim(self, interface: str | None, beside: Collection[str] = ()) -> None:
-        """Select the claimed interface and its mode; interfaces in `beside` are feed-forward.
+    def claim(self, interface: str | None, feed_forward: Collection[str] = ()) -> None:
+        """Select the claimed interface and its mode; `feed_forward` names the feed-forward interfaces.
 
-        A TARGET uses the present mode, which a user or the next enable requests.
+        A TARGET uses the current mode, which a user or the next enable requests.
         """
         self.claimed = interface
-        self.feed_forward.claim(beside)
+        self.feed_forward.claim(feed_forward)
         if interface not in (None, TARGET):
             self.set_mode(self.mode_for(interface))
         self.refresh()

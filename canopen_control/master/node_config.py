@@ -41,8 +41,8 @@ def tolerated(
 
     A key in `misnamed`, or similar to a known key with an effect that could be added, is an error. Any other unknown
     key is a warning: ros2_canopen ignores unknown keys, so that files with such keys are in use (`name` under
-    `master:`, `gearbox_ratio` beside scales that include the gear). `driver` is the name of a user's own driver, which
-    may read additional keys.
+    `master:`, a gear ratio in addition to scales that include the gear). `driver` is the name of a user's own driver,
+    which may read additional keys.
     """
     tolerated_keys = set(unused)
     for key, place in section.keys().items():

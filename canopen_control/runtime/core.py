@@ -76,7 +76,7 @@ if TYPE_CHECKING:
 # components are read at the edges too, and while its time is paused (`robot_clock`) there is no cycle.
 
 
-_LOOK_NS: Final = 100_000_000  # interval at which each bus selects reception by the reactor or at the edges
+_CHECK_NS: Final = 100_000_000  # interval at which each bus selects reception by the reactor or at the edges
 CAUGHT_UP: Final = 2  # maximum number of skipped edges whose time counts
 
 
@@ -181,7 +181,7 @@ class RobotCycle:
         for bus in self._buses:
             bus.tick(now)
         if now >= self._next_supervision and self._pacer.running:
-            self._next_supervision = now + _LOOK_NS
+            self._next_supervision = now + _CHECK_NS
             for bus in self._buses:
                 bus.rest_or_watch()
         for system in self._systems:

@@ -77,7 +77,7 @@ def with_free_drives(
         return description, control, ()
     names = tuple(joint for joint, _, _ in free)
     controllers = {**control.controllers, **_target_controllers(names, control.path)}
-    hardware = (*description.hardware, _system(_BESIDE, free))
+    hardware = (*description.hardware, _system(_EXTRA_DRIVES, free))
     return replace(description, hardware=hardware), replace(control, controllers=controllers), names
 
 
@@ -115,7 +115,7 @@ def unmoved_drives(
                 yield f"{bus.path}:{node.line}: {text}: {reason}"
 
 
-_BESIDE: Final = "drives_of_bus_yml"
+_EXTRA_DRIVES: Final = "drives_of_bus_yml"
 
 
 def _free(
@@ -146,16 +146,16 @@ def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2Contr
     states = {interface: InterfaceInfo(interface) for interface in (POSITION, VELOCITY, EFFORT)}
     target = {TARGET: InterfaceInfo(TARGET)}
     joints = tuple(
-        ControlJoint(joint, _parameters(node, axis, beside=name == _BESIDE), dict(target), dict(states))
+        ControlJoint(joint, _parameters(node, axis, may_be_absent=name == _EXTRA_DRIVES), dict(target), dict(states))
         for joint, node, axis in axes
     )
     return Ros2ControlSystem(name, "system", _PLUGIN, joints=joints)
 
 
-def _parameters(node: NodeConfig, axis: int, *, beside: bool) -> dict[str, str]:
-    """Return the URDF parameters of a joint; with `beside`, an optional node gets its own stop group."""
+def _parameters(node: NodeConfig, axis: int, *, may_be_absent: bool) -> dict[str, str]:
+    """Return the URDF parameters of a joint; with `may_be_absent`, an optional node gets its own stop group."""
     bound = {"device_name": node.name, "axis": str(axis)}
-    return bound | {"stop_group": node.name} if beside and not node.required else bound
+    return bound | {"stop_group": node.name} if may_be_absent and not node.required else bound
 
 
 def _target_controllers(names: Iterable[str], path: str) -> dict[str, ControllerConfig]:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 PERIOD_NS: Final = 50_000_000
 _TIMEOUT_NS: Final = 2_000_000_000
 _RETRY_NS: Final = 1_000_000_000
-_LOOK_BACK_S: Final = 0.2  # maximum extrapolation of odometry to the earlier time of a true pose
+_EXTRAPOLATE_S: Final = 0.2  # maximum extrapolation of odometry to the earlier time of a true pose
 
 
 class TruePoseTracker:
@@ -67,7 +67,7 @@ def _frame_of(base: BasePose, odometry: Planar) -> Planar:
 
 def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar] | None:
     """Return name and pose of the active base controller `ahead_ns` from now (-0.2 s to 0), or None."""
-    ahead = max(-_LOOK_BACK_S, min(0.0, ahead_ns / 1e9))
+    ahead = max(-_EXTRAPOLATE_S, min(0.0, ahead_ns / 1e9))
     for name in manager.bases:
         pose = manager.get(name).dead_reckoning(ahead)
         return None if pose is None else (name, pose)

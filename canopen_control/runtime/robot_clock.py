@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _STEP_NS: Final = 50_000_000  # more than NTP slews between checks, less than any command timeout
 _NOISE_NS: Final = 100_000  # smaller differences are measurement noise
-_LOOK_NS: Final = 100_000_000
+_FOLLOW_NS: Final = 100_000_000
 
 
 class WallClock:
@@ -48,7 +48,7 @@ class WallClock:
         """Call `follow` if due, ten times a second; return a clock step in ns, or 0."""
         if now < self.next_follow:
             return 0
-        self.next_follow = now + _LOOK_NS
+        self.next_follow = now + _FOLLOW_NS
         return self.follow()
 
     def follow(self) -> int:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 MAIN_BUS = "can"  # name of the bus in bus.yml; the bus in bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
-_LOOKED_AT: Final = 100_000  # characters of a file that may be a bus.yml
+_SAMPLE_SIZE: Final = 100_000  # characters of a file that may be a bus.yml
 _BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _COPIES: Final = frozenset({"template", "example", "sample", "backup", "bak", "copy", "orig", "old"})
 _ARGUMENT = re.compile(r"[A-Za-z_]\w*")
@@ -474,7 +474,9 @@ def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
 def _is_bus(path: Path) -> bool:
     """Whether a file looks like a bus.yml, because one of its lines contains `node_id:`."""
     try:
-        return path.is_file() and bool(re.search(r"(?m)^\s+node_id\s*:", path.read_text(encoding="utf-8")[:_LOOKED_AT]))
+        return path.is_file() and bool(
+            re.search(r"(?m)^\s+node_id\s*:", path.read_text(encoding="utf-8")[:_SAMPLE_SIZE])
+        )
     except (OSError, UnicodeDecodeError):
         return False
 

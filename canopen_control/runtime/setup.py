@@ -419,5 +419,5 @@ def started_controllers(
     if not names and all(map(is_broadcaster, types.values())) and (commanded or not types):
         raise RobotConfigError(f"{files.controllers}: it has only broadcasters, so nothing can command the robot")
     moving = [name for name, type_name in types.items() if moves_joints(type_name)]
-    beside = [name for name in types if name not in moving]
-    return tuple(dict.fromkeys([*beside, *(names or moving[:1])]))
+    parallel = [name for name in types if name not in moving]
+    return tuple(dict.fromkeys([*parallel, *(names or moving[:1])]))

@@ -51,9 +51,9 @@ _USAGE, _ERROR_PREFIX = 2, "canopen-control: "  # exit code for wrong files, and
 _READY_NS = 20_000_000_000  # time for drives to join the bus, even on a busy machine
 _READY_EACH_NS = 500_000_000  # additional time per drive
 _LISTENING_NS = 2_000_000_000  # for the recorder, without which the robot can start
-_LOOK_NS = 1_000_000_000
+_CHECK_NS = 1_000_000_000
 _SILENCE_NS = 4_000_000_000  # timeout of a recorder that reports each second
-_ANSWER_LOOK_NS = 250_000_000
+_ANSWER_CHECK_NS = 250_000_000
 _ON_TIME_NS = 50_000_000  # if later, this process was delayed too, and its children may have been
 _ANSWER_NS = 3_000_000_000  # timeout of a client that answers twice a second
 _FIRST_ANSWER_NS = 10_000_000_000  # for a client that starts, which takes a second
@@ -173,7 +173,7 @@ class Supervisor:
         limit = _FIRST_ANSWER_NS if child.heard_at is None else _ANSWER_NS
         silent = silence.update(now, child.heard_at)
         if silent < limit or (silent < _BUSY_FACTOR * limit and child.is_busy()):
-            self._reactor.call_later(_ANSWER_LOOK_NS, partial(self._watch_answers, child, silence))
+            self._reactor.call_later(_ANSWER_CHECK_NS, partial(self._watch_answers, child, silence))
             return
         text = f"process {child.name} (pid {child.pid}) has not answered for {silent / 1e9:.0f} s and is killed"
         why = "it hangs or was stopped"
@@ -292,7 +292,7 @@ class Supervisor:
             text = f"{process} is silent: it hangs or was stopped, and nothing is recorded"
             event = Event(now, "recorder_silent", "", text, Level.WARNING)
             self._report(event if silent else Event(now, "recorder_back", "", f"{process} records again"))
-        self._reactor.call_later(_LOOK_NS, partial(self._listen_to_recorder, child))
+        self._reactor.call_later(_CHECK_NS, partial(self._listen_to_recorder, child))
 
     def end_clients(self) -> None:
         """End the client processes and do not restart them; a second call does nothing."""
@@ -481,11 +481,11 @@ class Silence:
         self._duration = 0
 
     def update(self, now: int, heard_at: int | None) -> int:
-        """Return the silence until `now`; `heard_at` is the last report. Call this every `_ANSWER_LOOK_NS`."""
+        """Return the silence until `now`; `heard_at` is the last report. Call this every `_ANSWER_CHECK_NS`."""
         since, self._checked_at = now - self._checked_at, now
         if heard_at is not None and heard_at != self._heard_at:
             self._heard_at, self._duration = heard_at, 0
-        elif since <= _ANSWER_LOOK_NS + _ON_TIME_NS:
+        elif since <= _ANSWER_CHECK_NS + _ON_TIME_NS:
             self._duration += since
         return self._duration
 

@@ -1,6 +1,6 @@
 """Generator of a robot's folder: files are written to a temporary folder, checked like `check`, and moved.
 
-The temporary folder is beside the robot's, so that a full disk leaves nothing: the complete files are only renamed. An
+The temporary folder is next to the robot's, so that a full disk leaves nothing: the complete files are only renamed. An
 existing folder is changed only on request, and then only the generated files are replaced. Errors that the check
 finds, and reasons why a drive cannot be moved, are reported and written into bus.yml as comments.
 """

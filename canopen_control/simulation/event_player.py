@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 SOURCE: Final = "simulate"
 PUBLISH_NS: Final = 100_000_000
-_LOOK_NS: Final = 1_000_000  # interval of checking the state that an event waits for
+_CHECK_NS: Final = 1_000_000  # interval of checking the state that an event waits for
 _BRIEFLY_NS: Final = 100_000_000
 _COMMANDS: Final = frozenset({"command", "trajectory"})
 
@@ -69,7 +69,7 @@ class EventPlayer:
     def play(self, act: ScenarioEvent) -> None:
         """Execute an event when the state in its `when` is reached, or at once without `when`."""
         if not state_reached(self.robot, act):
-            self._later(_LOOK_NS, partial(self.play, act))
+            self._later(_CHECK_NS, partial(self.play, act))
             return
         self.played.append(act)
         for observer in self.robot.observers:

@@ -218,7 +218,7 @@ class ClientInvariants:
 
 
 GROUP: Final = "canopen_control.invariants"
-_LOOK_NS: Final = 20_000_000
+_CHECK_NS: Final = 20_000_000
 _MOST: Final = 100
 
 
@@ -280,7 +280,7 @@ class Invariants(SimulationObserver):
             robot.wires[name].observe(view)
             robot.wires[name].observe(wire)
         robot.observers.append(self)
-        robot.time.later(_LOOK_NS, self._observe)
+        robot.time.later(_CHECK_NS, self._observe)
 
     def _report(self, rule: str, text: str) -> None:
         if len(self.breaches) < _MOST:
@@ -323,7 +323,7 @@ class Invariants(SimulationObserver):
             wire.sampled(now)
         for name, rule in self._rules:
             self._ask(name, rule)
-        self._robot.time.later(_LOOK_NS, self._observe)
+        self._robot.time.later(_CHECK_NS, self._observe)
 
     def _ask(self, name: str, rule: Rule) -> None:
         text = rule(self._robot)

@@ -71,8 +71,8 @@ def _configured(request: pytest.FixtureRequest) -> _RobotMark:
             "the fixture `robot` needs a robot: set canopen_robot = FOLDER in the ini file, or the mark "
             '@pytest.mark.canopen_robot("FOLDER")'
         )
-    beside = Path(request.config.rootpath) / text
-    return replace(mark, config=str(beside) if beside.exists() else text)
+    folder = Path(request.config.rootpath) / text
+    return replace(mark, config=str(folder) if folder.exists() else text)
 
 
 @pytest.fixture

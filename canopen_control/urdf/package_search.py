@@ -24,20 +24,20 @@ _DEPTH = 5  # depth below a path of ROS_PACKAGE_PATH
 _MOST = 5_000  # maximum number of folders searched below a path of ROS_PACKAGE_PATH
 
 
-def find_package(package: str, beside: str, environment: Mapping[str, str] | None = None) -> str:
-    """Return the folder of a package mentioned in the file `beside`; raise LookupError without a match."""
-    for folder in package_folders(package, Path(beside), environment):
+def find_package(package: str, file: str, environment: Mapping[str, str] | None = None) -> str:
+    """Return the folder of a package mentioned in `file`; raise LookupError without a match."""
+    for folder in package_folders(package, Path(file), environment):
         return str(folder)
     raise LookupError(
-        f"package {package!r} of $(find {package}) is neither installed nor above {beside}; add the folder of "
+        f"package {package!r} of $(find {package}) is neither installed nor above {file}; add the folder of "
         "the package to ROS_PACKAGE_PATH, or source its workspace"
     )
 
 
-def package_folders(package: str, beside: Path, environment: Mapping[str, str] | None = None) -> Iterator[Path]:
-    """Yield the folders of a package, near the file `beside` first, then installed folders."""
+def package_folders(package: str, file: Path, environment: Mapping[str, str] | None = None) -> Iterator[Path]:
+    """Yield the folders of a package, near `file` first, then installed folders."""
     if _NAME.fullmatch(package):
-        yield from _around(package, Path(os.path.realpath(beside)))
+        yield from _around(package, Path(os.path.realpath(file)))
     yield from installed_packages(package, environment)
 
 

@@ -211,7 +211,7 @@ class FoldedLog:
 
 
 STANDSTILL_NS = 5_000 * _MS
-_LOOK_NS = 20 * _MS
+_CHECK_NS = 20 * _MS
 
 
 class DriveProcess:
@@ -317,6 +317,6 @@ class DriveProcess:
     def _check_standstill(self) -> None:
         self._advance()
         if any(bus.moving for bus in self._buses) and self._reactor.now() < (self._standstill_until or 0):
-            self._reactor.call_later(_LOOK_NS, self._check_standstill)
+            self._reactor.call_later(_CHECK_NS, self._check_standstill)
         else:
             self._leave()

@@ -7,7 +7,7 @@ import pytest
 from canopen_control.cia402 import events
 from canopen_control.cia402.state import State
 from canopen_control.hardware.axis import AxisObjectLimits
-from canopen_control.hardware.joint_events import WRONG_LOOKS, FaultWatch, StatusWatch, joint_event_of
+from canopen_control.hardware.joint_events import WRONG_CHECKS, FaultWatch, StatusWatch, joint_event_of
 from canopen_control.master.event_log import Level
 from canopen_control.rpc.messages.fault import FaultEvent
 
@@ -93,8 +93,8 @@ def test_the_limit_at_the_other_end_of_a_short_way_closes_the_other_side(speed, 
 def test_an_axis_that_turns_against_its_command_is_told_once():
     watch, axis, velocity, _ = make()
     velocity.value, axis.velocity.value = 1000, -900
-    seen = [watch.turns_the_wrong_way(enabled=True) for _ in range(3 * WRONG_LOOKS)]
-    assert seen.index(True) == WRONG_LOOKS, "the first look only learns the target"
+    seen = [watch.turns_the_wrong_way(enabled=True) for _ in range(3 * WRONG_CHECKS)]
+    assert seen.index(True) == WRONG_CHECKS, "the first look only learns the target"
     assert sum(seen) == 1
 
 

@@ -304,7 +304,7 @@ BEATS = (
 
 
 def test_a_recorder_that_is_stopped_is_told_and_so_is_that_it_goes_on(supervisor, monkeypatch):
-    for name, value in {"_RECORDER": [sys.executable, "-c", BEATS], "_LOOK_NS": SECOND // 20}.items():
+    for name, value in {"_RECORDER": [sys.executable, "-c", BEATS], "_CHECK_NS": SECOND // 20}.items():
         monkeypatch.setattr(f"canopen_control.runtime.supervisor.{name}", value)
     monkeypatch.setattr("canopen_control.runtime.supervisor._SILENCE_NS", SECOND // 2)
     supervisor.start_recorder({})
@@ -353,7 +353,7 @@ def answering(supervisor, monkeypatch, tmp_path):
     """Start a client that answers five times, and then does something else; returns its file, a line for each start."""
 
     def answering(then, **limits):
-        for name, value in {"_ANSWER_NS": SECOND // 2, "_ANSWER_LOOK_NS": SECOND // 20, **limits}.items():
+        for name, value in {"_ANSWER_NS": SECOND // 2, "_ANSWER_CHECK_NS": SECOND // 20, **limits}.items():
             monkeypatch.setattr(f"canopen_control.runtime.supervisor.{name}", value)
         (tmp_path / "answering.py").write_text(ANSWERS.format(then=then))
         monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)

@@ -57,7 +57,7 @@ def test_an_axis_that_takes_its_set_points_from_elsewhere_is_named_and_breaks_no
 
 @pytest.mark.sources
 def test_an_axis_that_stands_and_is_not_named_is_told(robot, monkeypatch):
-    monkeypatch.setattr(joint_events, "STANDING_LOOKS", 1000)
+    monkeypatch.setattr(joint_events, "STANDING_CHECKS", 1000)
     stands = robot("csv", "set_points_elsewhere")
     stands.command("vel", 0.5, 0.5, seconds=3.0)
     stands.run(2.8)
@@ -87,7 +87,7 @@ def test_an_axis_whose_brake_lifts_late_stops_without_a_leap_and_names_the_key(r
 @pytest.mark.rest
 @pytest.mark.sources
 def test_a_late_brake_that_is_not_named_is_told(robot, monkeypatch):
-    monkeypatch.setattr(joint_events, "_LATE_LOOKS", 1000)
+    monkeypatch.setattr(joint_events, "_LATE_CHECKS", 1000)
     late = robot("csp", "brake_delay=1")
     lead(late, 3.6)
     assert rules(late) == {"target_missed"}
@@ -146,6 +146,6 @@ def test_what_is_visible_must_move(robby, monkeypatch, speed, told):
         self.hold() if self._axis.joint == "right_wheel_joint" else follow(self, now, period)
 
     monkeypatch.setattr(JointTargets, "follow", withheld)
-    monkeypatch.setattr(joint_events, "STANDING_LOOKS", 1000)
+    monkeypatch.setattr(joint_events, "STANDING_CHECKS", 1000)
     drive(robby, 5.0, speed, seconds=3.0)
     assert rules(robby) & {"motion_missing"} == told

@@ -35,7 +35,7 @@ LEFT, RIGHT = (3, 0), (2, 0)
 RADIUS, TRACK, COUNTS = 0.035, 0.24, 1600.0
 _PER_METRE: Final = COUNTS / (math.tau * RADIUS)
 _SCALE: Final = COUNTS / math.tau
-_LOOK_NS: Final = 20 * MS
+_CHECK_NS: Final = 20 * MS
 _SPEED, _RAMP = 2200.0, 2200.0  # counts/s, 0.3 m/s
 _MOTOR = "rated_torque: 0.5, peak_torque: 1.0, rotor_inertia: 5.0e-4, friction: 0.01, damping: 5.0e-4, encoder: 1000000"
 
@@ -155,7 +155,7 @@ def square(
     origin = world.describe().base
     assert origin is not None
     while any(mover.owner.legs or now < mover.demand.end_ns + 500 * MS for mover in movers.values()):  # type: ignore[attr-defined] # a Leg
-        now += _LOOK_NS
+        now += _CHECK_NS
         for mover in movers.values():
             mover.advance(now)
         counts = (math.floor(-movers[LEFT].plant.position), math.floor(movers[RIGHT].plant.position))
@@ -223,12 +223,12 @@ def rest_cpu(seconds: float) -> float:
         mover.run(hold(0, mover.plant.position), 0)
     now = 0
     while now < 2e9:
-        now += _LOOK_NS
+        now += _CHECK_NS
         for mover in movers.values():
             mover.advance(now)
     began = time.process_time()
     for _ in range(round(seconds * 50)):
-        now += _LOOK_NS
+        now += _CHECK_NS
         for mover in movers.values():
             mover.advance(now)
     return time.process_time() - began

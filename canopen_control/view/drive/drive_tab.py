@@ -132,7 +132,9 @@ def _input(option: JobOption) -> ui.checkbox | ui.input:
     return ui.input(label, value=value).props("dense").style("width: 100%")
 
 
-LOOK_ONLY = "<p class='cc-note'>This page is read-only. To write, start <code>canopen-control view --teleop</code></p>"
+READ_ONLY_NOTE = (
+    "<p class='cc-note'>This page is read-only. To write, start <code>canopen-control view --teleop</code></p>"
+)
 
 
 @dataclass(frozen=True, slots=True)

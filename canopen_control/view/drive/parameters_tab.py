@@ -15,7 +15,7 @@ from canopen_control.commissioning.program_download import load_program, refuse_
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.health import BAD, GOOD, IDLE, WARN
 from canopen_control.rpc.messages.robot import MAX_OBJECT, NmtRequest
-from canopen_control.view.drive.drive_tab import LOOK_ONLY, JobForm, WorkBar
+from canopen_control.view.drive.drive_tab import READ_ONLY_NOTE, JobForm, WorkBar
 from canopen_control.view.elements.nicegui_elements import FileUpload
 from canopen_control.view.panels.panel import Html, section, show_notice
 from canopen_control.view.robot_connection import SOURCE, in_thread
@@ -162,7 +162,7 @@ class FirmwareTab:
             if context.panel.teleop:
                 self._make_form()
             else:
-                ui.html(LOOK_ONLY, sanitize=False)
+                ui.html(READ_ONLY_NOTE, sanitize=False)
 
     def _make_form(self) -> None:
         self._image = FileChoice(
@@ -241,7 +241,7 @@ class ParametersTab:
                 if writes:
                     self._make_options()
                 else:
-                    ui.html(LOOK_ONLY, sanitize=False)
+                    ui.html(READ_ONLY_NOTE, sanitize=False)
 
     def _make_upload(self) -> None:
         too_long = f"the DCF must have at most {MOST_PARAMETER_BYTES} bytes"

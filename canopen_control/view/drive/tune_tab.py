@@ -15,7 +15,7 @@ from canopen_control.commissioning.quantity import Quantity
 from canopen_control.commissioning.tune_run import TuneTest
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.health import BAD
-from canopen_control.view.drive.drive_tab import LOOK_ONLY, JobForm, WorkBar
+from canopen_control.view.drive.drive_tab import READ_ONLY_NOTE, JobForm, WorkBar
 from canopen_control.view.elements.nicegui_elements import PresenceElement
 from canopen_control.view.panels.panel import Html, section
 from canopen_control.view.scope_chart import BODE_HEIGHT, bode_options, chart_options, height_of
@@ -89,7 +89,7 @@ class TuneTab:
     def _make_limits(self) -> None:
         self._form.add("max_speed", "max_travel", "max_current")
         if not self._context.panel.teleop:
-            ui.html(LOOK_ONLY, sanitize=False)
+            ui.html(READ_ONLY_NOTE, sanitize=False)
         self._no_run = Html()
         with ui.element("div").classes("cc-row cc-acts"):
             self._run = ui.button("Run ...", color="orange-9", on_click=self._ask).props("unelevated dense")

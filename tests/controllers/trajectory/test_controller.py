@@ -340,7 +340,7 @@ def test_a_trajectory_that_is_no_goal_is_cancelled_too(arm):
     arm.run(50)
     assert arm.positions() == pytest.approx(where, abs=0.011)  # where they were when that was read
     assert arm.controller.holding
-    with pytest.raises(ControlError, match="nothing to cancel"):
+    with pytest.raises(ControlError, match="nothing was cancelled"):
         arm.controller.cancel_goal()
 
 
