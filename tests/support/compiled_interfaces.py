@@ -8,9 +8,11 @@ generated Python classes import.
 """
 
 import json
+import os
 import subprocess
 import sys
 import sysconfig
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 PREFIX = Path(sys.prefix)
@@ -100,12 +102,15 @@ def _compile(folder, package, generated, dependencies):
     includes = [generated / "src", generated / "introspection", sysconfig.get_paths()["include"], numpy.get_include()]
     includes += [PREFIX / "include", *(path for path in (PREFIX / "include").iterdir() if path.is_dir())]
     flags = ["-O0", "-fPIC", "-w", *(f"-I{include}" for include in includes)]
-    objects = []
     sources = sorted([*generated.rglob("*.c"), *generated.rglob("*.cpp"), *(folder / package).rglob("*.c")])
-    for number, source in enumerate(sources):
-        objects.append(folder / f"{number}.o")
+    objects = [folder / f"{number}.o" for number in range(len(sources))]
+
+    def compile_file(source, target):
         compiler = ["gcc"] if source.suffix == ".c" else ["g++", "-std=c++17"]
-        subprocess.run([*compiler, "-c", *flags, str(source), "-o", str(objects[-1])], check=True)
+        subprocess.run([*compiler, "-c", *flags, str(source), "-o", str(target)], check=True)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(compile_file, sources, objects))
     libraries = [f"{dependency}__{kind}" for dependency in dependencies for kind in OF_A_PACKAGE]
     library = folder / f"lib{package}__{SUPPORTS[0]}.so"
     subprocess.run(
