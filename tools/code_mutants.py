@@ -399,7 +399,7 @@ for component, start, stop in plan.switches:
             "ForwardCommandController.set_command",
             "self._values[index] = float(values[index]) if command.enabled else math.nan",
             """
-if not (index % 2 and self.life.live):
+if not (index % 2 and self.command_timeout.live):
     self._values[index] = float(values[index]) if command.enabled else math.nan
 """,
         ),
@@ -412,8 +412,8 @@ if not (index % 2 and self.life.live):
         Change(
             "controllers.switcher",
             "UpdateLoop.client_disconnected",
-            "controller.life.holder is holder",
-            "controller.life.live",
+            "controller.command_timeout.holder is holder",
+            "controller.command_timeout.live",
         ),
         (_scenario("robby", "robby_clients"),),
         "controllers/test_switcher",

@@ -57,7 +57,7 @@ class HubControl:
         self._started = started
         path = socket_path("busctl", name)
         self._server: Server[hub.HubHello, NoReturn] = Server(hub.HUB, reactor, path, self._hello, listener=listener)
-        self._server.answers(hub.GetHubStatus, lambda call: call.reply(self._status()))
+        self._server.register(hub.GetHubStatus, lambda call: call.reply(self._status()))
         self._answer_faults()
         self._server.check()
 
@@ -89,7 +89,7 @@ class HubControl:
             self._after()
             call.reply(Done())
 
-        self._server.answers(kind, handle)
+        self._server.register(kind, handle)
 
     def _label(self, label: str) -> str:
         """Return `label` if a member or a fault has it; ConfigError otherwise."""

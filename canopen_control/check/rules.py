@@ -16,7 +16,7 @@ from canopen_control.check.drive_rules import DRIVE_RULES
 from canopen_control.check.finding import CheckedRobot, Finding
 from canopen_control.cia402 import objects
 from canopen_control.controllers.base import sample_type_of
-from canopen_control.controllers.command_timeout import DEFAULT_LIFE_S, ENDLESS
+from canopen_control.controllers.command_timeout import DEFAULT_TIMEOUT_S, UNLIMITED
 from canopen_control.controllers.controllers_file import ManagerParams, is_within
 from canopen_control.controllers.mobile_base import ONE_UPDATE
 from canopen_control.controllers.types import make_controller
@@ -600,9 +600,9 @@ def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
                 line = config.params.line("reference_timeout") or config.params.line("cmd_vel_timeout") or config.line
                 fix = "the robot stutters unless each update receives a twist; 0.5 s is usual"
                 yield Finding(config.path, line, Severity.WARNING, notice.text, fix)
-            if notice.kind == ENDLESS:
+            if notice.kind == UNLIMITED:
                 line = config.params.line("command_timeout") or config.params.line("cmd_vel_timeout") or config.line
-                fix = f"give the time without a command after which the joints stop, such as {DEFAULT_LIFE_S:g} s"
+                fix = f"give the time without a command after which the joints stop, such as {DEFAULT_TIMEOUT_S:g} s"
                 yield Finding(config.path, line, Severity.WARNING, notice.text, fix)
 
 

@@ -216,9 +216,9 @@ def command_timeouts(manager: ControllerManager) -> dict[str, dict[str, float]]:
             interfaces = controller.command_interface_names()
         except CanopenError:
             continue
-        if controller.life.limit_ns:
+        if controller.command_timeout.limit_ns:
             for joint in {interface.partition("/")[0] for interface in interfaces}:
-                timeouts.setdefault(joint, {})[name] = controller.life.limit_ns / 1e9
+                timeouts.setdefault(joint, {})[name] = controller.command_timeout.limit_ns / 1e9
     return timeouts
 
 

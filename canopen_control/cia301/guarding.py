@@ -166,7 +166,7 @@ class GuardingSlave:
         self._asked_ns: int | None = None
         self._missed = False
         self.outgoing: Outbox[CanFrame] = Outbox()
-        self.happened: Outbox[GuardingEvent] = Outbox()
+        self.event_queue: Outbox[GuardingEvent] = Outbox()
 
     @property
     def life_time_ns(self) -> int:
@@ -187,7 +187,7 @@ class GuardingSlave:
         self.tick(now)
         if self._missed:
             self._missed = False
-            self.happened.put(GuardingEvent(GuardingEventKind.RESOLVED, self.node_id, self.state))
+            self.event_queue.put(GuardingEvent(GuardingEventKind.RESOLVED, self.node_id, self.state))
         self._asked_ns = now
         answer = bytes((self._toggle | self.state,))
         self._toggle ^= 0x80
@@ -199,7 +199,7 @@ class GuardingSlave:
         deadline = self.next_deadline()
         if deadline is not None and now >= deadline:
             self._missed = True
-            self.happened.put(GuardingEvent(GuardingEventKind.MISSED, self.node_id, self.state))
+            self.event_queue.put(GuardingEvent(GuardingEventKind.MISSED, self.node_id, self.state))
 
     def next_deadline(self) -> int | None:
         """Return the time at which the life time expires, or None if the master is not currently monitored."""
@@ -211,4 +211,4 @@ class GuardingSlave:
         return self.outgoing.drain()
 
     def events(self) -> list[GuardingEvent]:
-        return self.happened.drain()
+        return self.event_queue.drain()

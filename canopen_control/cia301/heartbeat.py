@@ -151,7 +151,7 @@ class HeartbeatConsumer:
         self.malformed = 0
         self.unknown = 0
         self._nodes: dict[int, _Node] = {}
-        self.happened: Outbox[HeartbeatEvent] = Outbox(1024)
+        self.event_queue: Outbox[HeartbeatEvent] = Outbox(1024)
 
     def watch(self, node_id: int, timeout_ns: int) -> None:
         """Monitor `node_id` with `timeout_ns` (0x1016) from its next heartbeat on; 0 ends monitoring."""
@@ -245,20 +245,20 @@ class HeartbeatConsumer:
         return []
 
     def events(self) -> list[HeartbeatEvent]:
-        return self.happened.drain()
+        return self.event_queue.drain()
 
     def _check(self, node_id: int, node: _Node, now: int) -> None:
         # CiA 301, 7.2.8.3.2.2: heartbeat event after the consumer time without a heartbeat
         if node.deadline_ns is not None and now >= node.deadline_ns:
             age = now - node.deadline_ns + node.timeout_ns
             node.deadline_ns, node.missed = None, True
-            self.happened.put(HeartbeatEvent(HeartbeatEventKind.MISSED, node_id, node.state, age))
+            self.event_queue.put(HeartbeatEvent(HeartbeatEventKind.MISSED, node_id, node.state, age))
 
     def _boot_up(self, node_id: int, node: _Node, age: int) -> None:
         # CiA 301, 7.2.8.3.3: the boot-up protocol; monitoring starts again with the first heartbeat
         monitored = node.monitored
         node.state, node.deadline_ns, node.missed = NmtState.INITIALISING, None, False
-        self.happened.put(HeartbeatEvent(HeartbeatEventKind.BOOT_UP, node_id, node.state, age, monitored))
+        self.event_queue.put(HeartbeatEvent(HeartbeatEventKind.BOOT_UP, node_id, node.state, age, monitored))
 
     def _heartbeat(self, node_id: int, node: _Node, state: NmtState | None, age: int) -> None:
         self.unknown += state is None
@@ -266,9 +266,9 @@ class HeartbeatConsumer:
         if not node.timeout_ns:
             return
         if node.missed:
-            self.happened.put(HeartbeatEvent(HeartbeatEventKind.RESOLVED, node_id, state, age))
+            self.event_queue.put(HeartbeatEvent(HeartbeatEventKind.RESOLVED, node_id, state, age))
         elif node.deadline_ns is None:
-            self.happened.put(HeartbeatEvent(HeartbeatEventKind.STARTED, node_id, state, age))
+            self.event_queue.put(HeartbeatEvent(HeartbeatEventKind.STARTED, node_id, state, age))
             previous = state  # STARTED already reported the state
         if previous is not state:
-            self.happened.put(HeartbeatEvent(HeartbeatEventKind.CHANGED, node_id, state, age))
+            self.event_queue.put(HeartbeatEvent(HeartbeatEventKind.CHANGED, node_id, state, age))

@@ -166,7 +166,7 @@ class NmtSlave:
         self.malformed = 0
         self.ignored = 0
         self.outgoing: Outbox[CanFrame] = Outbox()
-        self.happened: Outbox[NmtStateChanged | NmtResetRequested] = Outbox()
+        self.event_queue: Outbox[NmtStateChanged | NmtResetRequested] = Outbox()
 
     def boot(self) -> None:
         """Leave INITIALISING: send the boot-up frame and enter PRE_OPERATIONAL, or OPERATIONAL if self-starting.
@@ -190,7 +190,7 @@ class NmtSlave:
             return False
         self._enter(target)
         if command in RESETS:
-            self.happened.put(NmtResetRequested(command))
+            self.event_queue.put(NmtResetRequested(command))
         return True
 
     def allows(self, service: CommunicationService) -> bool:
@@ -218,11 +218,11 @@ class NmtSlave:
         return self.outgoing.drain()
 
     def events(self) -> list[NmtStateChanged | NmtResetRequested]:
-        return self.happened.drain()
+        return self.event_queue.drain()
 
     def _enter(self, state: NmtState) -> None:
         if state is not self.state:
-            self.happened.put(NmtStateChanged(self.state, state))
+            self.event_queue.put(NmtStateChanged(self.state, state))
             self.state = state
 
 

@@ -318,7 +318,7 @@ class RpdoConsumer:
         self.running = False
         self.received = self.short = self.long = self.late = 0
         self.length_error: RpdoEventKind | None = None
-        self.happened: Outbox[RpdoEvent] = Outbox()
+        self.event_queue: Outbox[RpdoEvent] = Outbox()
         self._sync_ns: int | None = None
         self._held: bytes | None = None
         self._deadline_ns: int | None = None
@@ -367,7 +367,7 @@ class RpdoConsumer:
         if self._timed_out or self._event_ns:
             self._alive(now)
         if self._immediate:
-            self.happened.put(RpdoEvent(RpdoEventKind.APPLY, data, len(frame.data)))
+            self.event_queue.put(RpdoEvent(RpdoEventKind.APPLY, data, len(frame.data)))
         else:
             self._held = data
 
@@ -384,7 +384,7 @@ class RpdoConsumer:
         """Process a SYNC: apply the waiting data."""
         self._sync_ns = now
         if self._held is not None:
-            self.happened.put(RpdoEvent(RpdoEventKind.APPLY, self._held, len(self._held)))
+            self.event_queue.put(RpdoEvent(RpdoEventKind.APPLY, self._held, len(self._held)))
             self._held = None
 
     def tick(self, now: int) -> None:
@@ -392,7 +392,7 @@ class RpdoConsumer:
         # CiA 301, 7.5.2.35: the event timer of an RPDO is its reception timeout
         if self._deadline_ns is not None and now >= self._deadline_ns:
             self._deadline_ns, self._timed_out = None, True
-            self.happened.put(RpdoEvent(RpdoEventKind.TIMEOUT))
+            self.event_queue.put(RpdoEvent(RpdoEventKind.TIMEOUT))
 
     def next_deadline(self) -> int | None:
         return self._deadline_ns
@@ -401,7 +401,7 @@ class RpdoConsumer:
         return []
 
     def events(self) -> list[RpdoEvent]:
-        return self.happened.drain()
+        return self.event_queue.drain()
 
     def _adopt(self, parameters: PdoParameters) -> None:
         self._parameters, self._event_ns = parameters, parameters.event_ns
@@ -422,13 +422,13 @@ class RpdoConsumer:
             # CiA 301, 7.2.2.5: a short PDO is not processed, EMCY 0x8210
             self.length_error = RpdoEventKind.TOO_SHORT
             self.short += 1
-            self.happened.put(RpdoEvent(RpdoEventKind.TOO_SHORT, length=len(data)))
+            self.event_queue.put(RpdoEvent(RpdoEventKind.TOO_SHORT, length=len(data)))
             return None
         # CiA 301, 7.2.2.5: the first bytes of a long PDO are used, EMCY 0x8220
         if len(data) > self.length:
             self.length_error = RpdoEventKind.TOO_LONG
             self.long += 1
-            self.happened.put(RpdoEvent(RpdoEventKind.TOO_LONG, length=len(data)))
+            self.event_queue.put(RpdoEvent(RpdoEventKind.TOO_LONG, length=len(data)))
         return data[: self.length]
 
     def _is_late(self, now: int) -> bool:
@@ -437,7 +437,7 @@ class RpdoConsumer:
     def _alive(self, now: int) -> None:
         if self._timed_out:
             self._timed_out = False
-            self.happened.put(RpdoEvent(RpdoEventKind.RESOLVED))
+            self.event_queue.put(RpdoEvent(RpdoEventKind.RESOLVED))
         if self._event_ns:
             self._deadline_ns = now + self._event_ns
 

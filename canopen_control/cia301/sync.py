@@ -169,7 +169,7 @@ class SyncConsumer:
         self._counter: int | None = None
         self._deadline_ns: int | None = None
         self._missed = False
-        self.happened: Outbox[SyncEvent] = Outbox()
+        self.event_queue: Outbox[SyncEvent] = Outbox()
 
     def reset(self) -> None:
         """Clear the counter and stop monitoring until the next SYNC (reset communication, entering STOPPED)."""
@@ -184,10 +184,10 @@ class SyncConsumer:
             self.tick(now)  # a SYNC after its deadline resolves a timeout instead of hiding it
         if self._missed:
             self._missed = False
-            self.happened.put(SyncEvent(SyncEventKind.RESOLVED, now))
+            self.event_queue.put(SyncEvent(SyncEventKind.RESOLVED, now))
         self.count += 1
         self._deadline_ns = now + self.period_ns * 3 // 2 if self.period_ns else None
-        self.happened.put(SyncEvent(SyncEventKind.SYNC, now, counter))
+        self.event_queue.put(SyncEvent(SyncEventKind.SYNC, now, counter))
 
     def receive_plain(self, now: int) -> bool:
         """Count a timely SYNC without data, with no event; False if `receive` must process it."""
@@ -203,7 +203,7 @@ class SyncConsumer:
         # 1.5 communication cycle periods (0x1006), as in CANopenNode
         if self._deadline_ns is not None and now >= self._deadline_ns:
             self._deadline_ns, self._missed = None, True
-            self.happened.put(SyncEvent(SyncEventKind.MISSED, now))
+            self.event_queue.put(SyncEvent(SyncEventKind.MISSED, now))
 
     def next_deadline(self) -> int | None:
         """Return the time at which the next SYNC is considered missed, or None if SYNC is not monitored."""
@@ -213,12 +213,12 @@ class SyncConsumer:
         return []
 
     def events(self) -> list[SyncEvent]:
-        return self.happened.drain()
+        return self.event_queue.drain()
 
     def _counter_of(self, data: bytes, now: int) -> int | None:
         # CiA 301, 7.5.2.22: one byte with a counter, otherwise none
         if len(data) != (1 if self.overflow else 0):
-            self.happened.put(SyncEvent(SyncEventKind.LENGTH_ERROR, now))
+            self.event_queue.put(SyncEvent(SyncEventKind.LENGTH_ERROR, now))
             self._counter = None
             return None
         if not self.overflow:

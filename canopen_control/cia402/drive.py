@@ -4,7 +4,7 @@ Rules (CiA 402-2, 6.3, seen from the master):
 
 - Methods set a goal and return; `update` makes one step towards the goal with each statusword. Nothing blocks.
 - One command at a time, and the next command only when the statusword confirms the last one: 06, 07, 0F. The steps are
-  those of `state.next_command`; `DriveRequest` adds when to give up.
+  those of `state.next_command`; `DriveRequest` adds the timeouts after which a step is abandoned.
 - The goal belongs to an `EnableRequest`, which only `ENABLE_TABLE` changes; only `enable` makes it ENABLED. A fault, a
   lost enable, a missing or undefined statusword, or a transition or mode that is not confirmed in time sets the goal
   back to DISABLED. Only a new `enable` sets it again; a fault reset never does.
@@ -76,7 +76,7 @@ if TYPE_CHECKING:
 # a fault, and the loss of OPERATION_ENABLED without a command, lead away from it. A new goal starts a new step.
 
 
-_FALLS: Final = 2  # losses of a state that are tolerated while enabling, as a late command may cause them
+_TOLERATED_LOSSES: Final = 2  # losses of a state that are tolerated while enabling, as a late command may cause them
 
 
 class EnableRequest(Enum):
@@ -100,60 +100,65 @@ class EnableTrigger(Enum):
     QUICK_STOP = "quick stop requested"
     QUICK_STOP_ENABLED = "quick stop requested in OPERATION_ENABLED"
     DISABLE_VOLTAGE = "disable voltage requested"
-    LEFT = "the statusword shows another state than OPERATION_ENABLED"
-    ARRIVED = "the last command has taken effect, or its timeout has elapsed"
+    LEFT = "the statusword shows a state other than OPERATION_ENABLED"
+    SETTLED = "the last command has taken effect, or its timeout has elapsed"
     LOST = "a fault, or an enable that ended without a command"
 
 
-_I, _DriveTransition = EnableRequest, EnableTrigger
-_END: Final = {_DriveTransition.DISABLE_VOLTAGE: _I.VOLTAGE_DISABLED, _DriveTransition.LOST: _I.DISABLED}
-_ENABLE: Final = {_DriveTransition.ENABLE: _I.ENABLED, _DriveTransition.OVERTAKE: _I.OVERTAKING}
-_STOP: Final = {_DriveTransition.QUICK_STOP: _I.QUICK_STOPPED, _DriveTransition.QUICK_STOP_ENABLED: _I.QUICK_STOPPING}
-_ENABLED: Final = {**_END, **_STOP, _DriveTransition.DISABLE: _I.DISABLED}
+_END: Final = {
+    EnableTrigger.DISABLE_VOLTAGE: EnableRequest.VOLTAGE_DISABLED,
+    EnableTrigger.LOST: EnableRequest.DISABLED,
+}
+_ENABLE: Final = {EnableTrigger.ENABLE: EnableRequest.ENABLED, EnableTrigger.OVERTAKE: EnableRequest.OVERTAKING}
+_STOP: Final = {
+    EnableTrigger.QUICK_STOP: EnableRequest.QUICK_STOPPED,
+    EnableTrigger.QUICK_STOP_ENABLED: EnableRequest.QUICK_STOPPING,
+}
+_ENABLED: Final = {**_END, **_STOP, EnableTrigger.DISABLE: EnableRequest.DISABLED}
 
 ENABLE_TABLE: Final[Mapping[EnableRequest, Mapping[EnableTrigger, EnableRequest]]] = MappingProxyType(
     {
-        _I.DISABLED: {**_END, **_ENABLE, **_STOP},
-        _I.DISABLED_AFTER_STOP: {
+        EnableRequest.DISABLED: {**_END, **_ENABLE, **_STOP},
+        EnableRequest.DISABLED_AFTER_STOP: {
             **_END,
             **_ENABLE,
             **_STOP,
-            _DriveTransition.LEFT: _I.DISABLED,
-            _DriveTransition.ARRIVED: _I.DISABLED,
+            EnableTrigger.LEFT: EnableRequest.DISABLED,
+            EnableTrigger.SETTLED: EnableRequest.DISABLED,
         },
-        _I.ENABLED: _ENABLED,
-        _I.OVERTAKING: {**_ENABLED, _DriveTransition.ARRIVED: _I.ENABLED},
-        _I.QUICK_STOPPING: {
+        EnableRequest.ENABLED: _ENABLED,
+        EnableRequest.OVERTAKING: {**_ENABLED, EnableTrigger.SETTLED: EnableRequest.ENABLED},
+        EnableRequest.QUICK_STOPPING: {
             **_END,
             **_ENABLE,
-            _DriveTransition.DISABLE: _I.DISABLED_AFTER_STOP,
-            _DriveTransition.LEFT: _I.QUICK_STOPPED,
-            _DriveTransition.ARRIVED: _I.QUICK_STOPPED,
+            EnableTrigger.DISABLE: EnableRequest.DISABLED_AFTER_STOP,
+            EnableTrigger.LEFT: EnableRequest.QUICK_STOPPED,
+            EnableTrigger.SETTLED: EnableRequest.QUICK_STOPPED,
         },
-        _I.QUICK_STOPPED: {**_END, **_ENABLE, _DriveTransition.DISABLE: _I.DISABLED},
-        _I.VOLTAGE_DISABLED: {**_END, **_ENABLE},  # only ENABLE and OVERTAKE restore the voltage
+        EnableRequest.QUICK_STOPPED: {**_END, **_ENABLE, EnableTrigger.DISABLE: EnableRequest.DISABLED},
+        EnableRequest.VOLTAGE_DISABLED: {**_END, **_ENABLE},  # only ENABLE and OVERTAKE restore the voltage
     }
 )
 """Next request for each request and trigger; other triggers have no effect."""
 
 GOALS: Final[Mapping[EnableRequest, DriveGoal]] = MappingProxyType(
     {
-        _I.DISABLED: DriveGoal.DISABLED,
-        _I.DISABLED_AFTER_STOP: DriveGoal.DISABLED,
-        _I.ENABLED: DriveGoal.ENABLED,
-        _I.OVERTAKING: DriveGoal.ENABLED,
-        _I.QUICK_STOPPING: DriveGoal.QUICK_STOPPED,
-        _I.QUICK_STOPPED: DriveGoal.QUICK_STOPPED,
-        _I.VOLTAGE_DISABLED: DriveGoal.VOLTAGE_DISABLED,
+        EnableRequest.DISABLED: DriveGoal.DISABLED,
+        EnableRequest.DISABLED_AFTER_STOP: DriveGoal.DISABLED,
+        EnableRequest.ENABLED: DriveGoal.ENABLED,
+        EnableRequest.OVERTAKING: DriveGoal.ENABLED,
+        EnableRequest.QUICK_STOPPING: DriveGoal.QUICK_STOPPED,
+        EnableRequest.QUICK_STOPPED: DriveGoal.QUICK_STOPPED,
+        EnableRequest.VOLTAGE_DISABLED: DriveGoal.VOLTAGE_DISABLED,
     }
 )
 """Goal of each request."""
 
 SENT_FIRST: Final[Mapping[EnableRequest, Command]] = MappingProxyType(
     {
-        _I.DISABLED_AFTER_STOP: Command.QUICK_STOP,
-        _I.QUICK_STOPPING: Command.QUICK_STOP,
-        _I.VOLTAGE_DISABLED: Command.DISABLE_VOLTAGE,
+        EnableRequest.DISABLED_AFTER_STOP: Command.QUICK_STOP,
+        EnableRequest.QUICK_STOPPING: Command.QUICK_STOP,
+        EnableRequest.VOLTAGE_DISABLED: Command.DISABLE_VOLTAGE,
     }
 )
 """Commands sent in every state except a fault; for other requests `state.next_command` finds the next step."""
@@ -168,7 +173,7 @@ class DriveRequest:
         self.state = EnableRequest.DISABLED
         self.goal = DriveGoal.DISABLED
         self.detour: State | None = None  # state to which an enabled drive goes first, to change its mode there
-        self._falls = 0
+        self._losses = 0
         self._stop_exit = QuickStopExit()
 
     @property
@@ -185,94 +190,100 @@ class DriveRequest:
         if goal is self.goal:
             return False
         self.goal = goal
-        self._falls = 0
+        self._losses = 0
         self.step.rearm()
         self._stop_exit.restart()
         return True
 
-    def entered(self, drive: State | None) -> None:
-        """Restart the step timer and the quick-stop exit, because the drive has entered the state `drive`."""
+    def on_state_entered(self, drive_state: State | None) -> None:
+        """Restart the step timer and the quick-stop exit, because the drive has entered the state `drive_state`."""
         self.step.enter()
         self._stop_exit.enter()
-        if drive is not State.OPERATION_ENABLED:
+        if drive_state is not State.OPERATION_ENABLED:
             self.fire(EnableTrigger.LEFT)
 
-    def stopping(self, statusword: int) -> None:
+    def record_quick_stop(self, statusword: int) -> None:
         """Record whether the drive is still decelerating in QUICK_STOP_ACTIVE."""
         self._stop_exit.evaluate(statusword)
 
-    def lost_enable(self, previous: State, drive: State) -> bool:
-        """Whether a drive that should be enabled fell from the state `previous` to `drive` without a command."""
+    def lost_enable(self, previous: State, drive_state: State) -> bool:
+        """Whether a drive that should be enabled fell from the state `previous` to `drive_state` without a command."""
         # CiA 402-2, table 22, transitions 8 to 12: a drive may leave the states of the ladder without a command
-        if self.goal is not DriveGoal.ENABLED or LADDER[drive] >= LADDER[previous]:
+        if self.goal is not DriveGoal.ENABLED or LADDER[drive_state] >= LADDER[previous]:
             return False
-        if self.detour is not None and LADDER[drive] >= LADDER[self.detour]:
+        if self.detour is not None and LADDER[drive_state] >= LADDER[self.detour]:
             return False
-        self._falls += 1
-        if (previous is State.OPERATION_ENABLED and self.state is EnableRequest.ENABLED) or self._falls > _FALLS:
+        self._losses += 1
+        if (
+            previous is State.OPERATION_ENABLED and self.state is EnableRequest.ENABLED
+        ) or self._losses > _TOLERATED_LOSSES:
             return True
-        self.fire(EnableTrigger.ARRIVED)
+        self.fire(EnableTrigger.SETTLED)
         return False
 
-    def timed_out(self, drive: State | None, statusword: int | None, now: int) -> TransitionTimedOut | None:
+    def handle_timeout(self, drive_state: State | None, statusword: int | None, now: int) -> TransitionTimedOut | None:
         """End a step after its timeout; return the event to report, or None."""
         self.step.deadline = NEVER
         if self.state is EnableRequest.OVERTAKING:
-            self.fire(EnableTrigger.ARRIVED)  # the overtaken command had no effect
+            self.fire(EnableTrigger.SETTLED)  # the overtaken command had no effect
             return None
-        stage = self._stop_exit.stage if self._is_leaving_quick_stop(drive) else None
+        stage = self._stop_exit.stage if self._is_leaving_quick_stop(drive_state) else None
         if stage is StopStage.ENABLE or stage is StopStage.WAIT:
             self._stop_exit.advance()  # the next stage has another command
         if stage is StopStage.ENABLE:
             return None  # transition 16 is optional, so this is not reported
         gave_up = self.goal is DriveGoal.ENABLED and stage is not StopStage.WAIT
-        return self.step.timed_out(drive, state_of_goal(self.goal, self.disabled_state), statusword, gave_up, now)
+        return self.step.timeout_event(
+            drive_state, state_of_goal(self.goal, self.disabled_state), statusword, gave_up, now
+        )
 
-    def choose(self, drive: State | None, statusword: int | None, standstill: bool, may_enable: bool) -> Command | None:
-        """Return the command for a drive in the state `drive`; None in states without an effective command.
+    def choose(
+        self, drive_state: State | None, statusword: int | None, standstill: bool, may_enable: bool
+    ) -> Command | None:
+        """Return the command for a drive in the state `drive_state`; None in states without an effective command.
 
-        `may_enable` tells that the mode is confirmed and the drive is not held in SWITCHED_ON, `standstill` that the
+        `may_enable` is True if the mode is confirmed and the drive is not held in SWITCHED_ON, `standstill` if the
         motor is known to be at standstill.
         """
         # CiA 402-2, table 22: in its fault states a drive accepts no command but the fault reset
-        if drive is None or drive in FAULT_STATES:
+        if drive_state is None or drive_state in FAULT_STATES:
             return None
         if (sent := SENT_FIRST.get(self.state)) is not None:
             return sent
         enable = self.goal is DriveGoal.ENABLED
-        if self._is_leaving_quick_stop(drive):
+        if self._is_leaving_quick_stop(drive_state):
             return self._stop_exit.command(enable, statusword or 0, standstill, may_enable)
         if self.detour is not None and enable:
-            stays = drive is State.OPERATION_ENABLED and not standstill  # a turning motor would coast
-            return Command.ENABLE_OPERATION if stays else next_command(drive, self.detour)
-        if drive is State.SWITCHED_ON and enable and not may_enable:
-            return Command.SWITCH_ON  # stay, until the mode is confirmed
-        return next_command(drive, state_of_goal(self.goal, self.disabled_state))
+            stays = drive_state is State.OPERATION_ENABLED and not standstill  # a turning motor would coast
+            return Command.ENABLE_OPERATION if stays else next_command(drive_state, self.detour)
+        if drive_state is State.SWITCHED_ON and enable and not may_enable:
+            return Command.SWITCH_ON  # stay until the mode is confirmed
+        return next_command(drive_state, state_of_goal(self.goal, self.disabled_state))
 
-    def begin(self, command: Command | None, drive: State | None, now: int) -> None:
+    def begin(self, command: Command | None, drive_state: State | None, now: int) -> None:
         """Start the timer if `command` begins a new step."""
         if self.step.must_arm(command):
-            self.step.arm(command, self._step_number(command, drive), now)
+            self.step.arm(command, self._step_number(command, drive_state), now)
 
-    def _is_leaving_quick_stop(self, drive: State | None) -> bool:
-        return drive is State.QUICK_STOP_ACTIVE and self.goal in (DriveGoal.ENABLED, DriveGoal.DISABLED)
+    def _is_leaving_quick_stop(self, drive_state: State | None) -> bool:
+        return drive_state is State.QUICK_STOP_ACTIVE and self.goal in (DriveGoal.ENABLED, DriveGoal.DISABLED)
 
-    def _step_number(self, command: Command | None, drive: State | None) -> int | None:
+    def _step_number(self, command: Command | None, drive_state: State | None) -> int | None:
         """Return the number of the requested or awaited transition; None if the drive is to keep its state."""
-        if drive in AUTOMATIC:
-            return AUTOMATIC[drive] if self.goal is DriveGoal.ENABLED else None
-        if drive is State.OPERATION_ENABLED and self.state is EnableRequest.OVERTAKING:
+        if drive_state in AUTOMATIC:
+            return AUTOMATIC[drive_state] if self.goal is DriveGoal.ENABLED else None
+        if drive_state is State.OPERATION_ENABLED and self.state is EnableRequest.OVERTAKING:
             return SETTLE
         # CiA 402-2, table 22, transition 12: follows the stop with 0x605A = 1 to 4, else disable voltage
-        if drive is State.QUICK_STOP_ACTIVE and self._stop_exit.stage is StopStage.WAIT:
+        if drive_state is State.QUICK_STOP_ACTIVE and self._stop_exit.stage is StopStage.WAIT:
             return 12
-        return transition_number(drive, command)
+        return transition_number(drive_state, command)
 
 
 _AT_ONCE: Final = -1
 _WATCHED: Final = 0x6F | REMOTE | TARGET_REACHED  # changes of other bits of the statusword need no evaluation
 _SECOND: Final = 1_000_000_000
-# Transition 16 is optional: a drive without this transition is soon led through SWITCH ON DISABLED instead. A quick
+# Transition 16 is optional: a drive without this transition is soon taken through SWITCH ON DISABLED instead. A quick
 # stop starts at once, unless 0x605A disables quick stops (Beckhoff AX8000: -1).
 _DEFAULT_TIMEOUTS: Final = {16: _SECOND, 11: _SECOND}
 
@@ -281,18 +292,22 @@ class DriveMachine:
     """State machine of the master for one axis: goal, mode and controlword.
 
     Write the result of `update` to 0x6040, and `mode_request.sent` to 0x6060 unless it is None. `transition_timeouts`
-    maps transition numbers to timeouts in ns that differ from `transition_timeout_ns` (0: the wait for a first
+    maps transition numbers to timeouts in ns that differ from `transition_timeout_ns` (number 0: the wait for a first
     statusword). `disabled_state` is the final state of a disabled drive: SWITCH_ON_DISABLED, READY_TO_SWITCH_ON or
-    SWITCHED_ON. An undefined statusword does not change the state for `undefined_limit` updates. After an enable that
-    overtook a disable the drive counts as enabled again if it stays in OPERATION_ENABLED for `settle_ns`.
+    SWITCHED_ON. Undefined statuswords never change the state; after `undefined_limit` in a row they are reported and
+    the goal ENABLED becomes DISABLED. After an enable that overtook a disable the drive counts as enabled again if it
+    stays in OPERATION_ENABLED for `settle_ns`. `ignore_remote` is for drives that do not maintain bit 9.
+    `switching_state` is for drives that change their mode only in this state or below: at standstill, an enabled drive
+    is taken down to this state, its mode is changed, and it is enabled again (ros_canopen, issue 259).
 
-    Attributes to read: `state` (None: unknown), `statusword`, `halted` and `held_in_switched_on`, `controlword`,
-    `undefined` (number of undefined statuswords), `evaluations` (number of updates with an evaluation; nothing else has
-    changed while this is constant). `ignore_remote` is for drives that do not maintain bit 9. `standstill` may be set
-    by a caller that knows that the motor is at standstill; it shortens the wait for the end of a quick stop and for a
-    mode change. `mode_request` is the state of the requested mode: confirmed by 0x6061, or failed. `switching_state` is
-    for drives that change their mode only in this state or below: an enabled drive goes down to this state for a new
-    mode, at standstill, and returns (ros_canopen, issue 259).
+    Attributes:
+    - `state` (None: unknown), `statusword`, `controlword`, `halted` and `held_in_switched_on`.
+    - `mode_request`: state of the requested mode, confirmed by 0x6061 or failed.
+    - `undefined`: number of undefined statuswords.
+    - `evaluations`: number of updates with an evaluation; nothing else has changed while this is constant.
+    - `standstill`: set by a caller if the motor is known to be at standstill; it shortens the wait for the end of a
+      quick stop and for a mode change.
+
     """
 
     def __init__(
@@ -331,7 +346,7 @@ class DriveMachine:
         self._events: list[DriveEvent] = []
         self.mode_request = ModeRequest(mode_timeout_ns)
         self._switching_state = switching_state
-        self._switches = False  # the requested mode waits for `switching_state`
+        self._awaits_switching_state = False
         self._mode_bits = 0
         self._reset = FaultReset(fault_reset_timeout_ns)
         self._deadline = NEVER
@@ -347,11 +362,11 @@ class DriveMachine:
         """
         if self.goal is DriveGoal.ENABLED:
             return
-        self.require_enable()
+        self.check_enable()
         overtaken = self.state is State.OPERATION_ENABLED and self._step.command is not Command.ENABLE_OPERATION
         self._fire(EnableTrigger.OVERTAKE if overtaken else EnableTrigger.ENABLE)
 
-    def require_enable(self) -> None:
+    def check_enable(self) -> None:
         """Raise the DriveError that `enable` would raise, without requesting anything."""
         if self.goal is DriveGoal.ENABLED:
             return
@@ -367,7 +382,7 @@ class DriveMachine:
             )
 
     def disable(self) -> None:
-        """Stop the motor with the drive's own ramp (0x605C), then switch power off, down to `disabled_state`."""
+        """Stop the motor with the drive's own ramp (0x605C), then switch power off down to `disabled_state`."""
         self._fire(EnableTrigger.DISABLE)
 
     def disable_voltage(self) -> None:
@@ -409,8 +424,8 @@ class DriveMachine:
         request = self.mode_request
         if request.ask(mode):
             self.next_update = _AT_ONCE
-            self._switches = self._switching_state is not State.OPERATION_ENABLED
-        if not self._switches or self._may_switch:
+            self._awaits_switching_state = self._switching_state is not State.OPERATION_ENABLED
+        if not self._awaits_switching_state or self._may_switch:
             request.sent = request.mode
 
     @property
@@ -498,8 +513,8 @@ class DriveMachine:
 
     def events(self) -> list[DriveEvent]:
         """Return the events since the last call."""
-        happened, self._events = self._events, []
-        return happened
+        events, self._events = self._events, []
+        return events
 
     def next_deadline(self) -> int | None:
         """Return the latest time in ns for the next call of `update`, or None without a timeout."""
@@ -577,7 +592,7 @@ class DriveMachine:
                 self._events.append(ControlChanged(now, statusword))
         # CiA 402-2, 0x605A = 5 to 8: the drive stays in QUICK STOP ACTIVE after its stop
         if state is State.QUICK_STOP_ACTIVE:
-            self._request.stopping(statusword)
+            self._request.record_quick_stop(statusword)
 
     def _count_undefined(self, statusword: int, now: int) -> None:
         self.undefined += 1
@@ -587,7 +602,7 @@ class DriveMachine:
         if self._undefined_run == self._undefined_limit:
             self._events.append(StatuswordUndefined(now, statusword, self._undefined_run))
             if self.goal is DriveGoal.ENABLED:
-                self._lose(now, None)  # the present state is unknown; commands still start from the last known state
+                self._lose(now, None)  # the current state is unknown; commands still start from the last known state
 
     def _change_state(self, previous: State | None, state: State, statusword: int, now: int) -> None:
         self._enter(state, now)
@@ -606,7 +621,7 @@ class DriveMachine:
     def _enter(self, state: State | None, now: int) -> None:
         self._events.append(StateChanged(now, self.state, state, self.statusword))
         self.state = state
-        self._request.entered(state)
+        self._request.on_state_entered(state)
 
     def _lose(self, now: int, state: State | None) -> None:
         self._events.append(EnableLost(now, state, self.statusword))
@@ -614,7 +629,7 @@ class DriveMachine:
 
     def _supervise_mode(self, display: int | None, now: int) -> None:
         request = self.mode_request
-        if self._switches:
+        if self._awaits_switching_state:
             if self._may_switch:
                 request.sent = request.mode
             elif display != request.mode:
@@ -622,8 +637,8 @@ class DriveMachine:
                 request.display = display
                 return
         event = request.update(display, self.state is State.OPERATION_ENABLED, now)
-        if self._switches:
-            self._switches = not (request.may_enable or request.failed)
+        if self._awaits_switching_state:
+            self._awaits_switching_state = not (request.may_enable or request.failed)
             self._detour()
         if event is None:
             return
@@ -635,21 +650,21 @@ class DriveMachine:
 
     def _detour(self) -> None:
         """Make an enabled drive pass through `switching_state`, where it can change its mode."""
-        detour = self._switching_state if self._switches else None
+        detour = self._switching_state if self._awaits_switching_state else None
         if detour is not self._request.detour:
             self._request.detour = detour
             self._step.rearm()
 
     def _step_timed_out(self, now: int) -> None:
-        event = self._request.timed_out(self.state, self.statusword, now)
+        event = self._request.handle_timeout(self.state, self.statusword, now)
         if event is not None:
             self._events.append(event)
-            self._fire(EnableTrigger.LOST if event.gave_up else EnableTrigger.ARRIVED)
+            self._fire(EnableTrigger.LOST if event.gave_up else EnableTrigger.SETTLED)
 
     def _choose(self) -> Command | None:
         may_enable = self.mode_request.may_enable and not self.held_in_switched_on
         command = self._request.choose(self.state, self.statusword, self.standstill, may_enable)
-        if self._switches or (self.state is State.QUICK_STOP_ACTIVE and self._request.waits):
+        if self._awaits_switching_state or (self.state is State.QUICK_STOP_ACTIVE and self._request.waits):
             self.next_update = _AT_ONCE  # `standstill` is not an input of update
         return command
 
@@ -657,8 +672,8 @@ class DriveMachine:
     def _ramps_down(self) -> bool:
         """Whether the drive is in mode VL and still in OPERATION ENABLED.
 
-        Bits 4 to 6 keep its ramp unlocked, so that a drive that ignores a quick stop (0x605A = -1; Beckhoff AX8xxx)
-        ramps to its target 0.
+        Bits 4 to 6 then stay set, so that its ramp generator is not frozen, and a drive that ignores a quick stop
+        (0x605A = -1; Beckhoff AX8xxx) ramps to its target 0.
         """
         request = self.mode_request
         return self.state is State.OPERATION_ENABLED and request.confirmed and request.mode == OperationMode.VL

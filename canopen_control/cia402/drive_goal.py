@@ -134,7 +134,7 @@ class StepTimer:
         self._armed, self.command = True, command
         self.deadline = NEVER if number is None else now + self._timeouts.get(number, self._timeout)
 
-    def timed_out(
+    def timeout_event(
         self, state: State | None, goal: State, statusword: int | None, gave_up: bool, now: int
     ) -> TransitionTimedOut:
         """Return the timeout event of a step; `goal` is the target state of a step without a transition."""

@@ -179,8 +179,8 @@ class HomingSequence:
 
     def events(self) -> list[HomingEvent]:
         """Return the events since the last call."""
-        happened, self._events = self._events, []
-        return happened
+        events, self._events = self._events, []
+        return events
 
     def next_deadline(self) -> int | None:
         """Return the latest time in ns for the next call of `update`, or None without a timeout."""

@@ -152,7 +152,7 @@ def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, 
 def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], str | None]:
     """Return the writes that a node needs, and the reason if it cannot be read, else None."""
     from canopen_control.errors import BusError, CanopenError, SdoAbort, without_node
-    from canopen_control.master.boot_pdos import groups, needed, reads_of
+    from canopen_control.master.boot_pdos import groups, needed_writes, reads_of
 
     values: dict[tuple[int, int], bytes | None] = {}
     for address in [(0x1000, 0), *(read for group in groups(plan.writes) for read in reads_of(group))]:
@@ -164,7 +164,7 @@ def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], st
             raise
         except CanopenError as error:
             return [], without_node(str(error), plan.node_id, plan.name)
-    return [write for group in groups(plan.writes) for write in needed(group, values)], None
+    return [write for group in groups(plan.writes) for write in needed_writes(group, values)], None
 
 
 def _title(plan: NodePlan) -> str:

@@ -113,7 +113,7 @@ class MasterJudge:
         )
         self._shown: dict[int, bytes] = {}
         self._answers = _HeldAnswers(node)
-        self._switches = node.switches or FaultSwitches(node)
+        self._switches = node.fault_switches or FaultSwitches(node)
         node.set_reset_delay(_BOOT_NS, now)
 
     def receive(self, frame: CanFrame, now: int) -> None:

@@ -191,7 +191,7 @@ class Controller:
 
     - `commands`, `states`: the interfaces while the controller is active, in the order of their names.
     - `rejected`: number of refused commands.
-    - `life`: timeout of the command.
+    - `command_timeout`: timeout of the command.
     - `topic`: name of the ROS topic for commands, None without one.
     - `publishes`: topics of joint states for ROS, relative to the robot's namespace; `frame_id` is their frame.
     - `sample_type`: type of the published samples, None without samples.
@@ -230,7 +230,7 @@ class Controller:
         self.update_rate = 0
         self.publish_rate = 0.0
         self.rejected = 0
-        self.life = CommandTimeout()
+        self.command_timeout = CommandTimeout()
         self.publishes: tuple[str, ...] = ()
         self.frame_id = ""
         self.joints: tuple[str, ...] = ()

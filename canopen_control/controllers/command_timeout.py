@@ -1,8 +1,9 @@
 """Timeout and senders of a controller's commands, with the reason for the end of a command.
 
 A velocity or effort command that is not renewed expires after the timeout of the YAML file or, without one, after
-`DEFAULT_LIFE_S`; an explicit timeout of 0 means unlimited, which is upstream's default. A position command does not
-expire. The newer command applies; clients that command one controller alternately are reported (`SenderWatch`).
+`DEFAULT_TIMEOUT_S`; an explicit timeout of 0 means unlimited, the default in ros2_controllers. A position command does
+not expire. The most recent command takes effect; clients that command one controller alternately are reported
+(`SenderWatch`).
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 
-DEFAULT_LIFE_S: Final = 2.0
-ENDLESS: Final = "endless_command"
+DEFAULT_TIMEOUT_S: Final = 2.0
+UNLIMITED: Final = "endless_command"
 """Kind of the event that reports commands without a time limit."""
 MOVING: Final = frozenset({VELOCITY, EFFORT, ACCELERATION})
 """Interfaces whose targets keep a joint moving."""
@@ -40,7 +41,7 @@ class CommandSender(NamedTuple):
 
 
 ALTERNATION_NS: Final = 2_000_000_000
-"""Maximum time between two changes of the sender for senders that alternate."""
+"""Longest time between two changes of the sender that still counts as alternating."""
 _CALM_NS: Final = 10_000_000_000  # time without a change after which an alternation is reported again
 _RETURNS: Final = 2  # a sender that returns once may have been interrupted intentionally
 _KNOWN: Final = 4  # number of senders that are distinguished
@@ -55,7 +56,7 @@ class SenderWatch:
     __slots__ = ("_changed_at", "_known", "_reported", "_returns")
 
     def __init__(self) -> None:
-        self._known: list[CommandSender] = []  # the present sender is the last
+        self._known: list[CommandSender] = []  # the current sender is last
         self._changed_at = self._returns = 0
         self._reported = False
 
@@ -70,7 +71,8 @@ class SenderWatch:
             self._returns = 0
             self._reported = self._reported and since <= _CALM_NS
         earlier = [other for other in known if other.identity != sender.identity]
-        self._returns += len(earlier) < len(known)
+        if len(earlier) < len(known):  # the sender has returned
+            self._returns += 1
         self._known = [*earlier[1 - _KNOWN :], sender]
         if self._reported or self._returns < _RETURNS:
             return None
@@ -97,7 +99,7 @@ class CommandTimeout:
         self.holder: object = None
         self.senders = SenderWatch()
 
-    def give(self, now: int) -> None:
+    def start(self, now: int) -> None:
         """Start the validity of a command that was created at `now`, in ns."""
         self.created, self.live = now, True
 
@@ -118,7 +120,7 @@ class CommandTimeout:
 def timeout_ns(timeout: float | None, interfaces: Iterable[str]) -> int:
     """Return the timeout in ns for commands to these interfaces, 0 if unlimited; `timeout` is the YAML value in s."""
     if timeout is None:
-        timeout = DEFAULT_LIFE_S if MOVING.intersection(interfaces) else 0.0
+        timeout = DEFAULT_TIMEOUT_S if MOVING.intersection(interfaces) else 0.0
     return round(timeout * 1e9)
 
 

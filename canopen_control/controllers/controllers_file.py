@@ -182,7 +182,7 @@ def read_controllers(
     empty = _Block(root, like(root))
     everywhere = blocks.pop(EVERYWHERE, empty).value
     own = blocks.pop(MANAGER_SECTION, empty)
-    flat = flattened(own.value.over(_common(everywhere)))
+    flat = flattened(own.value.merged_over(_common(everywhere)))
     declared, manager = _manager(flat, root)
     controllers = _controllers(declared, blocks, everywhere, own.namespace)
     if not controllers:
@@ -274,7 +274,7 @@ def _is_namespace(name: str, value: Node) -> bool:
 
 def _add(blocks: dict[str, _Block], name: str, block: _Block) -> None:
     previous = blocks.get(name)
-    blocks[name] = dataclasses.replace(block, value=block.value.over(previous.value)) if previous else block
+    blocks[name] = dataclasses.replace(block, value=block.value.merged_over(previous.value)) if previous else block
 
 
 def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParams]:
@@ -345,9 +345,9 @@ def _controllers(
     controllers: dict[str, ControllerConfig] = {}
     for name, entry in declared.items():
         block = blocks.get(name, _Block(entry.key, like(entry.further), namespace))
-        values = block.value.over(entry.further).over(everywhere)
+        values = block.value.merged_over(entry.further).merged_over(everywhere)
         for place, text in entry.files:
-            values = from_file(place, text, name).over(values)
+            values = from_file(place, text, name).merged_over(values)
         config = _config(name, entry.type, entry.key, Params(flattened(values), name, shared), block, entry.fallbacks)
         controllers[name] = dataclasses.replace(config, node_options=entry.node_options)
     for name, block in blocks.items():
@@ -355,7 +355,7 @@ def _controllers(
         if name in controllers:
             continue
         if type_node is not None:
-            params = Params(flattened(block.value.over(everywhere)), name, shared)
+            params = Params(flattened(block.value.merged_over(everywhere)), name, shared)
             controllers[name] = _config(name, convert(type_node, str, ""), block.key, params, block)
         else:
             hint = nearest(name, declared)
@@ -391,7 +391,7 @@ def from_file(place: Node, text: str, name: str) -> Node:
         return like(place)
     if own is None or everywhere is None:
         return (own or everywhere or _Block(place, like(place))).value
-    return own.value.over(everywhere.value)
+    return own.value.merged_over(everywhere.value)
 
 
 def _config(
@@ -465,7 +465,7 @@ class SpawnedControllers:
         problems = Problems(self._control.path or f"params_file of {name}", strict=False)
         place, values = Node("scalar", 0, 0, f"{name}.params_file", problems), before.params.flat
         for path in arguments.params_file:
-            values = flattened(from_file(place, path, name)).over(values)
+            values = flattened(from_file(place, path, name)).merged_over(values)
         problems.raise_if_any(RobotConfigError)
         for fallback in arguments.fallback_controllers:
             controllers = self._control.controllers

@@ -13,7 +13,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, zero_targets
-from canopen_control.controllers.command_timeout import ENDLESS, MOVING, timeout_ns, unlimited_warning
+from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, unlimited_warning
 from canopen_control.controllers.params import ForwardParams, GroupParams, MultiParams, SingleParams
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import OK, TARGET, ReturnType
@@ -55,7 +55,7 @@ class ForwardCommandController(Controller):
 
     def on_set(self, params: Params) -> None:
         interfaces = [name.rpartition("/")[2] for name in self._names]
-        self._set_life(params.read(self.reads, self.renames).command_timeout, interfaces)
+        self._set_timeout(params.read(self.reads, self.renames).command_timeout, interfaces)
 
     def command_interface_names(self) -> list[str]:
         return list(self._names)
@@ -63,7 +63,7 @@ class ForwardCommandController(Controller):
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         super().on_activate(commands, states, now)
         self._timed_out = False
-        self.life.end()
+        self.command_timeout.end()
         self._values = [math.nan] * len(commands)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
@@ -74,7 +74,7 @@ class ForwardCommandController(Controller):
         for index, command in enumerate(self.commands):  # a disabled drive keeps no command for later
             self._values[index] = float(values[index]) if command.enabled else math.nan
         self._timed_out = False
-        self.life.give(now)
+        self.command_timeout.start(now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
         del now
@@ -87,10 +87,10 @@ class ForwardCommandController(Controller):
 
     def update(self, now: int, period: float) -> ReturnType:
         del period
-        life = self.life
-        if not life.live:
+        timeout = self.command_timeout
+        if not timeout.live:
             return OK
-        if life.limit_ns and now - life.created > life.limit_ns and self._expire(now):
+        if timeout.limit_ns and now - timeout.created > timeout.limit_ns and self._expire(now):
             self._stop(now)
             return OK
         index, values = 0, self._values
@@ -100,7 +100,7 @@ class ForwardCommandController(Controller):
         return OK
 
     def _expire(self, now: int) -> bool:
-        return self.life.expire(now)
+        return self.command_timeout.expire(now)
 
     def _stop(self, now: int) -> None:
         self._timed_out = True
@@ -108,7 +108,7 @@ class ForwardCommandController(Controller):
         outcome = "position targets are held" if self.interface == POSITION else "targets are 0"
         self.report(
             "command_timeout",
-            f"no command for {(now - self.life.created) / 1e9:.2f} s, {outcome} until the next command",
+            f"no command for {(now - self.command_timeout.created) / 1e9:.2f} s, {outcome} until the next command",
         )
 
     def _set_up(
@@ -127,12 +127,12 @@ class ForwardCommandController(Controller):
             )
         self.joints, self.interface, self.update_rate = joints, interface, common.update_rate
         self._names = tuple(f"{joint}/{interface}" for joint in joints)
-        self._set_life(timeout, (interface,))
+        self._set_timeout(timeout, (interface,))
 
-    def _set_life(self, timeout: float | None, interfaces: Sequence[str]) -> None:
-        self.life.limit_ns = timeout_ns(timeout, interfaces)
+    def _set_timeout(self, timeout: float | None, interfaces: Sequence[str]) -> None:
+        self.command_timeout.limit_ns = timeout_ns(timeout, interfaces)
         if (text := unlimited_warning("command_timeout", timeout, interfaces)) is not None:
-            self.report(ENDLESS, text)
+            self.report(UNLIMITED, text)
 
 
 class MultiInterfaceForwardCommandController(ForwardCommandController):
@@ -146,7 +146,7 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
         if not settings.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
         self._set_up(settings, settings.interface_names, "", settings.command_timeout, "interface_names")
-        self._set_life(settings.command_timeout, settings.interface_names)
+        self._set_timeout(settings.command_timeout, settings.interface_names)
         self.joints, self.interface = (settings.joint,), ", ".join(settings.interface_names)
         self._names = tuple(f"{settings.joint}/{interface}" for interface in settings.interface_names)
 
@@ -244,7 +244,7 @@ class TargetController(ForwardCommandController):
         if not settings.joint:
             raise RobotConfigError(f"{self.name}: no 'joint'; give it under {self.name}: ros__parameters: joint: NAME")
         self._set_up(settings, (settings.joint,), TARGET, None)
-        self._set_life(settings.command_timeout, tuple(MOVING))
+        self._set_timeout(settings.command_timeout, tuple(MOVING))
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         if self.commands and self.commands[0].quantity == TARGET:

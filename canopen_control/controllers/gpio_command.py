@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, StateCopy
-from canopen_control.controllers.command_timeout import ENDLESS, MOVING, timeout_ns, unlimited_warning
+from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, unlimited_warning
 from canopen_control.controllers.params import CommonParams, refuse_all
 from canopen_control.errors import ControlError, RobotConfigError, nearest
 from canopen_control.hardware.interfaces import OK, ReturnType
@@ -179,9 +179,9 @@ class GpioCommandController(Controller):
         self.params, self.update_rate, self.joints = settings, settings.update_rate, settings.gpios
         self._names = settings.outputs
         kinds = [name.rpartition("/")[2] for name in self._names]
-        self.life.limit_ns = timeout_ns(settings.command_timeout, kinds)
+        self.command_timeout.limit_ns = timeout_ns(settings.command_timeout, kinds)
         if (text := unlimited_warning("command_timeout", settings.command_timeout, kinds)) is not None:
-            self.report(ENDLESS, text)
+            self.report(UNLIMITED, text)
 
     def command_interface_names(self) -> list[str]:
         return list(self._names)
@@ -205,7 +205,7 @@ class GpioCommandController(Controller):
         self._copy, self.stamp = StateCopy(layout), now
         self._values = [math.nan] * len(commands)
         self._safe = [self.params.safe_value(command.name, command.safe) for command in commands]
-        self.life.end()
+        self.command_timeout.end()
 
     def on_deactivate(self, now: int) -> None:
         """Set the commanded outputs to their safe values, which also apply after the release."""
@@ -214,7 +214,7 @@ class GpioCommandController(Controller):
         self.forget(now)
 
     def forget(self, now: int) -> None:
-        self.life.end(self.life.ended_by)
+        self.command_timeout.end(self.command_timeout.ended_by)
         self.forget_some(self.commands, now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
@@ -249,7 +249,7 @@ class GpioCommandController(Controller):
                 raise self.refusal(f"cannot set {value:g}: {problem}; nothing was applied")
         for index, value in zip(places, values.values(), strict=True):
             self._values[index] = float(value)
-        self.life.give(now)
+        self.command_timeout.start(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
         """Return whether no output would change when the commands end."""
@@ -265,9 +265,10 @@ class GpioCommandController(Controller):
 
     def update(self, now: int, period: float) -> ReturnType:
         del period
-        if self.life.expire(now):
+        if self.command_timeout.expire(now):
             self.report(
-                "command_timeout", f"no command for {(now - self.life.created) / 1e9:.2f} s, {self.describe_stop}"
+                "command_timeout",
+                f"no command for {(now - self.command_timeout.created) / 1e9:.2f} s, {self.describe_stop}",
             )
             self.forget(now)
         index = 0

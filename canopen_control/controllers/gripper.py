@@ -161,7 +161,7 @@ class PositionGripperActionController(Controller):
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         super().on_activate(commands, states, now)
         self._target, self._status = math.nan, GripStatus.MOVING
-        self.life.end()
+        self.command_timeout.end()
         self._read()
         self.stamp = now
 
@@ -172,9 +172,12 @@ class PositionGripperActionController(Controller):
 
     def forget(self, now: int) -> None:
         del now
-        why, client = self.life.ended_by or "a stop was requested", self.life.source or "an unnamed client"
+        why, client = (
+            self.command_timeout.ended_by or "a stop was requested",
+            self.command_timeout.source or "an unnamed client",
+        )
         self._end(GoalState.ABORTED, f"{why}, so the goal of {client} was aborted; send it again afterwards")
-        self.life.end()
+        self.command_timeout.end()
         self._hold()
 
     # -------------------------------------------------------------------------------------------------- goals
@@ -189,7 +192,7 @@ class PositionGripperActionController(Controller):
         goal.feedback_rate = params.action_monitor_rate
         self.goal, self._target, self._limits, self._status = goal, goal.position, (effort, velocity), GripStatus.MOVING
         self._progress.begin(now)
-        self.life.give(now)
+        self.command_timeout.start(now)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         del values, now, stamp
@@ -229,7 +232,7 @@ class PositionGripperActionController(Controller):
         goal, self.goal = self.goal, None
         if goal is not None:
             goal.end(state, text, self._at, self._effort, status)
-            self.life.end()
+            self.command_timeout.end()
             if state is not GoalState.SUCCEEDED:
                 self.report(f"goal_{state.value}", text)
 

@@ -112,7 +112,7 @@ class ControllerManager:
     - `cycle`: period of the cycle in s if it is not that of `update_rate`.
     - `joints`, `geometry`, `description`: the movable joints of the description, its wheel dimensions, all its joints.
     - `enable_status`: enable status of the drives; `limiter`: limiter of all commands, which may be set at any time.
-    - `running`: the active controllers; `happened`: the events that `events` returns next.
+    - `running`: the active controllers; `new_events`: the events that `events` returns next.
     """
 
     def __init__(
@@ -140,9 +140,9 @@ class ControllerManager:
         self._params: dict[str, Params] = {}
         self._fallbacks: dict[str, tuple[str, ...]] = {}
         self._node_options: dict[str, tuple[str, ...]] = {}
-        self.happened: list[ControllerEvent] = []
-        self.running = UpdateLoop(update_rate, cycle or 1.0 / update_rate, self.happened, self.enable_status)
-        self._switcher = Switcher(registry, self._controllers, self.running, self.happened)
+        self.new_events: list[ControllerEvent] = []
+        self.running = UpdateLoop(update_rate, cycle or 1.0 / update_rate, self.new_events, self.enable_status)
+        self._switcher = Switcher(registry, self._controllers, self.running, self.new_events)
 
     # ------------------------------------------------------------------------------------------------- lifecycle
 
@@ -165,8 +165,8 @@ class ControllerManager:
         controller.description_joints, controller.geometry = self._joints, self._geometry
         controller.description, controller.cycle_rate = self._description, self.update_rate
         controller.enable_status = self.enable_status
-        self.happened += controller.notices
-        controller.notices = self.happened
+        self.new_events += controller.notices
+        controller.notices = self.new_events
         self._fallbacks[name], self._node_options[name] = tuple(fallbacks), tuple(node_options)
         self._controllers[name] = controller
         self._params[name] = params or Params.of({}, name)
@@ -260,10 +260,10 @@ class ControllerManager:
 
     def events(self) -> Events:
         """Return the events since the last call, in chronological order."""
-        if not self.happened:
+        if not self.new_events:
             return ()
-        events = tuple(self.happened)
-        self.happened.clear()
+        events = tuple(self.new_events)
+        self.new_events.clear()
         return events
 
     # -------------------------------------------------------------------------------------------------- parameters
@@ -388,9 +388,9 @@ class ControllerManager:
         self, controller: Controller, source: str, holder: object, sender: CommandSender | None, now: int
     ) -> None:
         """Record the sender of an accepted command, and report two senders that begin to alternate."""
-        life = controller.life
-        life.source, life.holder = source, holder
-        if (both := life.senders.take(sender or CommandSender(source, source), now)) is not None:
+        timeout = controller.command_timeout
+        timeout.source, timeout.holder = source, holder
+        if (both := timeout.senders.take(sender or CommandSender(source, source), now)) is not None:
             text = (
                 f"{controller.name}: {' and '.join(both)} command it alternately, so its motion jerks; each newer "
                 "command applies; end one of the two"
@@ -504,4 +504,4 @@ class ControllerManager:
         )
 
     def _report(self, kind: str, controller: str, text: str) -> None:
-        self.happened.append(ControllerEvent(kind, controller, text))
+        self.new_events.append(ControllerEvent(kind, controller, text))

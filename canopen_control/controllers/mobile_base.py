@@ -21,7 +21,7 @@ from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.base import Controller, ControllerState, zero_targets
 from canopen_control.controllers.base_params import BaseParams
-from canopen_control.controllers.command_timeout import ENDLESS, unlimited_warning
+from canopen_control.controllers.command_timeout import UNLIMITED, unlimited_warning
 from canopen_control.controllers.limiters import RateLaw, RateLimiter, VelocityLimits
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose
 from canopen_control.errors import ControlError, RobotConfigError
@@ -254,13 +254,13 @@ class MobileBase(Controller):
         for axis, limit in zip(self.twist_axes, limits, strict=False):
             if limit.freezes:
                 self.report("parameter", f"{axis}.max_jerk is 0, which keeps the speed constant; remove it")
-        self.life.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
+        self.command_timeout.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
         if self._once:
             self.report(
                 ONE_UPDATE, f"{self.timeout_key} is 0, so a twist is used for one update only; give a time in s"
             )
         elif (text := unlimited_warning(self.timeout_key, timeout, (VELOCITY,))) is not None:
-            self.report(ENDLESS, text)
+            self.report(UNLIMITED, text)
 
     @abstractmethod
     def compute_commands(self, twist: Sequence[float]) -> None:
@@ -398,8 +398,8 @@ class MobileBase(Controller):
     def _reset(self, now: int) -> None:
         """Discard the twist and its history; a timeout is counted from `now`, in ns."""
         self._twist.forget()
-        self.life.end()
-        self.life.created = now
+        self.command_timeout.end()
+        self.command_timeout.created = now
         self.braking = self._fresh = False
         self._was_chained = self._writing = self._too_fast = False
         for reference in self._references:
@@ -417,7 +417,7 @@ class MobileBase(Controller):
         owner = next((reference.owner for reference in self._references if reference.owner is not None), None)
         if owner is not None:
             raise self.refusal(f"is commanded by {owner}; deactivate that controller first")
-        sent, limit = min(stamp or now, now), self.life.limit_ns
+        sent, limit = min(stamp or now, now), self.command_timeout.limit_ns
         if limit and now - sent >= limit:
             age, timeout = (now - sent) / NS, limit / NS
             raise self.refusal(
@@ -429,7 +429,7 @@ class MobileBase(Controller):
         for index, value in enumerate(values):
             self.desired[index] = float(value)
         self.braking, self._fresh = False, True
-        self.life.give(sent)
+        self.command_timeout.start(sent)
 
     # --------------------------------------------------------------------------------------------------------- cycle
 
@@ -454,22 +454,22 @@ class MobileBase(Controller):
 
     def _update_request(self, now: int) -> None:
         """Update the requested twist from the chain or the last command; request zero after a timeout."""
-        life = self.life
+        timeout = self.command_timeout
         if self._follow_chain():
             self._was_chained = True
-            life.end()
-        elif self._was_chained and not life.live:
+            timeout.end()
+        elif self._was_chained and not timeout.live:
             self._was_chained = False
             self._brake()
         elif self._once:
-            if life.live and not self._fresh:
-                life.end()
+            if timeout.live and not self._fresh:
+                timeout.end()
             self._fresh = False
-            if not life.live and self._twist.is_requested:
+            if not timeout.live and self._twist.is_requested:
                 self._brake()
-        elif life.limit_ns and now - life.created > life.limit_ns:
-            if life.expire(now):
-                age = (now - life.created) / NS
+        elif timeout.limit_ns and now - timeout.created > timeout.limit_ns:
+            if timeout.expire(now):
+                age = (now - timeout.created) / NS
                 self.report("command_timeout", f"no twist for {age:.2f} s, it brakes until the next one")
             self._brake()
 

@@ -74,7 +74,7 @@ class Params:
     def changed(self, values: Mapping[str, PlainValue]) -> Params:
         """Return a copy with other values for some parameters, by dotted name; the file is unchanged."""
         changes = Params.of(values, self.name)
-        return Params(changes.flat.over(self.flat), self.name, self.shared)
+        return Params(changes.flat.merged_over(self.flat), self.name, self.shared)
 
     @property
     def warnings(self) -> list[str]:

@@ -14,7 +14,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, finite, zero_targets
-from canopen_control.controllers.command_timeout import ENDLESS, MOVING, timeout_ns, unlimited_warning
+from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, unlimited_warning
 from canopen_control.controllers.params import DofGains, PidParams, read_pid_params
 from canopen_control.controllers.pid import Pid
 from canopen_control.controllers.trajectory.point import shortest_angular_distance
@@ -120,10 +120,12 @@ class PidController(Controller):
             settings.command_interface,
         )
         self.feed_forward = settings.enable_feedforward
-        self.life.limit_ns = timeout_ns(settings.command_timeout, settings.reference_and_state_interfaces[:1])
+        self.command_timeout.limit_ns = timeout_ns(
+            settings.command_timeout, settings.reference_and_state_interfaces[:1]
+        )
         kind = settings.reference_and_state_interfaces[:1]
         if (text := unlimited_warning("command_timeout", settings.command_timeout, kind)) is not None:
-            self.report(ENDLESS, text)
+            self.report(UNLIMITED, text)
         self._references = [
             self._reference(dof, interface)
             for interface in settings.reference_and_state_interfaces
@@ -180,12 +182,12 @@ class PidController(Controller):
             dof.command, dof.state = commands[index], states[index]
             dof.state_rate = states[index + count] if len(states) > count else None
         self.stamp = 0
-        self.life.end()
+        self.command_timeout.end()
         self._clear()
 
     def on_deactivate(self, now: int) -> None:
         super().on_deactivate(now)
-        self.life.end()
+        self.command_timeout.end()
         self._clear()
         for state in self._exported:
             state.value = math.nan
@@ -193,7 +195,7 @@ class PidController(Controller):
     def forget(self, now: int) -> None:
         del now
         zero_targets(self.commands)
-        self.life.end()
+        self.command_timeout.end()
         self._clear()
         for dof in self._dofs:
             dof.pid.reset()
@@ -243,7 +245,7 @@ class PidController(Controller):
                 raise self.refusal(f"expects {limits} for {name}, got {value:g}; nothing was applied")
         for index, reference in enumerate(self._references):
             reference.value = float(values[index]) if index < len(values) else math.nan
-        self.life.give(now)
+        self.command_timeout.start(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
         """Return whether the references are zero velocities or efforts; position references are targets."""
@@ -283,7 +285,7 @@ class PidController(Controller):
             )
             self.report("measured_state_lost", text)
         self._export()
-        if self.life.expire(now) and not self.chained:
+        if self.command_timeout.expire(now) and not self.chained:
             self._stop(now)
         dofs, follows = self._dofs, self._follows
         for index in range(len(dofs)):
@@ -315,5 +317,5 @@ class PidController(Controller):
     def _stop(self, now: int) -> None:
         for dof in self._dofs:
             dof.clear()
-        age = (now - self.life.created) / 1e9
+        age = (now - self.command_timeout.created) / 1e9
         self.report("command_timeout", f"no reference for {age:.2f} s, targets are 0 until the next reference")

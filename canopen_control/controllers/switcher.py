@@ -129,7 +129,7 @@ class ActiveController:
         if interfaces is not None:
             self.controller.forget_some(interfaces, now)
             return
-        self.controller.life.end(why)
+        self.controller.command_timeout.end(why)
         self.controller.forget(now)
 
 
@@ -480,7 +480,7 @@ class UpdateLoop:
     @property
     def clients_with_commands(self) -> set[object]:
         """Connected clients whose commands are active and end at disconnection."""
-        return {entry.controller.life.holder for entry in self._commanding} - {None}
+        return {entry.controller.command_timeout.holder for entry in self._commanding} - {None}
 
     def entry_of(self, controller: Controller) -> ActiveController | None:
         """Return the entry of a controller, or None if it is not active."""
@@ -490,8 +490,8 @@ class UpdateLoop:
         """End the active commands of a disconnected client; `why` is a clause for the report."""
         for entry in self._commanding:
             controller = entry.controller
-            if controller.life.holder is holder:
-                source, moving = controller.life.source, is_moving(controller.commands)
+            if controller.command_timeout.holder is holder:
+                source, moving = controller.command_timeout.source, is_moving(controller.commands)
                 self._forget(entry, self.now, why=f"{source} {why}")
                 if moving:
                     text = f"{controller.name}: {source} {why}, so its command has ended; {controller.describe_stop}"
@@ -613,7 +613,7 @@ class Switcher:
         """Deactivate a controller; motion targets become 0.0 even if the controller's own hook fails."""
         commands = list(controller.commands)
         try:
-            controller.life.end()
+            controller.command_timeout.end()
             controller.on_deactivate(now)
         except Exception as error:  # noqa: BLE001 - stopping goes on
             reason = reason or f"on_deactivate raised {type(error).__name__}: {error}"

@@ -113,7 +113,7 @@ class AxisStatus:
         """Whether the statusword is unobservable: no TPDO arrives, and the node aborts SDO uploads."""
         return self.word is None and self._by_sdo.refused
 
-    def node_ready(self) -> None:
+    def restart(self) -> None:
         """Use the TPDO again after the node became operational, or when its feedback returned or became stale."""
         self._by_sdo.end()
         self._blind_since = None

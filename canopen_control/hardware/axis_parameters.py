@@ -320,8 +320,8 @@ _DEFAULT_SCALES: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_d
 class AxisParameters:
     """Parameters of one axis; `failed` lists the objects that could not be read.
 
-    With `profile` the objects of the drive's own ramp (0x6081, 0x6083) are read too. `report` gets later findings, as
-    sentences.
+    With `is_profile_target` the objects of the drive's own ramp (0x6081, 0x6083) are read too. `report` receives later
+    findings, as sentences.
     """
 
     def __init__(
@@ -330,9 +330,9 @@ class AxisParameters:
         on_loaded: Callable[[], None],
         report: Callable[[str], None] = lambda _text: None,
         *,
-        profile: bool = False,
+        is_profile_target: bool = False,
     ) -> None:
-        self._objects = _OBJECTS + _PROFILE if profile else _OBJECTS
+        self._objects = _OBJECTS + _PROFILE if is_profile_target else _OBJECTS
         self.loaded = False
         self.failed: list[str] = []
         self.values: dict[tuple[int, int], int] = {}

@@ -78,7 +78,7 @@ class PhaseTrigger(enum.Enum):
     MUST_REST = "the drive may not move, or a homing or a mode change needs standstill"
     HOMING_RUNS = "homing has started"
     HOMING_ENDED = "homing has ended"
-    TARGET_STANDS = "the target has reached zero"
+    TARGET_AT_STANDSTILL = "the target has reached zero"
     AT_REST = "the drive has left OPERATION_ENABLED and is at standstill"
     OVERDUE = "the timeout of the state has elapsed"
     OVERDUE_LOADED = "the timeout of the state has elapsed, and the axis holds a load that would fall"
@@ -156,7 +156,7 @@ _ROWS: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = {
     _S.FOLLOWING: {**_ENABLED, _T.GROUP_RISES: Row(_S.ENABLED), _T.MUST_REST: Row(_S.READY)},
     _S.HOMING: {**_ENABLED, _T.ENABLE: Row(_S.HOMING, (_O.RESUME,)), _T.HOMING_ENDED: Row(_S.READY)},
     _S.HALTED: _ENABLED,
-    _S.BRAKING: {**_STOPPING, _T.TARGET_STANDS: Row(_S.SETTLING)},
+    _S.BRAKING: {**_STOPPING, _T.TARGET_AT_STANDSTILL: Row(_S.SETTLING)},
     _S.SETTLING: _STOPPING,
     _S.DISABLING: {
         **_ALWAYS,
@@ -314,7 +314,7 @@ class GroupMember(Protocol):
     """Interface of a joint for its stop group."""
 
     joint: str
-    power: AxisStatechart
+    statechart: AxisStatechart
     group: StopGroup[Any]
     stop_group: StopGroup[Any]
     base: BaseJoints[Any] | None
@@ -323,8 +323,8 @@ class GroupMember(Protocol):
     def enable_requested(self) -> bool: ...
 
     @property
-    def can_enable(self) -> bool:
-        """Whether the joint could enter OPERATION_ENABLED as soon as its group permits it."""
+    def is_enabled_or_ready(self) -> bool:
+        """Whether the joint is enabled, or could be enabled as soon as its group permits."""
 
     def has_settled(self, now: int) -> bool:
         """Whether the controlled stop has ended, so that the drive may be disabled."""
@@ -361,19 +361,19 @@ class StopGroup(Generic[J]):
 
     def coordinate(self, now: int) -> None:
         """Fire the group triggers in the statecharts of the joints; call once per cycle while `busy`."""
-        waiting = [joint for joint in self.joints if joint.power.state is AxisPhase.RISING]
-        if waiting and all(joint.can_enable for joint in waiting):
+        waiting = [joint for joint in self.joints if joint.statechart.state is AxisPhase.RISING]
+        if waiting and all(joint.is_enabled_or_ready for joint in waiting):
             self._fire(PhaseTrigger.GROUP_MAY_RISE, now)
-        rising = any(joint.power.rising for joint in self.joints)
+        rising = any(joint.statechart.rising for joint in self.joints)
         self._fire(PhaseTrigger.GROUP_RISES if rising else PhaseTrigger.GROUP_ENABLED, now)
-        falling = [joint for joint in self.joints if joint.power.falling]
+        falling = [joint for joint in self.joints if joint.statechart.falling]
         if falling and all(joint.has_settled(now) for joint in falling):
             self._fire(PhaseTrigger.GROUP_RESTS, now)
-        self.busy = rising or any(joint.power.falling for joint in falling)
+        self.busy = rising or any(joint.statechart.falling for joint in falling)
 
     def _fire(self, trigger: PhaseTrigger, now: int) -> None:
         for joint in self.joints:
-            joint.power.fire(trigger, now)
+            joint.statechart.fire(trigger, now)
 
 
 def merge_base_groups(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int) -> None:

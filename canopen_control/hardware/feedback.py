@@ -252,7 +252,7 @@ class Feedback:
             self._velocity_state.value = speed * self._axis.scale.pos_from_dev + 0.0
         self._derived_from, self._derived_at = count, stamp
 
-    def jumped_in_unit(self, commanded: float = 0.0) -> UnitMismatch | None:
+    def unit_mismatch_of_jump(self, commanded: float = 0.0) -> UnitMismatch | None:
         """Return the wrong velocity unit that would explain the last jump, or None.
 
         `commanded` is the velocity sent to the drive in rad/s, nan for none, because the reported velocity may lag.
@@ -262,7 +262,7 @@ class Feedback:
             self._jump_speed, self._raw_velocity, rising=True
         )
 
-    def turns_in_unit(self, now: int) -> UnitMismatch | None:
+    def velocity_unit_mismatch(self, now: int) -> UnitMismatch | None:
         """Return a velocity unit mismatch once, after several checks; call ten times a second."""
         count = self._axis.unwrap.count
         moved, elapsed = count - self._checked_count, now - self._checked_at

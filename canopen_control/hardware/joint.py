@@ -51,29 +51,26 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-# Parts of a joint and of its drive axis, and their reports: state, power, homing and feedback.
-#
-# This base class only reports; `JointDrive` moves the axis.
-
-
 class JointStatus:
     """Status of a joint and of its drive axis: state, power, homing and feedback; base class of `JointDrive`.
 
-    `tracking` measures how well the joint follows its set-points.
+    This class only reports; `JointDrive` moves the axis. `tracking` measures how well the joint follows its set-points.
     """
 
     def __init__(self, description: ControlJoint, node: RemoteNode, image: ProcessImage, axis: int = 0) -> None:
         self.joint, self.node = description.name, node
         self.axis = AxisProcessData(description.name, node, image, axis)
         self.machine: DriveMachine = configured_machine(node)
-        profile = TARGET in description.command_interfaces
-        self.parameters = AxisParameters(self.axis, self._on_parameters, self._on_parameter, profile=profile)
+        is_profile_target = TARGET in description.command_interfaces
+        self.parameters = AxisParameters(
+            self.axis, self._on_parameters, self._on_parameter, is_profile_target=is_profile_target
+        )
         self.targets: JointTargets = JointTargets(description, self.axis, self.machine, self.parameters)
         self.commands = self.targets.commands
-        self.reference = HomePosition(self.axis, self.machine, self.parameters)
+        self.home_position = HomePosition(self.axis, self.machine, self.parameters)
         self.feedback = Feedback(description, self.axis)
         self.states = self.feedback.states
-        self.power = AxisStatechart(
+        self.statechart = AxisStatechart(
             self.machine,
             [command for name, command in self.commands.items() if name != DIGITAL_OUTPUTS],
             holds_load=_holds_load(description),
@@ -107,34 +104,34 @@ class JointStatus:
 
     @property
     def lacks_target(self) -> bool:
-        """Whether the joint cannot be enabled, because no RPDO contains a target; only of a bus without controllers."""
+        """Whether the joint cannot be enabled, because no RPDO contains a target; possible only without controllers."""
         return TARGET in self.commands and not has_target(self.axis)
 
     @property
     def enable_requested(self) -> bool:
-        return self.power.enable_requested
+        return self.statechart.enable_requested
 
     @property
     def following(self) -> bool:
         """Whether commands are sent to the drive; equals `enabled` of the command interfaces."""
-        return self.power.following
+        return self.statechart.following
 
     @property
     def enabled(self) -> bool:
         """Whether the joint follows commands and its node is operational."""
-        return self.power.following and self.node.ready
+        return self.statechart.following and self.node.ready
 
     @property
     def homing(self) -> JointHoming | None:
-        return self.reference.homing
+        return self.home_position.homing
 
     @property
     def homed(self) -> bool:
         """Whether the last homing was successful and the home position is still valid."""
-        return self.reference.known
+        return self.home_position.known
 
     @property
-    def can_enable(self) -> bool:
+    def is_enabled_or_ready(self) -> bool:
         """Whether the joint is enabled, or could be enabled as soon as its group permits."""
         machine = self.machine
         return machine.enabled or (machine.waiting and self.parameters.loaded)
@@ -159,13 +156,13 @@ class JointStatus:
         if not self.node.ready or self.machine.state is not State.OPERATION_ENABLED:
             return True
         if self.axis.is_stale:
-            return now - self.power.since > self._blind_stop_ns
-        return self.power.state is AxisPhase.SETTLING and self.feedback.at_standstill
+            return now - self.statechart.since > self._blind_stop_ns
+        return self.statechart.state is AxisPhase.SETTLING and self.feedback.at_standstill
 
     def events(self) -> list[JointEvent]:
-        happened = self._events.copy()
+        events = self._events.copy()
         self._events.clear()
-        return happened
+        return events
 
     def _on_parameter(self, text: str) -> None:
         self._events.append(JointEvent("parameters", text))
@@ -185,21 +182,21 @@ def _holds_load(description: ControlJoint) -> bool:
     return text == "true"
 
 
-_FINE = (SetPointTaken, SetPointReached, SetPointDeferred)
+_INFO_EVENTS = (SetPointTaken, SetPointReached, SetPointDeferred)
 _FOLLOWING: Final = AxisPhase.FOLLOWING  # faster than the enum member, see `hardware.interfaces.OK`
 
 _MAY_HOME: Final = (AxisPhase.READY, AxisPhase.HOMING)
-_OVERDUE: Final = {
+_OVERDUE_TEXTS: Final = {
     AxisPhase.ESCALATED: "has not stopped in time; quick stop commanded",
     AxisPhase.VOLTAGE_OFF: "its quick stop did not end in time; its voltage is disabled, so a turning motor coasts",
     AxisPhase.UNSTOPPED: "no stop command had a visible effect, so it may have power; switch its supply off if it "
     "moves",
 }
-_LATE: Final = (
+_LATE_TEXT: Final = (
     "it is enabled but does not follow its set-points, and would jump to them; set `enable_settle_ms` "
     "in bus.yml, longer than its brake needs to release, or check its power and the source of its set-points"
 )
-_STANDING: Final = (
+_STANDSTILL_TEXT: Final = (
     "it is enabled but does not follow its set-points; check its brake, its power and the source of its set-points "
     "(for a brake that releases late, set `enable_settle_ms` in bus.yml)"
 )
@@ -222,9 +219,9 @@ _LIVE: Final = FeedbackStatus.LIVE
 class JointDrive(JointStatus):
     """Joint bound to one axis of a drive; enables, moves and stops the axis for controllers and users.
 
-    `power` is the statechart of the axis. `resume` is set by a stop whose cause may disappear without a user, if the
-    joint was enabled before the stop. `<param name="holds_load">true</param>` means that the load would fall without
-    power.
+    `statechart` is the statechart of the axis. `resume` is set by a stop whose cause may disappear without user
+    action, if the joint was enabled before the stop. `<param name="holds_load">true</param>` means that the load would
+    fall without power.
     """
 
     def __init__(self, description: ControlJoint, node: RemoteNode, image: ProcessImage, axis: int = 0) -> None:
@@ -242,16 +239,16 @@ class JointDrive(JointStatus):
         self._watch = StatusWatch(self.axis, node.config.motion.following_error_action)
         self._motion = MotionWatch(self.axis, self.machine)
         self._settle_ns = node.config.motion.enable_settle_ms * 1_000_000
-        self._settled_at = 0  # before this time a drive that was just enabled would lose set-points
-        self._status = AxisStatus(self.axis, self.machine, holds_load=self.power.holds_load)
+        self._settled_at = 0  # a newly enabled drive may lose set-points before this time
+        self._status = AxisStatus(self.axis, self.machine, holds_load=self.statechart.holds_load)
         self._limits, self._controlword, self._mode = self.axis.limits, self.axis.controlword, self.axis.mode
         self._evaluations = -1
-        self._link: FeedbackStatus = _LOST
+        self._feedback_status: FeedbackStatus = _LOST
         self._now = 0
 
-    # ------------------------------------------------------------------------------------------- verbs
+    # ------------------------------------------------------------------------------------------- commands
 
-    def require_enable(self) -> None:
+    def check_enable(self) -> None:
         """Raise the DriveError that `enable` would raise, without requesting anything."""
         # CiA 402-2, 0x6041 bit 9 (remote): 0 while the controlword is not processed
         if not self.machine.remote:
@@ -262,11 +259,11 @@ class JointDrive(JointStatus):
             )
         if self.axis.is_stale:
             raise DriveError(f"{self.axis.label}: cannot be enabled because a TPDO with its feedback is overdue")
-        self.machine.require_enable()
+        self.machine.check_enable()
 
     def enable(self) -> None:
         """Request OPERATION_ENABLED, in which the joint follows commands; raise DriveError if impossible."""
-        self.require_enable()
+        self.check_enable()
         self.resume, self.stopped_by = False, ""
         self.targets.feed_forward.zero()
         self.tracking.begin()
@@ -280,16 +277,16 @@ class JointDrive(JointStatus):
         self.resume = False
         if self._motion.unmoved:
             self.targets.hold()  # an axis that has not moved must not jump to its targets
-        if self._fire(PhaseTrigger.STOP) and self.power.falling:
+        if self._fire(PhaseTrigger.STOP) and self.statechart.falling:
             self._blind_stop_ns = self.feedback.ramp_ns(BLIND_STOP_NS)
         self._abort_homing("stopped")
-        if self.power.falling and not self.machine.enabled:
+        if self.statechart.falling and not self.machine.enabled:
             self._fire(PhaseTrigger.DRIVE_LEFT)
 
     @property
     def stopped(self) -> bool:
         """Whether the drive has no power or has completed a quick stop, as far as observable."""
-        return self.power.state in STOPPED and (self.machine.reached or self._status.invisible)
+        return self.statechart.state in STOPPED and (self.machine.reached or self._status.invisible)
 
     def quick_stop(self) -> None:
         """Request a quick stop; 0x605A defines whether the drive then holds position or is disabled."""
@@ -306,7 +303,7 @@ class JointDrive(JointStatus):
         self._fire(PhaseTrigger.FAULT_RESET)
 
     def give_up(self) -> None:
-        """Leave the enabled states, since the drive has left OPERATION_ENABLED or its node was lost."""
+        """Treat the axis as disabled after the drive has left OPERATION_ENABLED or its node was lost."""
         self._fire(PhaseTrigger.DRIVE_LEFT if self.node.ready else PhaseTrigger.NODE_LOST)
         self._abort_homing("the drive left operation")
 
@@ -314,7 +311,7 @@ class JointDrive(JointStatus):
         """Start homing by a method of 0x6098 (None: the method set in the drive); raise DriveError if not supported."""
         # CiA 402-2, 0x6502 bit 5: mode HM
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
-        self.reference.begin(method, was_enabled=self.enable_requested)
+        self.home_position.begin(method, was_enabled=self.enable_requested)
         self._fire(PhaseTrigger.MUST_REST)
 
     # ------------------------------------------------------------------------------------------- cycle
@@ -322,28 +319,28 @@ class JointDrive(JointStatus):
     def read(self, now: int) -> None:
         """Update the state interfaces from the latest process data; nan while the node is absent."""
         node = self.node
-        link = _LOST if not node.ready else _STALE if node.stale else _LIVE
-        if link is not self._link:
-            self._change_link(link, now)
-        if link is not _LOST:
+        status = _LOST if not node.ready else _STALE if node.stale else _LIVE
+        if status is not self._feedback_status:
+            self._change_feedback_status(status, now)
+        if status is not _LOST:
             jump = self.feedback.read(now)
             if jump:
-                self.reference.forget()
+                self.home_position.forget()
                 text = f"its position jumped by {jump} counts; home it again"
                 command = self.targets.tracked
                 sent = command.value if command is not None and command.quantity == VELOCITY else 0.0
-                unit = self.feedback.jumped_in_unit(sent)
+                unit = self.feedback.unit_mismatch_of_jump(sent)
                 event = ("position_jump", text) if unit is None else ("velocity_unit", unit.text)
                 self._events.append(JointEvent(*event, stops=True))
 
     def step(self, now: int) -> bool:
         """Run one cycle of the drive's state machine; return whether `events` has entries."""
         self._now = now
-        machine, status, power = self.machine, self._status, self.power
+        machine, status, statechart = self.machine, self._status, self.statechart
         pdo, shown = status.pdo, status.shown
         word: int | None
         display: int | None
-        if self._link is _LIVE and shown is not None and pdo.stamp >= 0 and shown.stamp >= 0:
+        if self._feedback_status is _LIVE and shown is not None and pdo.stamp >= 0 and shown.stamp >= 0:
             # same as `AxisStatus.update`, but faster; both values are integers
             status.word = word = pdo.values[status.place]  # type: ignore[assignment]
             status.display = display = shown.values[status.shown_place]  # type: ignore[assignment]
@@ -360,7 +357,7 @@ class JointDrive(JointStatus):
             machine.standstill = self.feedback.at_standstill
             control = machine.update(word, display, now)
             self._take_update(word, before)
-        if power.watched:
+        if statechart.watched:
             self._check_transitions(now)
         if self._limits.blocked and not self._events and machine.may_move and self._commands_into_limit():
             self._events.append(self._watch.limit_event())
@@ -372,11 +369,11 @@ class JointDrive(JointStatus):
         return bool(self._events)
 
     def _take_update(self, word: int | None, before: int | None) -> None:
-        """Collect the events of a new statusword, mode or timeout; rest if the drive may not move."""
+        """Collect the events of a new statusword, mode or timeout; send no targets while the drive may not move."""
         machine, current = self.machine, self.targets.current
         if machine.evaluations != self._evaluations or word != before:
             self._evaluations = machine.evaluations
-            if self.power.following and not machine.may_move:
+            if self.statechart.following and not machine.may_move:
                 self._fire(PhaseTrigger.MUST_REST)
             if word is not None and word != before:
                 self._events += self._watch.check(word, machine.mode, current, self._stops_at_limits)
@@ -386,23 +383,23 @@ class JointDrive(JointStatus):
 
     def write(self, now: int, period: float) -> None:
         """Set mode and targets; call after `step` of all joints, so that the group has its new state."""
-        targets, power = self.targets, self.power
+        targets, statechart = self.targets, self.statechart
         if targets.pending is not None:
             targets.change()
             if targets.claimed == TARGET:
                 self._fire(PhaseTrigger.MUST_REST)  # the old command was for the previous mode
-        elif self.reference.homing is not None:
+        elif self.home_position.homing is not None:
             targets.hold()
-            self._step_homing(self.reference.homing, now)
-        elif power.state is _FOLLOWING:
+            self._step_homing(self.home_position.homing, now)
+        elif statechart.state is _FOLLOWING:
             targets.follow(now, period)
             if (command := targets.tracked) is not None:
                 self.tracking.step(command.value, self._measured[command.quantity].value)
-        elif power.state is AxisPhase.READY and self.machine.may_move and now >= self._settled_at:
+        elif statechart.state is AxisPhase.READY and self.machine.may_move and now >= self._settled_at:
             self._fire(PhaseTrigger.MAY_MOVE)
             self.tracking.restart()
             targets.follow(now, period)
-        elif power.falling:
+        elif statechart.falling:
             self._brake(period)
         else:
             targets.hold()
@@ -411,7 +408,7 @@ class JointDrive(JointStatus):
             targets.write_outputs()
 
     def supervise(self) -> None:
-        """Run the slow checks, ten times a second."""
+        """Run the checks that are needed only ten times a second."""
         if self._watch.leaves_limit():
             self._events.append(JointEvent("limit_left", "the axis has left its limit", Level.INFO))
         self._motion.check(self.targets.current, self.enabled)
@@ -419,10 +416,10 @@ class JointDrive(JointStatus):
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
             self._events.append(JointEvent("direction", text, stops=True))
         if self._motion.late:
-            self._events.append(JointEvent("late", _LATE, Level.ERROR, stops=True))
-        if self._motion.stands:
-            self._events.append(JointEvent("standing", _STANDING))
-        if (unit := self.feedback.turns_in_unit(self._now)) is not None:
+            self._events.append(JointEvent("late", _LATE_TEXT, Level.ERROR, stops=True))
+        if self._motion.lacks_motion:
+            self._events.append(JointEvent("standing", _STANDSTILL_TEXT))
+        if (unit := self.feedback.velocity_unit_mismatch(self._now)) is not None:
             self._events.append(JointEvent("velocity_unit", unit.text, stops=unit.faster))
         if self.enabled:
             self.targets.hold_others()
@@ -433,7 +430,7 @@ class JointDrive(JointStatus):
         if (refused := self._watch.refuses(self.targets.claimed)) is not None:
             self._events.append(JointEvent("target_refused", refused))
 
-    # ------------------------------------------------------------------------------------------- inside
+    # ------------------------------------------------------------------------------------------- internals
 
     @property
     def _stops_at_limits(self) -> bool:
@@ -451,14 +448,14 @@ class JointDrive(JointStatus):
 
     def _fire(self, trigger: PhaseTrigger) -> bool:
         """Fire a trigger of the statechart and mark the group for its checks; return whether the state has changed."""
-        changed = self.power.fire(trigger, self._now)
+        changed = self.statechart.fire(trigger, self._now)
         self.group.busy |= changed
         return changed
 
     def _check_transitions(self, now: int) -> None:
         """Fire the triggers that depend on the drive's state; report stops that take too long."""
-        power, machine = self.power, self.machine
-        if power.state in ENABLING:
+        statechart, machine = self.statechart, self.machine
+        if statechart.state in ENABLING:
             if machine.enabled and self._fire(PhaseTrigger.DRIVE_ENABLED):
                 self._settled_at = now + self._settle_ns
                 if machine.halted:
@@ -472,36 +469,36 @@ class JointDrive(JointStatus):
             self._fire(PhaseTrigger.DRIVE_OFF)
         elif state is not None and state is not State.OPERATION_ENABLED and self.feedback.at_standstill:
             self._fire(PhaseTrigger.AT_REST)
-        if not (power.falling and self.has_settled(now)) and power.overdue(now):
-            self._events.append(JointEvent("stop_overdue", _OVERDUE[power.state], Level.ERROR))
+        if not (statechart.falling and self.has_settled(now)) and statechart.overdue(now):
+            self._events.append(JointEvent("stop_overdue", _OVERDUE_TEXTS[statechart.state], Level.ERROR))
 
     def _brake(self, period: float) -> None:
         """Run one cycle of a controlled stop.
 
         If the drive no longer follows targets, they are set to standstill at once.
         """
-        stands = True
+        at_standstill = True
         if self.machine.may_move:
-            stands = self.targets.ramp_down(period)
+            at_standstill = self.targets.ramp_down(period)
         else:
             self.targets.hold()
-        if stands:
-            self._fire(PhaseTrigger.TARGET_STANDS)
+        if at_standstill:
+            self._fire(PhaseTrigger.TARGET_AT_STANDSTILL)
 
-    def _change_link(self, link: FeedbackStatus, now: int) -> None:
-        before, self._link = self._link, link
-        if link is _LOST:
+    def _change_feedback_status(self, status: FeedbackStatus, now: int) -> None:
+        before, self._feedback_status = self._feedback_status, status
+        if status is _LOST:
             self._node_lost(now)
             return
         if before is _LOST:
             self._node_ready()
-        if link is _STALE:
-            self._feedback_stale()
+        if status is _STALE:
+            self._report_stale_feedback()
         elif before is _STALE:
-            self._status.node_ready()
+            self._status.restart()
 
     def _node_ready(self) -> None:
-        self._status.node_ready()
+        self._status.restart()
         self.feedback.node_ready()
         self.targets.node_ready()
         self.faults.fault = None
@@ -512,15 +509,15 @@ class JointDrive(JointStatus):
         self._status.node_lost(now)
         self.feedback.node_lost()
         self.parameters.forget()
-        self.reference.forget()
+        self.home_position.forget()
         self._abort_homing("its node was lost")
         self.machine.disable()
         why = (self.node.reason or "it left OPERATIONAL").removesuffix(_BOOTING)
         self._events.append(JointEvent("node_lost", f"lost: {why}", Level.ERROR, stops=True))
 
-    def _feedback_stale(self) -> None:
+    def _report_stale_feedback(self) -> None:
         """Report stale feedback, which stops the group, and read the statusword by SDO in the meantime."""
-        self._status.node_ready()
+        self._status.restart()
         if self.axis.is_stale:
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
@@ -534,7 +531,7 @@ class JointDrive(JointStatus):
                 run.abort(str(error))
             else:
                 self.targets.take_mode(OperationMode.HM)
-        ready = self.power.state in _MAY_HOME
+        ready = self.statechart.state in _MAY_HOME
         self.machine.mode_bits = run.step(self.enable_requested, ready, now)
         if run.phase is HomingPhase.RUN:
             self._fire(PhaseTrigger.HOMING_RUNS)
@@ -547,8 +544,8 @@ class JointDrive(JointStatus):
             self._leave_homing(self.homing)
 
     def _leave_homing(self, run: JointHoming) -> None:
-        """Restore mode and power after a homing; after a success, positions count from the new zero."""
-        self.reference.end(run)
+        """Restore mode and power after homing; after a success, positions count from the new zero."""
+        self.home_position.end(run)
         self._fire(PhaseTrigger.HOMING_ENDED)
         if run.homed:
             self.feedback.restart()
@@ -560,8 +557,8 @@ class JointDrive(JointStatus):
         if not run.was_enabled and self.enable_requested:
             self.stop(self._now)
 
-    def _is_unserved(self, event: ModeTimedOut) -> bool:
-        """Whether an enabled drive stays in a mode that cannot serve the claimed interface."""
+    def _leaves_interface_unserved(self, event: ModeTimedOut) -> bool:
+        """Whether an enabled drive did not change its mode, so that the claimed interface cannot be served."""
         claimed, restored = self.claimed, event.restored
         if not event.enabled or claimed in (None, TARGET):
             return False
@@ -573,11 +570,11 @@ class JointDrive(JointStatus):
             if isinstance(event, FaultEntered):
                 assert joint_event.fault is not None
                 self.faults.enter(joint_event.fault)
-            elif isinstance(event, ModeTimedOut) and self._is_unserved(event):
+            elif isinstance(event, ModeTimedOut) and self._leaves_interface_unserved(event):
                 joint_event = joint_event._replace(stops=True)
             self._events.append(joint_event)
         if self.targets.current is not None:
             self._events += [
-                JointEvent("set_point", event.text, Level.INFO if isinstance(event, _FINE) else Level.WARNING)
+                JointEvent("set_point", event.text, Level.INFO if isinstance(event, _INFO_EVENTS) else Level.WARNING)
                 for event in self.targets.current.events()
             ]

@@ -201,10 +201,10 @@ class StatusWatch:
 class FaultWatch:
     """Fault of one axis, first with its statusword, then with its error code (0x603F)."""
 
-    def __init__(self, axis: AxisProcessData, happened: list[JointEvent]) -> None:
+    def __init__(self, axis: AxisProcessData, events: list[JointEvent]) -> None:
         self.fault: FaultEvent | None = None
         """Last fault since the boot, which may have been reset; None if the drive had no fault."""
-        self._axis, self._happened = axis, happened
+        self._axis, self._events = axis, events
         self.asking = False
 
     def enter(self, fault: FaultEvent) -> None:
@@ -222,7 +222,7 @@ class FaultWatch:
             statusword = None if self.fault is None else self.fault.statusword
             self.fault = FaultEvent(error_code=code, statusword=statusword)
             text = f"0x603F is {self.fault.code_text}"
-            self._happened.append(JointEvent("error_code", text, Level.INFO, fault=self.fault))
+            self._events.append(JointEvent("error_code", text, Level.INFO, fault=self.fault))
 
 
 # Motion check of an enabled axis, ten times a second: detects standstill and motion away from the target.
@@ -241,14 +241,14 @@ _STEP: Final = STANDSTILL / 10  # rad or m in one check
 
 
 class MotionWatch:
-    """Motion check of one axis; `stands`, `late` and `moves_away` are results of the last `check`.
+    """Motion check of one axis; `lacks_motion`, `late` and `moves_away` are results of the last `check`.
 
-    `unmoved` tells that the axis has not followed its set-points since it was enabled.
+    `unmoved` is True if the axis has not followed its set-points since it was enabled.
     """
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine) -> None:
         self._axis, self._machine = axis, machine
-        self.stands = self.late = self.moves_away = False
+        self.lacks_motion = self.late = self.moves_away = False
         self._standing = self._away = 0
         self._moved = False  # since the axis was enabled
         self._still: int | None = None  # position at the last check with motion
@@ -260,7 +260,7 @@ class MotionWatch:
 
     def check(self, target: ModeTarget | None, enabled: bool) -> None:
         """Compare the motion since the last check with the target."""
-        self.stands = self.late = self.moves_away = False
+        self.lacks_motion = self.late = self.moves_away = False
         position = self._axis.position
         if not enabled or target is None or position is None or not position.fresh or self._machine.halted:
             self._standing = self._away = 0
@@ -306,7 +306,7 @@ class MotionWatch:
             self._moved = self._moved or self._still is not None
             self._still = here
         self._standing = 0 if moved or limited or not self._commands_motion(target, scale) else self._standing + 1
-        self.stands = self._standing == STANDING_CHECKS
+        self.lacks_motion = self._standing == STANDING_CHECKS
         cyclic = target.tracks and target.interface == POSITION
         self.late = cyclic and not self._moved and self._standing == _LATE_CHECKS
 

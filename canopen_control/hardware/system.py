@@ -83,7 +83,7 @@ class Recovery:
 
 def _can_go(joint: JointDrive) -> bool:
     return (
-        joint.power.state in STOPPED
+        joint.statechart.state in STOPPED
         and joint.node.ready
         and joint.parameters.loaded
         and joint.state is not None
@@ -232,7 +232,7 @@ class CanopenSystem(ComponentLifecycle):
                 raise ControlError(joint.node.absence)
         self._choose_modes(joints)
         for joint in joints:
-            joint.require_enable()
+            joint.check_enable()
 
     def _choose_modes(self, joints: Iterable[JointDrive]) -> None:
         """Request a mode for joints without one, and repeat mode requests that failed."""
@@ -273,10 +273,10 @@ class CanopenSystem(ComponentLifecycle):
                 by_joint.setdefault(joint, []).append(interface)
         return by_joint
 
-    def skipped(self, edges: int) -> None:
+    def count_skipped_edges(self, edges: int) -> None:
         """Count missed cycles as skipped set-points of the joints that follow commands."""
         for joint in self.joints:
-            if joint.power.following:
+            if joint.statechart.following:
                 joint.tracking.skip(edges)
 
     def _find(self, interface: str) -> tuple[JointDrive, str]:

@@ -1,6 +1,6 @@
 """Line server on a Unix stream socket in the reactor: connections, fair order of requests, send buffers.
 
-The owner interprets the lines; its `complaint` returns the line that a peer receives before it is disconnected.
+The owner interprets the lines; its `error_line` returns the line that a peer receives before it is disconnected.
 
 Requests are small (64 KiB) and share each turn of the loop. For one millisecond the connections take turns with one
 request each, the first requests of new connections first; the other requests wait for the next turn. A flooding peer
@@ -8,7 +8,7 @@ thus delays every other peer by one request, and the owner's other work by one m
 
 When the maximum number of connections is reached, an idle client is disconnected with a message: first a client that
 never sent a request, then the client that has been silent for the longest time, last a client with a recent or pending
-request. `keeps(connection)` exempts silent connections that receive data or on which something depends; the owner
+request. `may_idle(connection)` exempts silent connections that receive data or on which something depends; the owner
 accepts at most `MAX_KEPT` of these.
 
 The server never blocks, and its memory is bounded: bytes that the kernel does not accept wait in a buffer of at most 1
@@ -120,7 +120,7 @@ class Connection:
         self._linger = self._server.reactor.call_later(_LINGER_NS, self._release)
 
     def refuse(self, kind: str, message: str) -> None:
-        self.send(self._server.complaint(kind, message))
+        self.send(self._server.error_line(kind, message))
         self.close(message)
 
     def start(self) -> None:
@@ -224,7 +224,7 @@ class LineServer:
 
     Each callback receives the `Connection`; `on_line` also receives the line, without its newline. `on_close` is called
     once for each connection passed to `on_connect`, with the cause in `connection.reason`: "gone" (the peer left),
-    "slow", "closed", or the sentence sent to the peer, for which `complaint(kind, message)` creates the line.
+    "slow", "closed", or the sentence sent to the peer, for which `error_line(kind, message)` creates the line.
     SocketInUse is raised if another server listens at the path. `listener` is a socket on which the owner listens
     already. `refused` counts peers of other users.
     """
@@ -237,17 +237,17 @@ class LineServer:
         on_line: Callable[[Connection, bytes], object],
         on_close: Callable[[Connection], object] = _ignore,
         *,
-        complaint: Callable[[str, str], bytes],
+        error_line: Callable[[str, str], bytes],
         limit: int = 1 << 20,
-        keeps: Callable[[Connection], bool] = _none,
+        may_idle: Callable[[Connection], bool] = _none,
         listener: socket.socket | None = None,
     ) -> None:
         self.reactor = reactor
         self.path = path
         self.limit = limit
         self.refused = 0
-        self.on_connect, self.on_line, self.on_close, self.keeps = on_connect, on_line, on_close, keeps
-        self.complaint = complaint
+        self.on_connect, self.on_line, self.on_close, self.may_idle = on_connect, on_line, on_close, may_idle
+        self.error_line = error_line
         self._connections: dict[Connection, None] = {}  # in the order of connection
         self._count = 0
         self._newcomers: deque[Connection] = deque()  # new connections whose first line waits
@@ -336,19 +336,19 @@ class LineServer:
         candidates = [
             connection
             for connection in self._connections
-            if connection.eviction_order(now) is not None and not self.keeps(connection)
+            if connection.eviction_order(now) is not None and not self.may_idle(connection)
         ]
         if not candidates:
             return False
         evicted = min(candidates, key=lambda connection: connection.eviction_order(now) or (0, 0))
-        evicted.send(self.complaint("BusError", _EVICTED))
+        evicted.send(self.error_line("BusError", _EVICTED))
         evicted.abandon(_EVICTED)
         return True
 
     def _turn_away(self, sock: socket.socket) -> None:
         self.refused += 1
         with sock, contextlib.suppress(OSError):
-            sock.send(self.complaint("BusError", _ANOTHER_USERS))
+            sock.send(self.error_line("BusError", _ANOTHER_USERS))
 
     def _admit(self, sock: socket.socket) -> None:
         sock.setblocking(False)

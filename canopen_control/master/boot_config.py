@@ -36,7 +36,7 @@ from canopen_control.master.boot_pdos import (
     final_values,
     groups,
     matches,
-    needed,
+    needed_writes,
     reads_of,
     release_cob_ids,
 )
@@ -194,7 +194,7 @@ def compare_only(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
     missing: list[PlannedWrite] = []
     for group in groups(plan.writes):
         current = yield from _held(group, transfers)
-        missing += [write for write in needed(group, current) if write.compare]
+        missing += [write for write in needed_writes(group, current) if write.compare]
     return list(final_values(missing).values())
 
 
@@ -236,7 +236,7 @@ def _held(
 ) -> Generator[Request, Answer, dict[tuple[int, int], bytes | None]]:
     values: dict[tuple[int, int], bytes | None] = {}
     for address in reads_of(group):
-        values[address] = yield from transfers.held(*address)
+        values[address] = yield from transfers.read_optional(*address)
     return values
 
 
@@ -255,7 +255,7 @@ def _configure_object(
         yield from _clear_double(plan, write, transfers)
     if not (yield from _write(plan, write, transfers)) or current is None:
         return  # refused and not essential, or not readable
-    after = yield from transfers.held(*write.address)
+    after = yield from transfers.read_optional(*write.address)
     if after is not None and not matches(write, after):
         _report_difference(plan, write, after, transfers)
 
@@ -287,7 +287,7 @@ def _clear_double(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers)
 
 def _present(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, bytes | None]:
     try:
-        return (yield from transfers.held(*write.address))
+        return (yield from transfers.read_optional(*write.address))
     except SdoTimeout as error:
         raise boot_error(plan, "J", f"reading {_what(write)}: {reason_of(error)}") from error
 

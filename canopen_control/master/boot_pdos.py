@@ -39,11 +39,11 @@ _INVALID = INVALID_BIT.to_bytes(4, "little")
 
 def groups(writes: Sequence[PlannedWrite]) -> list[list[PlannedWrite]]:
     """Group writes in order: the writes of each PDO in one list, every other write in its own list."""
-    by_pdo: list[list[PlannedWrite]] = []
-    for pdo, of_pdo in groupby(writes, key=lambda write: write.pdo):
-        members = list(of_pdo)
-        by_pdo += [members] if pdo is not None else [[write] for write in members]
-    return by_pdo
+    grouped: list[list[PlannedWrite]] = []
+    for pdo, members in groupby(writes, key=lambda write: write.pdo):
+        group = list(members)
+        grouped += [[write] for write in group] if pdo is None else [group]
+    return grouped
 
 
 def is_cob_id(write: PlannedWrite) -> bool:
@@ -70,8 +70,8 @@ def keep_rtr_bit(planned: bytes, current: bytes | None) -> bytes:
     """Return the planned COB-ID with bit 30 (no RTR) copied from the COB-ID in the device."""
     if current is None or len(current) != len(planned):
         return planned
-    value, own = int.from_bytes(planned, "little"), int.from_bytes(current, "little")
-    return (value & ~NO_RTR_BIT | own & NO_RTR_BIT).to_bytes(len(planned), "little")
+    value, device = int.from_bytes(planned, "little"), int.from_bytes(current, "little")
+    return (value & ~NO_RTR_BIT | device & NO_RTR_BIT).to_bytes(len(planned), "little")
 
 
 def matches(write: PlannedWrite, current: bytes | None) -> bool:
@@ -79,11 +79,11 @@ def matches(write: PlannedWrite, current: bytes | None) -> bool:
     if current is None:
         return False
     if is_cob_id(write):
-        planned, own = int.from_bytes(write.data, "little"), int.from_bytes(current, "little")
+        planned, device = int.from_bytes(write.data, "little"), int.from_bytes(current, "little")
         # CiA 301, 7.5.2.35 and 7.5.2.37: bit 31 makes a PDO invalid; the other bits have no effect then
         if planned & INVALID_BIT:
-            return bool(own & INVALID_BIT)
-        return planned & ~NO_RTR_BIT == own & ~NO_RTR_BIT
+            return bool(device & INVALID_BIT)
+        return planned & ~NO_RTR_BIT == device & ~NO_RTR_BIT
     if current == write.data:
         return True
     if write.data_type in _TEXT:
@@ -94,7 +94,7 @@ def matches(write: PlannedWrite, current: bytes | None) -> bool:
     return int.from_bytes(current, "little", signed=signed) == int.from_bytes(write.data, "little", signed=signed)
 
 
-def needed(group: Sequence[PlannedWrite], current: Mapping[tuple[int, int], bytes | None]) -> list[PlannedWrite]:
+def needed_writes(group: Sequence[PlannedWrite], current: Mapping[tuple[int, int], bytes | None]) -> list[PlannedWrite]:
     """Return the writes of a group that the `current` values require, in order; [] if nothing differs."""
     final = final_values(group)
     different = {
@@ -105,21 +105,21 @@ def needed(group: Sequence[PlannedWrite], current: Mapping[tuple[int, int], byte
     if group[0].pdo is None:
         return list(group)
     communication = cob_id_of(group[0].pdo)
-    mapping = any(index != communication for index, _ in different)
-    return [write for write in group if _is_needed(write, communication, mapping, different, current)]
+    remaps = any(index != communication for index, _ in different)
+    return [write for write in group if _is_needed(write, communication, remaps, different, current)]
 
 
 def _is_needed(
     write: PlannedWrite,
     communication: int,
-    remap: bool,
+    remaps: bool,
     different: set[tuple[int, int]],
     current: Mapping[tuple[int, int], bytes | None],
 ) -> bool:
     """Whether a write belongs to the sequence that makes a PDO invalid, changes it, and makes it valid again."""
     if write.index != communication:
         # CiA 301, 7.5.2.36: number of objects 0, entries, number of objects
-        return remap  # a mapping is always written completely: count 0, entries, count
+        return remaps  # a mapping is always written completely
     if write.subindex != _COB_ID or write.fixed:
         return write.address in different
     # CiA 301, 7.5.2.35 and 7.5.2.37: bit 31 of subindex 1, the PDO does not exist
@@ -137,12 +137,12 @@ def _is_needed(
 # values. Otherwise the PDO is left invalid and the boot fails with an error that names the missing objects.
 
 
-Held = dict[tuple[int, int], bytes | None]
+DeviceValues = dict[tuple[int, int], bytes | None]
 _UNSIGNED = {kind.bits: kind for kind in DataType if kind.name.startswith("UNSIGNED")}
 
 
 @dataclass(frozen=True, slots=True)
-class _Own:
+class _DevicePdo:
     """Configuration of a PDO as read from the node."""
 
     cob_id: int
@@ -155,8 +155,8 @@ class _Own:
 
 def release_cob_ids(
     grouped: Sequence[Sequence[PlannedWrite]], transfers: BootTransfers
-) -> Generator[Request, Answer, Held]:
-    """Make all PDOs invalid that use a COB-ID planned for another PDO; return the COB-IDs that were not changed.
+) -> Generator[Request, Answer, DeviceValues]:
+    """Invalidate all PDOs that use a COB-ID planned for another PDO; return the COB-IDs that were left unchanged.
 
     Some devices, such as the maxon EPOS4, refuse to make a PDO valid if another valid PDO has the same COB-ID.
     """
@@ -166,45 +166,48 @@ def release_cob_ids(
         if group[0].pdo is not None and any(is_cob_id(write) for write in group)
     }
     claimed = {value & 0x7FF: pdo for pdo, value in final.items() if not value & INVALID_BIT}
-    held: Held = {}
+    read_values: DeviceValues = {}
     for pdo in final:
         if pdo is None:
             continue
         address = cob_id_of(pdo), _COB_ID
         try:
-            held[address] = yield from transfers.held(*address)
+            read_values[address] = yield from transfers.read_optional(*address)
         except SdoTimeout:
             break  # reported when the PDO is configured
-        current = int.from_bytes(held[address] or _INVALID, "little")
+        current = int.from_bytes(read_values[address] or _INVALID, "little")
         if not current & INVALID_BIT and claimed.get(current & 0x7FF, pdo) != pdo:
-            del held[address]
-            yield from _try(transfers, *address, (current | INVALID_BIT).to_bytes(4, "little"))
-    return held
+            del read_values[address]
+            yield from _write_unless_refused(transfers, *address, (current | INVALID_BIT).to_bytes(4, "little"))
+    return read_values
 
 
 def configure_pdo(
-    plan: NodePlan, group: Sequence[PlannedWrite], transfers: BootTransfers, held: Held
+    plan: NodePlan, group: Sequence[PlannedWrite], transfers: BootTransfers, read_values: DeviceValues
 ) -> Generator[Request, Answer, None]:
-    """Read, compare, write and verify one PDO; if refused, use the node's own configuration, else BootError J.
+    """Read, compare, write and verify one PDO; if the node refuses, use its own configuration.
 
-    Values in `held` were read before in this boot, and are not read again.
+    Raise BootError J if the node's own configuration is unusable.
+    Values in `read_values` were read before in this boot, and are not read again.
     """
-    current: Held = {}
+    current: DeviceValues = {}
     try:
         for address in reads_of(group):
-            current[address] = held[address] if address in held else (yield from transfers.held(*address))
-        # An optional setting that the device lacks is not written.
-        lacking = [
+            current[address] = (
+                read_values[address] if address in read_values else (yield from transfers.read_optional(*address))
+            )
+        # An optional setting that is absent in the device is not written.
+        absent = [
             write
             for write in group
             if write.optional and not is_cob_id(write) and current.get(write.address, b"") is None
         ]
-        planned = [_with_rtr_bit(write, current) for write in group if write not in lacking]
-        writes = needed(planned, current)
+        planned = [_with_rtr_bit(write, current) for write in group if write not in absent]
+        writes = needed_writes(planned, current)
         refused = yield from _write_pdo(writes, planned, current, transfers)
         if refused is not None and _keep_transmission(plan, refused[0], current, transfers):
             planned = [write for write in planned if write.address != refused[0].address]
-            refused = yield from _write_pdo(needed(planned, current), planned, current, transfers)
+            refused = yield from _write_pdo(needed_writes(planned, current), planned, current, transfers)
         refusal = None if refused is None else refused[1]
         if refusal is None and writes:
             refusal = yield from _verify(planned, current, transfers)
@@ -216,22 +219,22 @@ def configure_pdo(
         ) from error
 
 
-def _keep_transmission(plan: NodePlan, refused: PlannedWrite, current: Held, transfers: BootTransfers) -> bool:
+def _keep_transmission(plan: NodePlan, refused: PlannedWrite, current: DeviceValues, transfers: BootTransfers) -> bool:
     """Accept the transmission type of an RPDO if the node refuses to change it.
 
     Return whether the refused write was such a transmission type.
     """
     pdo = refused.pdo or ("", 0)
-    layout, own = _layout(plan, pdo), current.get(refused.address)
-    if pdo[0] != "rpdo" or refused.address != (cob_id_of(pdo), 2) or layout is None or not own:
+    layout, device = _layout(plan, pdo), current.get(refused.address)
+    if pdo[0] != "rpdo" or refused.address != (cob_id_of(pdo), 2) or layout is None or not device:
         return False
-    words = f"{_name([refused])} keeps transmission type {own[0]}, which cannot be changed to {refused.data[0]}"
+    words = f"{_name([refused])} keeps transmission type {device[0]}, which cannot be changed to {refused.data[0]}"
     transfers.warnings.append(words)
-    transfers.adopted.append((pdo[0], replace(layout, transmission_type=own[0])))
+    transfers.adopted.append((pdo[0], replace(layout, transmission_type=device[0])))
     return True
 
 
-def _with_rtr_bit(write: PlannedWrite, current: Held) -> PlannedWrite:
+def _with_rtr_bit(write: PlannedWrite, current: DeviceValues) -> PlannedWrite:
     return replace(write, data=keep_rtr_bit(write.data, current.get(write.address))) if is_cob_id(write) else write
 
 
@@ -239,7 +242,7 @@ _Refusal = tuple["PlannedWrite", str]
 
 
 def _write_pdo(
-    writes: Sequence[PlannedWrite], planned: Sequence[PlannedWrite], current: Held, transfers: BootTransfers
+    writes: Sequence[PlannedWrite], planned: Sequence[PlannedWrite], current: DeviceValues, transfers: BootTransfers
 ) -> Generator[Request, Answer, _Refusal | None]:
     """Write a PDO; return the refused write and the reason, or None if the node accepted all writes.
 
@@ -256,9 +259,9 @@ def _write_pdo(
     if is_cob_id(refused[0]):
         if present and not present[-1] & INVALID_BIT >> 24 and not _is_off(cob_id):
             kind, number = cob_id.pdo or ("", 0)
-            own = int.from_bytes(present, "little") & 0x7FF
-            key = f"{kind}.{number} `cob_id: 0x{own:03X}`"
-            return refused[0], f"{refused[1]}; its COB-ID is 0x{own:03X}: set {key} in bus.yml"
+            device = int.from_bytes(present, "little") & 0x7FF
+            key = f"{kind}.{number} `cob_id: 0x{device:03X}`"
+            return refused[0], f"{refused[1]}; its COB-ID is 0x{device:03X}: set {key} in bus.yml"
     elif cob_id.fixed:
         off = replace(cob_id, data=(int.from_bytes(cob_id.data, "little") | INVALID_BIT).to_bytes(4, "little"))
         parameters = [write for write in writes if not is_cob_id(write)]
@@ -274,7 +277,7 @@ def _is_off(write: PlannedWrite) -> bool:
 def _write_all(
     writes: Sequence[PlannedWrite],
     final: Mapping[tuple[int, int], PlannedWrite],
-    current: Held,
+    current: DeviceValues,
     transfers: BootTransfers,
 ) -> Generator[Request, Answer, _Refusal | None]:
     """Execute writes in order; return the refused write and the reason, or None.
@@ -292,13 +295,13 @@ def _write_all(
 
 
 def _verify(
-    planned: Sequence[PlannedWrite], current: Held, transfers: BootTransfers
+    planned: Sequence[PlannedWrite], current: DeviceValues, transfers: BootTransfers
 ) -> Generator[Request, Answer, str | None]:
     """Read written values back; return a text about the first value that differs, or None."""
     for address, write in final_values(planned).items():
         if current.get(address) is None:
             continue  # cannot be read
-        after = yield from transfers.held(*address)
+        after = yield from transfers.read_optional(*address)
         if after is not None and not matches(write, after):
             place = f"0x{address[0]:04X}:{address[1]:02X}"
             return f"{place} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
@@ -306,9 +309,9 @@ def _verify(
 
 
 def _use_own_or_disable(
-    plan: NodePlan, planned: Sequence[PlannedWrite], current: Held, refusal: str, transfers: BootTransfers
+    plan: NodePlan, planned: Sequence[PlannedWrite], current: DeviceValues, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Use the node's own configuration of a refused PDO; BootError J if a required PDO cannot work with it."""
+    """Use the node's own configuration of a refused PDO; raise BootError J if a required PDO cannot work with it."""
     pdo = planned[0].pdo or ("", 0)
     layout = _layout(plan, pdo)
     if layout is None:
@@ -319,31 +322,31 @@ def _use_own_or_disable(
             ):
                 state = f"keeps the COB-ID 0x{kept:X}, which is not allowed for PDOs (CiA 301, table 40)"
             transfers.warnings.append(f"{_name(planned)}, which bus.yml does not list, {state}: {refusal}")
-        elif (yield from _empty(pdo, transfers)):
+        elif (yield from _clear_mapping(pdo, transfers)):
             transfers.warnings.append(f"{_name(planned)} is disabled by an empty mapping: {refusal}")
         else:
             raise boot_error(plan, "J", f"{_name(planned)} cannot be made invalid: {refusal}")
         return
-    own = yield from _restore_own(pdo, current, transfers)
+    device = yield from _restore_own(pdo, current, transfers)
     if plan.motors is not None:
-        mapped_here = (MappedObject(*entry, _UNSIGNED.get(entry[2], DataType.BOOLEAN)) for entry in own.objects)
-        own = replace(own, objects=tuple(entry[:3] for entry in plan.motors.split(mapped_here)))
+        device_mapping = (MappedObject(*entry, _UNSIGNED.get(entry[2], DataType.BOOLEAN)) for entry in device.objects)
+        device = replace(device, objects=tuple(entry[:3] for entry in plan.motors.split(device_mapping)))
     # CiA 301, 7.3.5: restricted identifiers
-    if own.cob_id & EXTENDED_BIT or is_restricted(own.cob_id & 0x7FF):
-        text = (
-            f"{_name(planned)}: {refusal}; its own COB-ID 0x{own.cob_id:X} is not allowed for PDOs (CiA 301, table 40)"
+    if device.cob_id & EXTENDED_BIT or is_restricted(device.cob_id & 0x7FF):
+        text = f"its own COB-ID 0x{device.cob_id:X} is not allowed for PDOs (CiA 301, table 40)"
+        raise boot_error(plan, "J", f"{_name(planned)}: {refusal}; {text}")
+    missing = [mapped for mapped in layout.objects if address_of(mapped) not in {entry[:2] for entry in device.objects}]
+    if missing or sum(bits for _, _, bits in device.objects) > MAX_BITS:
+        yield from _write_unless_refused(
+            transfers, cob_id_of(pdo), 1, (device.cob_id | INVALID_BIT).to_bytes(4, "little")
         )
-        raise boot_error(plan, "J", text)
-    missing = [mapped for mapped in layout.objects if address_of(mapped) not in {entry[:2] for entry in own.objects}]
-    if missing or sum(bits for _, _, bits in own.objects) > MAX_BITS:
-        yield from _try(transfers, cob_id_of(pdo), 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
         lacks = ", ".join(f"0x{mapped.index:04X}:{mapped.subindex:02X}" for mapped in missing)
         present = yield from transfers.number(cob_id_of(pdo), 1)
-        end = "the PDO is invalid now" if present is None or present & INVALID_BIT else "the PDO is unchanged"
-        raise boot_error(plan, "J", f"{_name(planned)}: {refusal}; its own mapping ({own}) lacks {lacks}; {end}")
-    own = yield from _enable(plan, planned, own, refusal, transfers)
-    by_address = {address_of(mapped): mapped for rpdo in (*plan.rpdos, *plan.tpdos) for mapped in rpdo.objects}
-    adopted = _adopted(layout, own, by_address)
+        outcome = "the PDO is invalid now" if present is None or present & INVALID_BIT else "the PDO is unchanged"
+        raise boot_error(plan, "J", f"{_name(planned)}: {refusal}; its own mapping ({device}) lacks {lacks}; {outcome}")
+    device = yield from _enable(plan, planned, device, refusal, transfers)
+    by_address = {address_of(mapped): mapped for each in (*plan.rpdos, *plan.tpdos) for mapped in each.objects}
+    adopted = _adopted(layout, device, by_address)
     transfers.adopted.append((pdo[0], adopted))
     for mapped in adopted.objects if pdo[0] == "rpdo" else ():
         if (
@@ -351,55 +354,60 @@ def _use_own_or_disable(
             and (value := (yield from transfers.number(*address_of(mapped)))) is not None
         ):
             transfers.presets[address_of(mapped)] = value
-    transfers.warnings.append(f"{_name(planned)} is used with the node's own mapping ({own}): {refusal}")
+    transfers.warnings.append(f"{_name(planned)} is used with the node's own mapping ({device}): {refusal}")
 
 
-def _empty(pdo: tuple[str, int], transfers: BootTransfers) -> Generator[Request, Answer, bool]:
+def _clear_mapping(pdo: tuple[str, int], transfers: BootTransfers) -> Generator[Request, Answer, bool]:
     """Clear the mapping of a PDO; return whether the mapping is now empty."""
     mapping = MAPPING[pdo[0]] + pdo[1] - 1
-    yield from _try(transfers, mapping, 0, b"\0")
+    yield from _write_unless_refused(transfers, mapping, 0, b"\0")
     return (yield from transfers.number(mapping)) == 0
 
 
-def _restore_own(pdo: tuple[str, int], current: Held, transfers: BootTransfers) -> Generator[Request, Answer, _Own]:
+def _restore_own(
+    pdo: tuple[str, int], current: DeviceValues, transfers: BootTransfers
+) -> Generator[Request, Answer, _DevicePdo]:
     """Restore the previous mapping of a PDO as far as the node accepts it; return the PDO as read back."""
     communication, mapping = cob_id_of(pdo), MAPPING[pdo[0]] + pdo[1] - 1
     count = current.get((mapping, 0))
-    if count is not None and (yield from transfers.held(mapping, 0)) != count:
+    if count is not None and (yield from transfers.read_optional(mapping, 0)) != count:
         for (index, subindex), data in current.items():
             if index == mapping and subindex and data is not None:
-                yield from _try(transfers, index, subindex, data)
-        yield from _try(transfers, mapping, 0, count)
+                yield from _write_unless_refused(transfers, index, subindex, data)
+        yield from _write_unless_refused(transfers, mapping, 0, count)
     objects = []
     for slot in range(1, ((yield from transfers.number(mapping)) or 0) + 1):
         entry = (yield from transfers.number(mapping, slot)) or 0
         objects.append(parse_mapping_entry(entry))
     cob_id = (yield from transfers.number(communication, 1)) or INVALID_BIT
     kind = yield from transfers.number(communication, 2)
-    return _Own(cob_id, 255 if kind is None else kind, tuple(objects))
+    return _DevicePdo(cob_id, 255 if kind is None else kind, tuple(objects))
 
 
 def _enable(
-    plan: NodePlan, writes: Sequence[PlannedWrite], own: _Own, refusal: str, transfers: BootTransfers
-) -> Generator[Request, Answer, _Own]:
-    """Make a PDO with the node's own mapping valid, with the planned COB-ID if accepted; BootError J if impossible."""
+    plan: NodePlan, writes: Sequence[PlannedWrite], device: _DevicePdo, refusal: str, transfers: BootTransfers
+) -> Generator[Request, Answer, _DevicePdo]:
+    """Validate a PDO with the node's own mapping, with the planned COB-ID if accepted; raise BootError J if refused."""
     pdo = writes[0].pdo or ("", 0)
     communication = cob_id_of(pdo)
     planned = next(write.data for write in reversed(writes) if is_cob_id(write))
-    yield from _try(transfers, communication, 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
+    yield from _write_unless_refused(transfers, communication, 1, (device.cob_id | INVALID_BIT).to_bytes(4, "little"))
     for write in writes:
         if write.index == communication and write.subindex > 1:
-            yield from _try(transfers, *write.address, write.data)
-    for value in (int.from_bytes(planned, "little"), own.cob_id & ~INVALID_BIT):
-        yield from _try(transfers, communication, 1, value.to_bytes(4, "little"))
+            yield from _write_unless_refused(transfers, *write.address, write.data)
+    for value in (int.from_bytes(planned, "little"), device.cob_id & ~INVALID_BIT):
+        yield from _write_unless_refused(transfers, communication, 1, value.to_bytes(4, "little"))
         present = yield from transfers.number(communication, 1)
         if present is not None and not present & INVALID_BIT:
             kind = yield from transfers.number(communication, 2)
-            return replace(own, cob_id=present, transmission_type=own.transmission_type if kind is None else kind)
+            return replace(device, cob_id=present, transmission_type=device.transmission_type if kind is None else kind)
     raise boot_error(plan, "J", f"{_name(writes)}: {refusal}; it cannot be made valid again")
 
 
-def _try(transfers: BootTransfers, index: int, subindex: int, data: bytes) -> Generator[Request, Answer, None]:
+def _write_unless_refused(
+    transfers: BootTransfers, index: int, subindex: int, data: bytes
+) -> Generator[Request, Answer, None]:
+    """Write an object; an abort by the node has no effect."""
     try:
         yield from transfers.write(index, subindex, data)
     except SdoAbort:
@@ -411,12 +419,12 @@ def _layout(plan: NodePlan, pdo: tuple[str, int]) -> PlannedPdo | None:
     return next((layout for layout in layouts if layout.number == pdo[1]), None)
 
 
-def _adopted(layout: PlannedPdo, own: _Own, by_address: dict[tuple[int, int], MappedObject]) -> PlannedPdo:
+def _adopted(layout: PlannedPdo, device: _DevicePdo, by_address: dict[tuple[int, int], MappedObject]) -> PlannedPdo:
     objects = tuple(
         by_address.get((index, subindex)) or MappedObject(index, subindex, bits, _UNSIGNED.get(bits, DataType.BOOLEAN))
-        for index, subindex, bits in own.objects
+        for index, subindex, bits in device.objects
     )
-    return PlannedPdo(layout.number, own.cob_id & 0x7FF, own.transmission_type, objects, layout.event_ms)
+    return PlannedPdo(layout.number, device.cob_id & 0x7FF, device.transmission_type, objects, layout.event_ms)
 
 
 def address_of(mapped: MappedObject) -> tuple[int, int]:

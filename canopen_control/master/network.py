@@ -406,10 +406,10 @@ class Network:
             self._consumer.receive(frame, now, self._since)
             if self._guarding is not None:
                 self._guarding.receive(frame, now, self._since)
-            happened = self._supervise(now, self._since)
+            changed = self._supervise(now, self._since)
             if length == 1 and data[0] & 0x7F:
                 node.on_state(state_of_byte(data[0] & 0x7F), now, self._since)
-            if happened or not node.ready:  # else only the heartbeat deadline is later, which `tick` detects
+            if changed or not node.ready:  # else only the heartbeat deadline is later, which `tick` detects
                 self._collect_from(node)
 
         handlers[sdo], handlers[emcy], handlers[error_control] = on_sdo, on_emcy, on_heartbeat
@@ -508,15 +508,15 @@ class Network:
     def _supervise(self, now: int, since: int | None = None) -> bool:
         """Pass events of heartbeat and guarding supervision to the nodes; return whether any occurred."""
         events = self._consumer.events()
-        happened = bool(events)
+        changed = bool(events)
         for guarded in self._guarding.events() if self._guarding is not None else ():
-            happened = True
+            changed = True
             if (node := self._by_id.get(guarded.node_id)) is not None:
                 node.on_guarding(guarded, now)
         for event in events:
             if (node := self._by_id.get(event.node_id)) is not None:
                 node.on_heartbeat(event, now, since)
-        return happened
+        return changed
 
     def _collect(self) -> None:
         self.outgoing.extend(self._producer.frames())

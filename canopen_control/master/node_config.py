@@ -163,7 +163,7 @@ def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: b
     """Merge `defaults` into a node, and warn of values that differ between the two methods of merging."""
     if defaults is None:
         return node
-    own_first, defaults_first = node.over(defaults), _peer_merged(node, defaults)
+    own_first, defaults_first = node.merged_over(defaults), _peer_merged(node, defaults)
     for key, place in node.keys().items():
         if key in MISNAMED_NODE or (default := defaults.get(key)) is None or default.value == node.value:
             continue
@@ -182,7 +182,7 @@ def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: b
 def _peer_merged(node: Node, defaults: Node) -> Node:
     """Merge as ros2_canopen's generator does: keys of `defaults` replace the node's own keys."""
     if node.kind not in ("mapping", "null") or defaults.kind != "mapping":
-        return node.over(defaults)
+        return node.merged_over(defaults)
     pairs = {key.text: (key, value) for key, value in [*node.pairs(), *defaults.pairs()]}
     return Node.mapping(Node("mapping", node.line, node.column, node.where, node.problems), pairs)
 
@@ -207,7 +207,7 @@ def _nest_pdo_keys(node: Node) -> Node:
         misplaced = {key: pair for key, pair in entries.items() if key in _PDO_KEYS}
         if section is None or not numbers or not misplaced:
             continue
-        node.problems.forget(section.where)  # duplicate keys
+        node.problems.discard_below(section.where)  # duplicate keys
         key = next(iter(misplaced.values()))[0]
         key.error(f"{key.text!r} belongs to a PDO: indent the keys of each PDO below its number, `{numbers[0]}:`")
         place, _ = entries[numbers[-1]]

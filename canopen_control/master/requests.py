@@ -143,7 +143,7 @@ class BootTransfers:
         except SdoAbort:
             return None
 
-    def held(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
+    def read_optional(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
         """Upload an object for comparison; None if refused or, with a warning, of another length. Raises SdoTimeout."""
         try:
             return (yield from self.try_read(index, subindex))

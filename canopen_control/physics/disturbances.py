@@ -111,15 +111,15 @@ class Disturbances:
 
     def advance(self, now: int) -> bool:
         """Apply the disturbances due at `now`; return whether any was due."""
-        happened = False
+        acted = False
         while self._pending and self._pending[0][0] <= now:
             at_ns, _, world_act, robot = heapq.heappop(self._pending)
             if isinstance(world_act, _EndOfPush):
                 self._data.xfrc_applied[world_act.link, :3] -= world_act.force
             else:
                 self.act(world_act, at_ns, robot)
-            happened = True
-        return happened
+            acted = True
+        return acted
 
     def act(self, world_act: WorldAct, now: int, robot: str = "") -> None:
         """Apply a disturbance to a robot or the floor; raise ConfigError for a missing link or joint."""

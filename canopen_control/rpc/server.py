@@ -74,9 +74,9 @@ class ServerObserver(Protocol):
 class Server(Generic[H, P]):
     """Server of an `Api` on a Unix socket in a reactor; `hello()` returns the greeting.
 
-    `keeps(connection)` returns whether a connection may stay open while it is idle; `listener` is a socket that is
-    already listening. SocketInUse if another process serves the path. `observer` gets method and parameters of each
-    accepted request, except those that only read.
+    `may_idle(connection)` returns whether a connection may stay open while it is idle; `listener` is a socket that is
+    already listening. `observer` receives method and parameters of each accepted request, except those that only read.
+    Raise SocketInUse if another process serves the path.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Server(Generic[H, P]):
         hello: Callable[[], H],
         *,
         on_close: Callable[[Connection], object] = lambda _connection: None,
-        keeps: Callable[[Connection], bool] = lambda _connection: False,
+        may_idle: Callable[[Connection], bool] = lambda _connection: False,
         listener: socket.socket | None = None,
     ) -> None:
         self._api, self._hello = api, hello
@@ -99,12 +99,12 @@ class Server(Generic[H, P]):
             self._greet,
             self._on_line,
             on_close,
-            complaint=_complaint,
-            keeps=keeps,
+            error_line=_error_line,
+            may_idle=may_idle,
             listener=listener,
         )
 
-    def answers(self, kind: type[R], handler: Callable[[Call[R]], object]) -> None:
+    def register(self, kind: type[R], handler: Callable[[Call[R]], object]) -> None:
         """Register the handler of a request type; a CanopenError that it raises becomes the reply."""
         self._handlers[self._api.of(kind).name] = (msgspec.json.Decoder(kind), handler)
 
@@ -147,7 +147,7 @@ class Server(Generic[H, P]):
         self._handle(connection, incoming)
 
     def _handle(self, connection: Connection, incoming: wire.Incoming) -> None:
-        call: Call[Any] = Call(connection, incoming.number, None)
+        call: Call[Any] = Call(connection, incoming.number, None)  # `request` is set below, when it is decoded
         name = incoming.method
         try:
             if name not in self._handlers:
@@ -163,5 +163,5 @@ class Server(Generic[H, P]):
             call.refuse(LocalProtocolError(f"{name}: {wire.mistake(error)}"))
 
 
-def _complaint(kind: str, message: str) -> bytes:
+def _error_line(kind: str, message: str) -> bytes:
     return wire.push_line("error", Refusal(kind, message))

@@ -75,20 +75,20 @@ _COMMUNICATING: Final = (LifecycleState.INACTIVE, LifecycleState.ACTIVE)
 
 def answer_control(robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
     """Register the API methods for controllers and hardware components on a server."""
-    answers = server.answers
-    answers(messages.ListControllers, lambda call: call.reply(_controllers(robot, unloaded=call.request.all)))
-    answers(messages.ListControllerTypes, lambda call: call.reply(sorted(TYPES)))
-    answers(messages.LoadController, lambda call: _load(robot, call))
-    answers(messages.ConfigureController, lambda call: _configure(robot, call))
-    answers(messages.CleanupController, lambda call: _unload(robot, call))  # there is no cleaned-up state
-    answers(messages.UnloadController, lambda call: _unload(robot, call))
-    answers(messages.SwitchControllers, lambda call: _switch(robot, call))
-    answers(messages.SetMeasuredStates, lambda call: _set_measured_states(robot, call))
-    answers(
+    register = server.register
+    register(messages.ListControllers, lambda call: call.reply(_controllers(robot, unloaded=call.request.all)))
+    register(messages.ListControllerTypes, lambda call: call.reply(sorted(TYPES)))
+    register(messages.LoadController, lambda call: _load(robot, call))
+    register(messages.ConfigureController, lambda call: _configure(robot, call))
+    register(messages.CleanupController, lambda call: _unload(robot, call))  # there is no cleaned-up state
+    register(messages.UnloadController, lambda call: _unload(robot, call))
+    register(messages.SwitchControllers, lambda call: _switch(robot, call))
+    register(messages.SetMeasuredStates, lambda call: _set_measured_states(robot, call))
+    register(
         messages.ListHardware,
         lambda call: call.reply([_component(robot, component) for component in robot.registry.components]),
     )
-    answers(messages.SetHardwareState, lambda call: _set_hardware_state(robot, call))
+    register(messages.SetHardwareState, lambda call: _set_hardware_state(robot, call))
 
 
 def _controllers(robot: RobotCore, *, unloaded: bool) -> tuple[ControllerReading, ...]:
@@ -182,8 +182,8 @@ class ParameterMethods:
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot, self._spawned = robot, SpawnedControllers(robot.setup.controllers)
-        server.answers(GetParameters, self._get)
-        server.answers(SetParameters, self._set)
+        server.register(GetParameters, self._get)
+        server.register(SetParameters, self._set)
 
     def _get(self, call: Call[GetParameters]) -> None:
         name = call.request.controller
@@ -230,13 +230,13 @@ class SimulationMethods:
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot = robot
         self._stepping: Call[StepSimulation] | None = None
-        server.answers(GetSimulation, self._get)
-        server.answers(GetLaserScans, self._scan)
-        server.answers(PauseSimulation, self._pause)
-        server.answers(StepSimulation, self._step)
-        server.answers(ResetSimulation, self._reset)
+        server.register(GetSimulation, self._get)
+        server.register(GetLaserScans, self._scan)
+        server.register(PauseSimulation, self._pause)
+        server.register(StepSimulation, self._step)
+        server.register(ResetSimulation, self._reset)
         for kind in get_args(WorldAct):
-            server.answers(kind, self._act)
+            server.register(kind, self._act)
 
     def _clock(self) -> RobotClock:
         """Return the clock of the simulated robot; ControlError if the robot has buses or is not simulated."""
@@ -374,7 +374,7 @@ class ApiServer(RobotObserver):
             socket_path("robot", robot.setup.name),
             lambda: RobotHello(robot.setup.name, __version__, PROTOCOL, os.getpid()),
             on_close=self._on_close,
-            keeps=self._keeps,
+            may_idle=self._may_idle,
             listener=listener,
         )
         self._objects = ObjectMethods(robot, self._server)
@@ -389,23 +389,23 @@ class ApiServer(RobotObserver):
         robot.observers.append(self)
 
     def _answer(self) -> None:
-        robot, answers = self._robot, self._server.answers
-        answers(messages.GetStatus, lambda call: call.reply(status_message(robot)))
-        answers(messages.Subscribe, self._subscribe)
-        answers(messages.CommandController, self._command)
-        answers(messages.CommandByName, self._command_by_name)
-        answers(messages.TwistController, self._twist)
-        answers(messages.SetOdometry, self._set_odometry)
-        answers(messages.SetFeedForward, self._set_feed_forward)
-        answers(messages.Stop, self._stop)
-        answers(messages.Release, self._release)
-        answers(messages.Shutdown, self._shutdown)
-        answers(messages.AxisRequest, self._axis)
-        answers(messages.ReadTouchProbe, self._touch_probe)
-        answers(messages.GetNodes, lambda call: call.reply(nodes_message(robot)))
-        answers(messages.GetLayout, lambda call: call.reply(layout_message(robot)))
-        answers(messages.GetDescription, self._description)
-        answers(messages.PublishEvent, self._report)
+        robot, register = self._robot, self._server.register
+        register(messages.GetStatus, lambda call: call.reply(status_message(robot)))
+        register(messages.Subscribe, self._subscribe)
+        register(messages.CommandController, self._command)
+        register(messages.CommandByName, self._command_by_name)
+        register(messages.TwistController, self._twist)
+        register(messages.SetOdometry, self._set_odometry)
+        register(messages.SetFeedForward, self._set_feed_forward)
+        register(messages.Stop, self._stop)
+        register(messages.Release, self._release)
+        register(messages.Shutdown, self._shutdown)
+        register(messages.AxisRequest, self._axis)
+        register(messages.ReadTouchProbe, self._touch_probe)
+        register(messages.GetNodes, lambda call: call.reply(nodes_message(robot)))
+        register(messages.GetLayout, lambda call: call.reply(layout_message(robot)))
+        register(messages.GetDescription, self._description)
+        register(messages.PublishEvent, self._report)
 
     def close(self) -> None:
         self._flush_events()
@@ -421,14 +421,14 @@ class ApiServer(RobotObserver):
             text = f"client {connection.name} (pid {connection.pid}) read too slowly and was dropped"
             self._robot.report(Event(self._robot.reactor.now(), "client_dropped", "", text, Level.WARNING))
 
-    def _keeps(self, connection: Connection) -> bool:
+    def _may_idle(self, connection: Connection) -> bool:
         """Whether a connection may stay idle: it has a subscription, or a command that ends with the connection."""
         return connection in self._subscriptions or connection in self._robot.manager.running.clients_with_commands
 
     def _keep(self, connection: Connection) -> None:
         """Raise ControlError if too many connections are permanent; one must remain free for a `stop` at any time."""
         if (
-            not self._keeps(connection)
+            not self._may_idle(connection)
             and len({*self._subscriptions, *self._robot.manager.running.clients_with_commands}) >= MAX_KEPT
         ):
             raise ControlError(f"{MAX_KEPT} clients already subscribe or hold a command; end one of them")

@@ -230,13 +230,13 @@ class ObjectMethods:
         self._pieces: dict[Connection, bytearray] = {}  # first bytes of the next SDO write of a connection
         self._transfers: list[_Transfer] = []
         self._written = WriteLog()
-        server.answers(NmtRequest, self._nmt)
-        server.answers(SdoRead, self._read)
-        server.answers(SdoWrite, self._write)
-        server.answers(SdoPiece, self._take_piece)
-        server.answers(GetSdoProgress, self._progress)
-        server.answers(CancelSdo, self._cancel)
-        server.answers(PdoWrite, self._write_pdo)
+        server.register(NmtRequest, self._nmt)
+        server.register(SdoRead, self._read)
+        server.register(SdoWrite, self._write)
+        server.register(SdoPiece, self._take_piece)
+        server.register(GetSdoProgress, self._progress)
+        server.register(CancelSdo, self._cancel)
+        server.register(PdoWrite, self._write_pdo)
 
     def forget(self, connection: Connection) -> None:
         """Cancel the transfers of a client that has disconnected, so that the next client need not wait for them."""

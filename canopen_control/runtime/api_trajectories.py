@@ -70,15 +70,15 @@ class TrajectoryMethods(RobotObserver):
         self._points: dict[Connection, PointBuffer] = {}
         self._sent: dict[Connection, SentTrajectory] = {}
         self._heartbeats: dict[Connection, _RequiredHeartbeat] = {}
-        server.answers(TrajectoryData, self._data)
-        server.answers(FollowTrajectory, self._follow)
-        server.answers(SendTrajectory, self._send)
-        server.answers(SetTrajectory, self._set)
-        server.answers(TrajectoryEnd, self._end)
-        server.answers(CancelTrajectory, self._cancel)
-        server.answers(QueryTrajectory, self._query)
-        server.answers(ScaleTrajectory, self._scale)
-        server.answers(TrajectoryHeartbeat, self._heartbeat)
+        server.register(TrajectoryData, self._data)
+        server.register(FollowTrajectory, self._follow)
+        server.register(SendTrajectory, self._send)
+        server.register(SetTrajectory, self._set)
+        server.register(TrajectoryEnd, self._end)
+        server.register(CancelTrajectory, self._cancel)
+        server.register(QueryTrajectory, self._query)
+        server.register(ScaleTrajectory, self._scale)
+        server.register(TrajectoryHeartbeat, self._heartbeat)
         robot.observers.append(self)
 
     def forget(self, connection: Connection) -> None:
@@ -131,8 +131,10 @@ class TrajectoryMethods(RobotObserver):
         """
         self._heartbeats.pop(connection, None)
         if heartbeat is not None:
-            life = self._robot.manager.get(controller).life
-            self._heartbeats[connection] = _RequiredHeartbeat(life, round(heartbeat * 1e9), self._robot.reactor.now())
+            timeout = self._robot.manager.get(controller).command_timeout
+            self._heartbeats[connection] = _RequiredHeartbeat(
+                timeout, round(heartbeat * 1e9), self._robot.reactor.now()
+            )
 
     def _heartbeat(self, call: Call[TrajectoryHeartbeat]) -> None:
         required = self._heartbeats.get(call.connection)
@@ -145,7 +147,7 @@ class TrajectoryMethods(RobotObserver):
             return
         for connection in [client for client, required in self._heartbeats.items() if required.is_overdue(now)]:
             required = self._heartbeats.pop(connection)
-            if required.life.holder is connection:
+            if required.command_timeout.holder is connection:
                 self._robot.client_disconnected(
                     connection, f"has sent no heartbeat for {required.within_ns / 1e9:g} s and is gone"
                 )
@@ -217,13 +219,13 @@ class TrajectoryMethods(RobotObserver):
 class _RequiredHeartbeat:
     """Heartbeat that a connection must send at least every `within_ns`; `last_heartbeat` is in ns.
 
-    It applies while `life`, the command timeout of the controller, belongs to the connection.
+    It applies while `command_timeout`, the command timeout of the controller, belongs to the connection.
     """
 
-    __slots__ = ("last_heartbeat", "life", "within_ns")
+    __slots__ = ("command_timeout", "last_heartbeat", "within_ns")
 
-    def __init__(self, life: CommandTimeout, within_ns: int, last_heartbeat: int) -> None:
-        self.life, self.within_ns, self.last_heartbeat = life, within_ns, last_heartbeat
+    def __init__(self, timeout: CommandTimeout, within_ns: int, last_heartbeat: int) -> None:
+        self.command_timeout, self.within_ns, self.last_heartbeat = timeout, within_ns, last_heartbeat
 
     def is_overdue(self, now: int) -> bool:
         return now - self.last_heartbeat > self.within_ns
@@ -278,10 +280,10 @@ class GripperMethods:
     ) -> None:
         self._robot, self._keep, self._require_heartbeat = robot, keep, require_heartbeat
         self._sent: dict[Connection, SentGrip] = {}
-        server.answers(MoveGripper, lambda call: self._start_goal(call).answer_at_end(call))
-        server.answers(SendGripper, self._send)
-        server.answers(GripperEnd, self._end)
-        server.answers(CancelGripper, self._cancel)
+        server.register(MoveGripper, lambda call: self._start_goal(call).answer_at_end(call))
+        server.register(SendGripper, self._send)
+        server.register(GripperEnd, self._end)
+        server.register(CancelGripper, self._cancel)
 
     def forget(self, connection: Connection) -> None:
         self._sent.pop(connection, None)

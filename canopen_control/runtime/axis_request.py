@@ -189,8 +189,8 @@ class PendingAxisRequest:
             cause += f"; 0x603F is {fault.code_text}"
         if self._action is Action.ENABLE and joint.stopped_by:
             cause += f"; {joint.stopped_by}"
-        if self._action is Action.HOME and joint.reference.result:
-            cause = f"; {joint.reference.result}{cause}"
+        if self._action is Action.HOME and joint.home_position.result:
+            cause = f"; {joint.home_position.result}{cause}"
         return f"{node.label}: {self._action.value} not reached, the drive is {name} ({word}){cause}"
 
 
@@ -220,7 +220,7 @@ class ProbeReading:
         return answered
 
 
-ALONE: Final = frozenset((Action.DISABLE, Action.HALT, Action.QUICK_STOP))
+EXCLUSIVE_ACTIONS: Final = frozenset((Action.DISABLE, Action.HALT, Action.QUICK_STOP))
 """Actions after which an axis ignores the running command, while the other axes of that command continue."""
 
 

@@ -20,7 +20,7 @@ from canopen_control.hardware.interfaces import ERROR
 from canopen_control.master.event_log import Event, EventLog, Level
 from canopen_control.runtime.assembly import Assembly
 from canopen_control.runtime.axis_request import (
-    ALONE,
+    EXCLUSIVE_ACTIONS,
     PendingAxisRequest,
     ProbeReading,
     axes_of,
@@ -121,7 +121,7 @@ class RobotCycle:
                 bus.receive(pacer.edge)
         for bus in self._sync_first:
             bus.send_sync(now)
-        period = self._skip(skipped) if (skipped := pacer.skipped) else self._period
+        period = self._period_after_skipping(skipped) if (skipped := pacer.skipped) else self._period
         components, manager, edge = self._registry.components, self._manager, pacer.edge
         for component in components:
             if component.read(now, period) is ERROR:
@@ -145,16 +145,18 @@ class RobotCycle:
         if self._robot.advances:
             self._robot.advance(now)
         if clock.take(edge):
-            self._turn(clock.edge, self._skip(skipped) if skipped and not clock.paused else self._period)
+            self._run_edge(
+                clock.edge, self._period_after_skipping(skipped) if skipped and not clock.paused else self._period
+            )
             until = now + self._pacer.period_ns // 2
             while clock.paused and self._reactor.now() < until and clock.take_step(edge):
-                self._turn(clock.edge, self._period)
+                self._run_edge(clock.edge, self._period)
         self.sent_at = self._reactor.now()
         self._robot.after_cycle(now)
         if clock.paused:
             clock.report_steps()
 
-    def _turn(self, edge: int, period: float) -> None:
+    def _run_edge(self, edge: int, period: float) -> None:
         """Read the components, update the controllers and write the commands at an edge, then publish the states."""
         for component in self._registry.components:
             if component.read(edge, period) is ERROR:
@@ -165,10 +167,10 @@ class RobotCycle:
                 self._failed(component, "write", edge)
         self._manager.broadcast(edge, period)
 
-    def _skip(self, skipped: int) -> float:
-        """Report skipped edges to the hardware components; return the period of this cycle in s."""
+    def _period_after_skipping(self, skipped: int) -> float:
+        """Return the period in s of a cycle after skipped edges, and report the edges to the hardware components."""
         if not self._following:
-            self._skipped(skipped)
+            self._report_skipped_edges(skipped)
         return self._period * (1 + min(skipped, CAUGHT_UP))
 
     def step_now(self, now: int) -> None:
@@ -183,16 +185,16 @@ class RobotCycle:
         if now >= self._next_supervision and self._pacer.running:
             self._next_supervision = now + _CHECK_NS
             for bus in self._buses:
-                bus.rest_or_watch()
+                bus.select_reception()
         for system in self._systems:
             system.supervise(now)
         for bus in self._following:
             if (edges := bus.unserved_syncs()) > 0:
-                self._skipped(edges)
+                self._report_skipped_edges(edges)
 
-    def _skipped(self, edges: int) -> None:
+    def _report_skipped_edges(self, edges: int) -> None:
         for system in self._systems:
-            system.skipped(edges)
+            system.count_skipped_edges(edges)
 
     def _failed(self, component: HardwareComponent, verb: str, now: int) -> None:
         self._manager.deactivate_using(component, f"{component.name} reported an error on {verb}", now)
@@ -228,20 +230,18 @@ class RobotCore:
         self.failure: str | None = None
         self.has_run = False
         self.observers: list[RobotObserver] = []
-        self.wall, self.in_virtual_time = WallClock(reactor.now, follows=not reactor.clock.is_manual), False
+        self.wall = WallClock(reactor.now, follows=not reactor.clock.is_manual)  # Unix time
+        self.in_virtual_time = False
         self.commander: str | None = None
         self.missing_programs: Mapping[str, str] = {}
         """Helper programs that have ended unexpectedly, such as the web page, with the consequence of each."""
-        self.latch, self.truth = StopLatch(self.report), TruePoseTracker()
+        self.latch = StopLatch(self.report)
+        self.truth = TruePoseTracker()  # true poses of the bases in a simulation
         self.pacer = Pacer(reactor, setup.cycle_ns)
         self.pacer.phase.behind_ns = setup.phase_ns
         assembly = Assembly(setup, reactor, self.report, self._on_bus_lost, self.pacer.lead)
-        self.registry, self.buses, self.nodes, self.sensed = (
-            assembly.registry,
-            assembly.buses,
-            assembly.nodes,
-            assembly.sensed,
-        )
+        self.registry, self.buses, self.nodes = assembly.registry, assembly.buses, assembly.nodes
+        self.sensed = assembly.sensed  # worlds that provide values of simulated sensors
         self.joints, self.systems, self._bus_by_node = assembly.joints, assembly.systems, assembly.bus_by_node
         self.manager = ControllerManager(
             self.registry,
@@ -265,13 +265,15 @@ class RobotCore:
         prepare_controllers(setup, self.manager, self.registry)
         self.manager.observe(self)
         self.node_readings = NodeReadings(self.nodes, self._bus_by_node, self.joints.values(), self.systems)
-        self.needed = MandatoryNodes(assembly, self.latch, self.manager.running.forget, self.report, self.observers)
+        self.mandatory_nodes = MandatoryNodes(
+            assembly, self.latch, self.manager.running.forget, self.report, self.observers
+        )
 
-    # ------------------------------------------------------------------------------------------- life
+    # ------------------------------------------------------------------------------------------- start and end
 
     @property
     def state(self) -> RobotState:
-        """State of the robot; FAULT if a required node is missing or a drive is in fault while the robot runs."""
+        """State of the robot; FAULT while it runs with a fault as defined by `in_fault`."""
         return self._state(self._waiting())
 
     @property
@@ -300,7 +302,7 @@ class RobotCore:
             return self.latch.hint or self._boot_error() or self._silent_hint()
         if self._phase is not RobotState.RUNNING:
             return None
-        return self.needed.hint or enable_hint(waiting)
+        return self.mandatory_nodes.hint or enable_hint(waiting)
 
     def _boot_error(self) -> str | None:
         """Return the error of a required node that is not ready, or None."""
@@ -347,11 +349,11 @@ class RobotCore:
         self._deadline = now + max(times, default=0) * 1_000_000 if all(times) else _NEVER
         self.pacer.start()
 
-    def _with_buses(self, verb: Callable[[RobotBus], None]) -> None:
+    def _with_buses(self, method: Callable[[RobotBus], None]) -> None:
         """Call a method of every bus; close the robot if one call fails."""
         try:
             for bus in self.buses.values():
-                verb(bus)
+                method(bus)
         except BaseException:
             self.close()
             raise
@@ -380,13 +382,13 @@ class RobotCore:
         self._requests.clear()
         self._phase, self.advances = RobotState.STOPPED, False
 
-    # ------------------------------------------------------------------------------------------- verbs
+    # ------------------------------------------------------------------------------------------- commands
 
     def report(self, event: Event) -> None:
         """Report an event to all observers; repetitions are counted and summarised."""
-        self._report(self.events.add(event))
+        self._notify(self.events.add(event))
 
-    def _report(self, events: Iterable[Event]) -> None:
+    def _notify(self, events: Iterable[Event]) -> None:
         for event in events:
             for observer in self.observers:
                 observer.event(event)
@@ -406,7 +408,7 @@ class RobotCore:
         `stamp` is the creation time in Unix s. The command ends when `client_disconnected` is called with the `holder`;
         without a holder it ends only by its timeout. Returns why joints do not follow the command, by joint name.
         """
-        self._refuse_at_the_end("a command to", controller)
+        self._refuse_while_stopping("a command to", controller)
         self.latch.refuse("a command to", controller)
         self._require_active(controller, source)
         created_at, now = None if stamp is None else self.made_at(stamp), self.cycle.clock.now()
@@ -437,14 +439,14 @@ class RobotCore:
         self, controller: str, goal: AnyGoal, source: str, *, holder: object = None, sender: CommandSender | None = None
     ) -> None:
         """Pass a goal to a controller; the goal ends when the client `holder` disconnects. ControlError if refused."""
-        self._refuse_at_the_end("a goal to", controller)
+        self._refuse_while_stopping("a goal to", controller)
         self.latch.refuse("a goal to", controller)
         self._require_active(controller, source)
         self.manager.send_goal(controller, goal, self.cycle.clock.now(), source=source, holder=holder, sender=sender)
         self.commander = source
 
-    def _refuse_at_the_end(self, *request: str) -> None:
-        """Raise ControlError while the robot stops: a drive that is enabled again would never be at rest."""
+    def _refuse_while_stopping(self, *request: str) -> None:
+        """Raise ControlError while the robot stops: an enabled drive would keep the stop from completing."""
         if self._phase in (RobotState.STOPPING, RobotState.STOPPED):
             raise ControlError(f"{' '.join(request)} is refused: the robot is stopping")
 
@@ -463,9 +465,9 @@ class RobotCore:
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
         """Switch controllers; new ones are loaded and configured first. ControlError, before any change, if refused."""
         if activate:
-            self._refuse_at_the_end("activating", ", ".join(activate))
+            self._refuse_while_stopping("activating", ", ".join(activate))
         switch_controllers(
-            self.setup, self.manager, activate, deactivate, strict=strict, check=self.needed.check_controllers
+            self.setup, self.manager, activate, deactivate, strict=strict, check=self.mandatory_nodes.check_controllers
         )
 
     def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "somebody") -> None:
@@ -504,12 +506,12 @@ class RobotCore:
         """
         now = self.reactor.now()
         if action in MOVING_ACTIONS:
-            self._refuse_at_the_end("axis", action.value)
-        self.needed.check_action(action)
+            self._refuse_while_stopping("axis", action.value)
+        self.mandatory_nodes.check_action(action)
         axes, omitted = without_target(axes_of(self.nodes, self.joints.values(), name, joint), action, name)
         joints, together = whole_bases(axes, action)
         extra_ns = begin_action(action, joints, self.systems, now, method=method, mode=mode)
-        if action in ALONE:
+        if action in EXCLUSIVE_ACTIONS:
             self.manager.running.exclude([joint_drive.joint for joint_drive in joints], self.cycle.clock.now())
         self._requests.append(PendingAxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + extra_ns, done))
         if together:
@@ -541,11 +543,11 @@ class RobotCore:
             text = f"a cycle was missed, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
             text += cost_of_skipping(self.joints.values())
             self.report(Event(now, "cycle_missed", "", text, Level.WARNING, count=missed))
-        for event in manager.events() if manager.happened else ():
+        for event in manager.events() if manager.new_events else ():
             level = _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)
             self.report(Event(now, event.kind, "", event.text, level, controller=event.controller))
         if now >= self.events.due:
-            self._report(self.events.tick(now))
+            self._notify(self.events.tick(now))
         for observer in self.observers:
             observer.after_cycle(now)
 
@@ -569,7 +571,7 @@ class RobotCore:
             self._deadline = now + REQUEST_TIMEOUT_NS
             self._activate()
             for system in self.systems if self._was_latched else ():
-                system.stop(now)  # a release enables nothing
+                system.stop(now)  # releasing STOP must not enable drives
         elif self._activated and (startup_complete(self.nodes.values(), self.joints.values()) or now > self._deadline):
             self._phase, self.advances = RobotState.RUNNING, False
             self.report(Event(now, "running", "", f"{self.setup.name} runs: {self.setup.runs}"))
@@ -597,7 +599,7 @@ class RobotCore:
         self._end(f"has stopped, {how}" if how else "has stopped")
 
     def _end(self, how: str) -> None:
-        self._report(self.events.flush())
+        self._notify(self.events.flush())
         self.report(Event(self.reactor.now(), "stopped", "", f"{self.setup.name} {how}"))
         self.close()
         self._notify_stopped()

@@ -331,7 +331,7 @@ class RobotBus:
         if self.port is not None:
             self._reactor.add_reader(self.port.fileno(), self.receive)
 
-    def rest_or_watch(self) -> None:
+    def select_reception(self) -> None:
         """Read frames at cycle edges while no answer is awaited, otherwise as they arrive."""
         rests = self._may_rest and self._followed is None and not self.network.waits
         if rests is not self.watched:

@@ -173,7 +173,7 @@ class AnswerInvariants:
 
     # -- what is observed
 
-    def sampled(self, now: int) -> None:
+    def on_sample(self, now: int) -> None:
         """Check all axes and the pending breaches."""
         if self._robot.floor is not None:
             return

@@ -67,15 +67,15 @@ class StateCoverage:
         self._robot, self._nodes = robot, [node for view in views for node in view.nodes.values()]
         self._core: RobotCore | None = None
         self._rows = _RowCounter()
-        self.sampled()
+        self.on_sample()
 
-    def sampled(self) -> None:
+    def on_sample(self) -> None:
         """Observe the axes of the robot's current core; a restart of the robot creates a new core."""
         core = self._robot.core
         if core is not self._core:
             self._core = core
             for joint in core.joints.values():
-                joint.power.observer = self._rows
+                joint.statechart.observer = self._rows
 
     @property
     def walked(self) -> dict[Edge, int]:
@@ -158,7 +158,7 @@ def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
             yield BOOT, node.state.name
     for joint in robot.core.joints.values():
         if joint.node.node_id == node_id:
-            yield POWER, joint.power.state.name
+            yield POWER, joint.statechart.state.name
 
 
 def state_reached(robot: RobotUnderTest, act: ScenarioEvent) -> bool:

@@ -54,7 +54,7 @@ _BLOCKS: Final = 60_000  # allowed increase of memory blocks since shortly after
 class ReportInvariants:
     """Check that the runtime reports the true states; breaches are passed to `report(rule, text)`.
 
-    The owner calls `requested`, `applied` and `sampled` as time passes.
+    The owner calls `requested`, `applied` and `on_sample` as time passes.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class ReportInvariants:
         if axes and all(_is_off(node, now) for node in axes):
             self._report("command_taken", f"a command to {act.target} was accepted although its drives are disabled")
 
-    def sampled(self, now: int) -> None:
+    def on_sample(self, now: int) -> None:
         """Check the robot's current reports against the bus."""
         robot = self._robot
         for error in robot.errors[self._errors :]:
@@ -185,7 +185,7 @@ _DEAF_NS: Final = 5000 * _MS  # after this time a client that does not read has 
 class ClientInvariants:
     """Check that the robot answers its clients and drops clients that never read.
 
-    The owner calls `sampled` as time passes.
+    The owner calls `on_sample` as time passes.
     """
 
     def __init__(self, robot: RobotUnderTest, clients: SimulatedClients, report: Callable[[str, str], None]) -> None:
@@ -193,7 +193,7 @@ class ClientInvariants:
         self._blocked = 0
         self._reports: set[SimulatedClient] = set()
 
-    def sampled(self, now: int) -> None:
+    def on_sample(self, now: int) -> None:
         if self._clients.blocked > self._blocked:
             self._blocked = self._clients.blocked
             self._report("client_blocks", "the robot waits for a client that does not read")
@@ -309,18 +309,18 @@ class Invariants(SimulationObserver):
 
     def _observe(self) -> None:
         now = self._robot.now_ns
-        self._disturbed.sampled(now)
-        self._motion.sampled(now)
-        self._targets.sampled(now)
-        self._answers.sampled(now)
-        self._reports.sampled(now)
-        self._status.sampled(now)
-        self._clients.sampled(now)
-        self._goals.sampled(now)
-        self._configured.sampled(now)
-        self.coverage.sampled()
+        self._disturbed.on_sample(now)
+        self._motion.on_sample(now)
+        self._targets.on_sample(now)
+        self._answers.on_sample(now)
+        self._reports.on_sample(now)
+        self._status.on_sample(now)
+        self._clients.on_sample(now)
+        self._goals.on_sample(now)
+        self._configured.on_sample(now)
+        self.coverage.on_sample()
         for wire in self._wires:
-            wire.sampled(now)
+            wire.on_sample(now)
         for name, rule in self._rules:
             self._ask(name, rule)
         self._robot.time.later(_CHECK_NS, self._observe)

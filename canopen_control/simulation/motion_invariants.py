@@ -54,7 +54,7 @@ class _Stop:
 class MotionInvariants:
     """Check of the motion of all shafts; breaches are passed to `report(rule, text)`.
 
-    The owner calls `requested` and `sampled` as time passes.
+    The owner calls `requested` and `on_sample` as time passes.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class MotionInvariants:
         """Return the maximum speed in counts/s at which a node's shaft is considered at standstill."""
         return _STANDING * self._fastest.get(node_id, self._least.get(node_id, _LEAST))
 
-    def sampled(self, now: int) -> None:
+    def on_sample(self, now: int) -> None:
         """Check all shafts and drives."""
         if self._robot.started_ns > self._enabled_ns:  # a start enables the drives once
             self._enabled_ns, self._stop = self._robot.started_ns, None

@@ -66,7 +66,7 @@ def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> Sa
         names = controller.command_interface_names()
     except CanopenError:
         return None
-    starts, life_ns = name in setup.to_activate, controller.life.limit_ns
+    starts, life_ns = name in setup.to_activate, controller.command_timeout.limit_ns
     if axes := twist_axes_of(controller):
         return SampleMotion(name, "command", tuple((-_TWIST[axis], _TWIST[axis]) for axis in axes), starts, life_ns)
     joints = setup.description.joints

@@ -156,7 +156,7 @@ class StatusInvariants:
         self._first_start = 0
         self._jumped = 0.0  # time of the newest jump event already checked
 
-    def sampled(self, now: int) -> None:
+    def on_sample(self, now: int) -> None:
         """Check the current reports against the drives."""
         robot = self._robot
         for shaft in self._shafts:
@@ -405,7 +405,7 @@ class _Open:
 class GoalInvariants:
     """Check of the results of goals; breaches are passed to `report(rule, text)`.
 
-    The owner calls `requested`, `applied` and `sampled` as time passes.
+    The owner calls `requested`, `applied` and `on_sample` as time passes.
     """
 
     def __init__(
@@ -438,7 +438,7 @@ class GoalInvariants:
         self._core = self._robot.core
         self._open.append(_Open(act, goal, places, over))
 
-    def sampled(self, now: int) -> None:
+    def on_sample(self, now: int) -> None:
         """Check open goals, and refused switches that had an effect."""
         for text in self._player.torn[self._torn :]:
             self._report("switch_torn", text)

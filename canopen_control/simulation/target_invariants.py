@@ -160,7 +160,7 @@ class TargetInvariants:
             if interface == VELOCITY:
                 self._commanded.setdefault(joint, deque(maxlen=_KEPT)).append((reception, value))
 
-    def sampled(self, now: int) -> None:
+    def on_sample(self, now: int) -> None:
         """Check the targets and the motion of all drives."""
         if self._robot.floor is not None:
             return

@@ -84,7 +84,7 @@ class ConfigurationInvariants:
         self._next_check = robot.now_ns + _EVERY_NS
         self._core: object = None
 
-    def sampled(self, now: int) -> None:
+    def on_sample(self, now: int) -> None:
         for node in self._wide:
             self._note(node, now)
         if now < self._next_check:
@@ -222,7 +222,7 @@ _ABORT, _BLOCK = 4, (5, 6)
 class WireInvariants:
     """Check of one bus; breaches are passed to `report(rule, text)`.
 
-    `hear` receives the frames that `wants` selects; `sampled` is called periodically.
+    `hear` receives the frames that `wants` selects; `on_sample` is called periodically.
     """
 
     def __init__(
@@ -297,7 +297,7 @@ class WireInvariants:
 
     # -- time
 
-    def sampled(self, now: int) -> None:
+    def on_sample(self, now: int) -> None:
         """Check the bus load once per second."""
         self._excused(now)
         if now - self._window < _SECOND:

@@ -286,7 +286,7 @@ class DisturbedNodes:
             self._last[int(act.target)] = now
             (self._put if act.name == _WRAPS else self._moved)[int(act.target)] = now
 
-    def sampled(self, now: int) -> None:
+    def on_sample(self, now: int) -> None:
         """Record all disturbances that exist at `now`."""
         robot = self._robot
         if not robot.up or now < robot.host.stalled_until:

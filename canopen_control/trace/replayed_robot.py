@@ -65,20 +65,20 @@ class ReplayedRobot:
             socket_path("robot", name),
             lambda: RobotHello(name, __version__, PROTOCOL, os.getpid()),
             on_close=lambda connection: self._watching.pop(connection, None),
-            keeps=self._watching.__contains__,
+            may_idle=self._watching.__contains__,
         )
         self._answer()
 
     def _answer(self) -> None:
-        answers = self._server.answers
+        register = self._server.register
         for method in ROBOT.methods.values():
-            answers(method.request, self._refuse)
-        answers(messages.GetStatus, lambda call: call.reply(self._status()))
-        answers(messages.GetDescription, lambda call: call.reply(self._description))
-        answers(messages.GetNodes, lambda call: call.reply(self._nodes()))
-        answers(messages.GetLayout, lambda call: call.reply(self._meta.layout))
-        answers(messages.ListControllers, lambda call: call.reply(()))
-        answers(messages.Subscribe, self._subscribe)
+            register(method.request, self._refuse)
+        register(messages.GetStatus, lambda call: call.reply(self._status()))
+        register(messages.GetDescription, lambda call: call.reply(self._description))
+        register(messages.GetNodes, lambda call: call.reply(self._nodes()))
+        register(messages.GetLayout, lambda call: call.reply(self._meta.layout))
+        register(messages.ListControllers, lambda call: call.reply(()))
+        register(messages.Subscribe, self._subscribe)
 
     def close(self) -> None:
         self._server.close()

@@ -53,7 +53,7 @@ def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
         nmt_state=NmtState(node.nmt.state).name,
         error_register=node.emcy.error_register,
         errors=list(node.emcy.active),
-        faults=[] if node.switches is None else node.switches.active,
+        faults=[] if node.fault_switches is None else node.fault_switches.active,
         axes=tuple(drive.describe() for drive in node.drives.values()),
         world=world,
         signals=() if node.function is None else node.function.describe(),
@@ -66,7 +66,7 @@ class NodeMethods:
 
     def __init__(self, host: NodeHost, node: VirtualNode, world: World | None = None) -> None:
         self._host, self._node, self._world = host, node, world
-        self._switches = node.switches or FaultSwitches(node)
+        self._switches = node.fault_switches or FaultSwitches(node)
         self._quirks = switches_of(node)
 
     @property
@@ -196,7 +196,7 @@ class NodeControl:
         path = socket_path("drive", drive_name(channel, node.node_id))
         server: Server[DriveHello, DriveEvent] = Server(DRIVE, host.reactor, path, lambda: hello)
         for kind in methods.kinds:
-            server.answers(kind, self._answer)
+            server.register(kind, self._answer)
         server.check()
         return server
 

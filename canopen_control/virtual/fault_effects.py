@@ -75,7 +75,7 @@ def drop_out(node: VirtualNode, _on: bool, now: int) -> None:
 
 def start_by_itself(node: VirtualNode, on: bool, now: int) -> None:
     """Enter OPERATIONAL without an NMT command, now and after every boot."""
-    node.starts_itself.switch(on, True)
+    node.self_starting.switch(on, True)
     if on and node.nmt.state is NmtState.PRE_OPERATIONAL:
         node.command(NmtCommand.START, now)
 

@@ -209,7 +209,7 @@ class FaultSwitches:
         self._second: VirtualNode | None = None
         self._outgoing: tuple[Outgoing, ...] = ()  # of quirks, which act nearer to the node than faults
         self._incoming: tuple[Incoming, ...] = ()
-        node.switches = self
+        node.fault_switches = self
 
     @property
     def active(self) -> list[str]:
@@ -260,7 +260,7 @@ class FaultSwitches:
             if on and fault.once:
                 self._off(name)
         self._node.outbox.values_changed()
-        self._node.follow(now)
+        self._node.send_changes(now)
         self._retire()
 
     def _set_quirk(self, fault: Fault, on: bool, now: int) -> None:

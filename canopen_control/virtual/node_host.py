@@ -160,7 +160,7 @@ class NodeHost:
         elif touched and (frames := self.nodes[0].frames()):
             self._send(frames)
         for node in touched:
-            if node.outbox.happened:
+            if node.outbox.new_events:
                 for event in node.events():
                     self.on_event(node, event)
             self._deadlines[node] = node.next_deadline()

@@ -247,13 +247,13 @@ class NodeClock:
 class NodeOutbox:
     """Frames and events of a node's services waiting to be sent; their number is limited.
 
-    `happened` are the waiting events, for a check that does not remove them.
+    `new_events` are the waiting events, for a check that does not remove them.
     """
 
     def __init__(self, emcy: EmcyProducer, clock: NodeClock) -> None:
         self._emcy, self._clock = emcy, clock
         self._events: Outbox[object] = Outbox(_MAX_WAITING)
-        self.happened = self._events.waiting
+        self.new_events = self._events.waiting
         self.outgoing: Outbox[CanFrame] = Outbox(_MAX_WAITING)  # frames not created by a service
         self.changed = False
 

@@ -537,7 +537,7 @@ class PdoExchange:
                 self._axes[axis].set_point_received(now, overwrites=overwrites)
 
     def _serve(self, rpdo: MappedRpdo, now: int) -> None:
-        if not rpdo.consumer.happened.waiting:
+        if not rpdo.consumer.event_queue.waiting:
             return
         for event in rpdo.consumer.events():
             if event.kind is RpdoEventKind.APPLY:

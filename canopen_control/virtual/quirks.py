@@ -154,7 +154,7 @@ class QuirkSwitches:
         self._hook(settings)
         self._node.outbox.publish(QuirkSwitched(setting.text, on))
         self._node.outbox.values_changed()
-        self._node.follow(now)
+        self._node.send_changes(now)
 
     def _fitting(self, setting: QuirkSetting) -> QuirkSetting:
         """Return `setting`; raise ConfigError if the node lacks the axis."""
@@ -180,8 +180,8 @@ class QuirkSwitches:
                 if setting.quirk.axis is not None and setting.axis in (None, axis):
                     setting.quirk.axis(hooks, drive, setting.value)
         node.pdos.rules_changed()
-        if node.switches is not None:
-            node.switches.set_quirks(tuple(hooks.outgoing), tuple(hooks.incoming))
+        if node.fault_switches is not None:
+            node.fault_switches.set_quirks(tuple(hooks.outgoing), tuple(hooks.incoming))
 
 
 def switches_of(node: VirtualNode) -> QuirkSwitches:

@@ -69,8 +69,8 @@ SYNC_LENGTH_ERROR = 0x8240
 class FrameRoutes:
     """Routing table of one node, from CAN IDs (with the flags of linux/can.h) to receivers.
 
-    `version` increases when the set of identifiers changes. `sync_rpdo_handlers` get the RPDOs that take effect only at
-    SYNC and whose identifier has no other receiver.
+    `version` increases when the set of identifiers changes. `sync_rpdo_handlers` receive the RPDOs that take effect
+    only at SYNC and whose identifier has no other receiver.
     """
 
     def __init__(
@@ -96,8 +96,8 @@ class FrameRoutes:
         """Whether the SDO server is the only receiver of its request COB-ID."""
         return self.table.get(self._sdo.request_cob_id) == self._on_sdo
 
-    def begin(self) -> None:
-        """Reduce the table to the LSS frames while the node initialises."""
+    def route_lss_only(self) -> None:
+        """Route only LSS frames while the node initialises."""
         self.table = self._lss_routes()
         self.sync_rpdo_handlers = {}
         self.version += 1
@@ -271,8 +271,8 @@ class VirtualNode:
     """Virtual CANopen node: the services of CiA 301, and either the axes of a drive or another device function.
 
     `serial` (default: the node-ID) fills an empty 0x1018:04; `plant` creates the plant of an axis. `filter` applies the
-    active faults and quirks to frames, None if there are none; `switches` switches the faults, `quirks` the quirks.
-    While the injection point `starts_itself` is True, the node enters OPERATIONAL without a command, regardless of the
+    active faults and quirks to frames, None without any; `fault_switches` and `quirks` switch them.
+    While the injection point `self_starting` is True, the node enters OPERATIONAL without a command, regardless of the
     dictionary. `routing` has the receivers of frames; its `version` grows when the result of `routes` changes.
     """
 
@@ -296,9 +296,9 @@ class VirtualNode:
         store = self.store
         self.od, self.model = od, model
         self.filter: FaultFilter | None = None
-        self.switches: FaultFilter | None = None
+        self.fault_switches: FaultFilter | None = None
         self.quirks: NodeQuirks | None = None
-        self.starts_itself: InjectionPoint[bool] = InjectionPoint(False)
+        self.self_starting: InjectionPoint[bool] = InjectionPoint(False)
         self._boot_at: int | None = 0
         self._reset_delay_ns: int | None = 0  # before the boot-up message, None: the node never boots
         self._started = self._settling = False
@@ -323,14 +323,14 @@ class VirtualNode:
         self._add_drives(plant)
         self.function = make_function(od, store, outbox, self.clock)
         self.error_control.function = self.pdos.function = self.function
-        self._lay_out()
+        self._cache_queues()
 
     def _make_communication(self) -> CommunicationObjects:
         services = Services(self.emcy, self.sync, self.heartbeat, self.guarding, self.error_control)
         return CommunicationObjects(self.store, services, self.clock, applied=self._reroute, stored=self._stored)
 
     def _make_lss(self) -> NodeLss:
-        return NodeLss(self.store, self.node_id, self.outbox, assigned=self._power_up_with, stored=self._stored)
+        return NodeLss(self.store, self.node_id, self.outbox, assigned=self._start_with_node_id, stored=self._stored)
 
     def _common_statusword(self) -> int:
         """Return the statusword shared by all motors: of the first motor in a fault, else of the first motor."""
@@ -350,7 +350,7 @@ class VirtualNode:
             self.advance_drives,
         )
 
-    def _lay_out(self) -> None:
+    def _cache_queues(self) -> None:
         """Collect services, deadlines and queues in tuples, which speeds up the handling of frames."""
         outbox = self.outbox
         self._cores: tuple[Timed, ...] = (
@@ -367,10 +367,14 @@ class VirtualNode:
         self._deadlines = tuple(part.next_deadline for part in (*self._cores, *movers, *parts))
         first = (self.nmt.outgoing, self.emcy.outgoing, self.heartbeat.outgoing, self.guarding.outgoing)
         last = (outbox.outgoing,) if self.lss is None else (self.lss.slave.outgoing, outbox.outgoing)
-        # queues that are sent before process data and answers, and queues that are sent after
-        self._first, self._last = tuple(box.waiting for box in first), tuple(box.waiting for box in last)
-        self._before_answers, self._process_data = self._first, self.pdos.outgoing
-        self._happened = (self.nmt.happened.waiting, self.consumer.happened.waiting, self.guarding.happened.waiting)
+        # queues that are sent before process data and answers, and queues that are sent after them
+        self._sent_first, self._sent_last = tuple(box.waiting for box in first), tuple(box.waiting for box in last)
+        self._sent_before_answers, self._process_data = self._sent_first, self.pdos.outgoing
+        self._event_queues = (
+            self.nmt.event_queue.waiting,
+            self.consumer.event_queue.waiting,
+            self.guarding.event_queue.waiting,
+        )
 
     def _add_drives(self, plant: Callable[[int], Plant] | None) -> None:
         for axis in range(o.axis_count({entry.index for entry in self.od})):
@@ -390,13 +394,13 @@ class VirtualNode:
             shows_motion=self._shows_motion,
         )
 
-    # -- the sans-IO verbs
+    # -- sans-I/O interface
 
     def receive(self, frame: CanFrame, now: int) -> None:
         """Handle a received frame of any kind; a frame without a receiver is ignored.
 
-        `receive_sync_rpdo` and `receive_records` are faster paths for two kinds of frames and refuse every frame that
-        needs more; callers need not use them.
+        `receive_sync_rpdo` and `receive_records` are faster paths for two kinds of frames and decline frames that they
+        cannot handle; callers need not use them.
         """
         self._advance(now)
         if self.filter is not None:
@@ -456,14 +460,14 @@ class VirtualNode:
         """Return and clear the frames to send, in order."""
         if self.pdos.outgoing is not self._process_data:
             self._process_data = self.pdos.outgoing
-            self._before_answers = self._first + self._process_data
+            self._sent_before_answers = self._sent_first + self._process_data
         frames: list[CanFrame] = []
-        for waiting in self._before_answers:
+        for waiting in self._sent_before_answers:
             if waiting:
                 frames += waiting
                 waiting.clear()
         frames += self.sdo.frames()
-        for waiting in self._last:
+        for waiting in self._sent_last:
             if waiting:
                 frames += waiting
                 waiting.clear()
@@ -511,8 +515,8 @@ class VirtualNode:
         """Return the parts that start and stop with the node: the axes, or the function of another device."""
         return self.drives.values() if self.function is None else (self.function,)
 
-    def follow(self, now: int) -> None:
-        """Send objects changed by a client, and run due timers; no effect while a frame is being handled."""
+    def send_changes(self, now: int) -> None:
+        """Send the objects that a client has changed, and run due timers; no effect while a frame is being handled."""
         if not self._settling:
             self.tick(now)
 
@@ -567,9 +571,9 @@ class VirtualNode:
         if self._settling:
             return
         self._settling = True
-        while any(self._happened):
-            events = [event for waiting in self._happened for event in waiting]
-            for waiting in self._happened:
+        while any(self._event_queues):
+            events = [event for waiting in self._event_queues for event in waiting]
+            for waiting in self._event_queues:
                 waiting.clear()
             for event in events:
                 if isinstance(event, NmtStateChanged):
@@ -578,8 +582,8 @@ class VirtualNode:
                     self._reset(event.command, now)
                 else:
                     self.error_control.follow(event, now)
-        if self.sync.happened.waiting:
-            self.sync.happened.clear()
+        if self.sync.event_queue.waiting:
+            self.sync.event_queue.clear()
         if self.outbox.changed:
             self.outbox.changed = False
             self.pdos.send_changed(now)
@@ -609,7 +613,8 @@ class VirtualNode:
             self._assign(self.lss.reset(power=False))
         if self.program is not None and everything:
             self.program.reset()
-        self.store.defaults(0x1000 if not everything else 0, 0x1FFF if not everything else 0xFFFF)
+        first, last = (0, 0xFFFF) if everything else (0x1000, 0x1FFF)
+        self.store.defaults(first, last)
         self.pdos.stop()
         for core in (self.sdo, self.sync, self.guarding):
             core.reset()
@@ -627,7 +632,7 @@ class VirtualNode:
                 drive.power.communication_reset()
         self.heartbeat.state = self.guarding.state = NmtState.INITIALISING
         self.emcy.allowed = False
-        self.routing.begin()
+        self.routing.route_lss_only()
         delay = self.model.boot_ns if self._reset_delay_ns == 0 else self._reset_delay_ns
         self._boot_at = None if delay is None or self.node_id == UNCONFIGURED else now + delay
 
@@ -638,12 +643,12 @@ class VirtualNode:
         self.communication.apply()
         self.pdos.configure(now)
         by_dictionary = self.store.has(0x1F80) and not self.store.number(0x1F80) & 4
-        self.nmt.self_starting = self.starts_itself.value or by_dictionary
+        self.nmt.self_starting = self.self_starting.value or by_dictionary
         self.nmt.boot()
         self.heartbeat.started(now)
         self.routing.rebuild()
 
-    def _power_up_with(self, node_id: int, now: int) -> None:
+    def _start_with_node_id(self, node_id: int, now: int) -> None:
         """Initialise the node with the first node-ID assigned by LSS."""
         self._assign(node_id)
         self.nmt.state = NmtState.INITIALISING
@@ -660,5 +665,5 @@ class VirtualNode:
         self.sdo.request_cob_id, self.sdo.answer_cob_id = REQUEST_BASE + node_id, ANSWER_BASE + node_id
         self.outbox.publish(NodeIdChanged(node_id))
 
-    def _reroute(self) -> None:
+    def _reroute(self) -> None:  # for services that are created before `routing`
         self.routing.rebuild()

@@ -74,10 +74,10 @@ class Problems:
         """Warnings in the order of their lines, without duplicates."""
         return sorted(self._warnings)
 
-    def at(self, line: int, column: int, place: str, message: str) -> Problem:
+    def at(self, line: int, column: int, where: str, message: str) -> Problem:
         """Return a problem at a position counted from 1; line 0 means the file as a whole."""
         source = self.lines[line - 1][:200] if 0 < line <= len(self.lines) else ""
-        return Problem(line, column, self.path, place, message, source)
+        return Problem(line, column, self.path, where, message, source)
 
     def error(self, place: Place, message: str) -> None:
         self._errors[self.at(place.line, place.column, place.where, message)] = None
@@ -89,7 +89,7 @@ class Problems:
         """Add an error if `strict`, otherwise a warning."""
         (self.error if self.strict else self.warning)(place, message)
 
-    def forget(self, where: str) -> None:
+    def discard_below(self, where: str) -> None:
         """Remove the errors below a dotted path, since they result from another error."""
         self._errors = {error: None for error in self._errors if not error.where.startswith(f"{where}.")}
 
@@ -124,13 +124,13 @@ class Node:
 
     `kind` is "mapping", "sequence", "scalar" or "null"; `text` is a scalar as written, `quoted` whether it is quoted or
     a block; `where` is the dotted path; `line` and `column` count from 1, and line 0 means that the node is in no file.
-    Methods for another kind return nothing and never raise: `items()` of a scalar is empty.
+    Methods for another kind return an empty result and never raise: `items()` of a scalar is empty.
     """
 
     __slots__ = ("_elements", "_pairs", "_scalar", "column", "kind", "line", "problems", "quoted", "text", "where")
 
-    def __init__(self, kind: str, line: int, column: int, place: str, problems: Problems) -> None:
-        self.kind, self.line, self.column, self.where, self.problems = kind, line, column, place, problems
+    def __init__(self, kind: str, line: int, column: int, where: str, problems: Problems) -> None:
+        self.kind, self.line, self.column, self.where, self.problems = kind, line, column, where, problems
         self.text, self.quoted = "", False
         self._scalar: object = None
         self._pairs: dict[str, tuple[Node, Node]] = {}
@@ -194,15 +194,15 @@ class Node:
         """Return the nodes of a sequence; empty for other nodes."""
         return list(self._elements)
 
-    def over(self, below: Node) -> Node:
-        """Return this node with the additional keys of `below`, recursively for mappings in both nodes."""
-        if self.kind == "null" and below.kind == "mapping":
-            return below
-        if self.kind != "mapping" or below.kind != "mapping":
+    def merged_over(self, defaults: Node) -> Node:
+        """Return this node with the additional keys of `defaults`, recursively for mappings in both nodes."""
+        if self.kind == "null" and defaults.kind == "mapping":
+            return defaults
+        if self.kind != "mapping" or defaults.kind != "mapping":
             return self
-        pairs = dict(below._pairs)
+        pairs = dict(defaults._pairs)
         for name, (key, value) in self._pairs.items():
-            pairs[name] = (key, value.over(pairs[name][1]) if name in pairs else value)
+            pairs[name] = (key, value.merged_over(pairs[name][1]) if name in pairs else value)
         return Node.mapping(Node(self.kind, self.line, self.column, self.where, self.problems), pairs)
 
     def error(self, message: str) -> None:

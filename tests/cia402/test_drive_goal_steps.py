@@ -44,14 +44,14 @@ def test_the_same_command_is_one_step_until_the_state_or_the_goal_changes():
 def test_the_event_names_the_transition_or_else_what_was_wanted_in_the_end():
     timer = StepTimer(100, {})
     timer.arm(Command.SHUTDOWN, 2, 0)
-    assert timer.timed_out(State.SWITCH_ON_DISABLED, State.OPERATION_ENABLED, 0x0240, True, 100) == TransitionTimedOut(
-        100, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, Command.SHUTDOWN, 2, 0x0240, True
-    )
+    assert timer.timeout_event(
+        State.SWITCH_ON_DISABLED, State.OPERATION_ENABLED, 0x0240, True, 100
+    ) == TransitionTimedOut(100, State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, Command.SHUTDOWN, 2, 0x0240, True)
     timer.arm(None, 0, 0)
-    assert timer.timed_out(None, State.OPERATION_ENABLED, None, True, 100) == TransitionTimedOut(
+    assert timer.timeout_event(None, State.OPERATION_ENABLED, None, True, 100) == TransitionTimedOut(
         100, None, State.OPERATION_ENABLED, None, None, None, True
     )
-    slow = timer.timed_out(State.NOT_READY_TO_SWITCH_ON, State.OPERATION_ENABLED, 0x0600, True, 100)
+    slow = timer.timeout_event(State.NOT_READY_TO_SWITCH_ON, State.OPERATION_ENABLED, 0x0600, True, 100)
     assert slow.transition == 1
     assert slow.text.endswith("not enabled; `transition_timeouts_ms: {1: 20000}` in bus.yml allows more time")
 

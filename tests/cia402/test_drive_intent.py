@@ -35,7 +35,7 @@ def test_only_an_enable_leads_to_the_goal_enabled_and_every_stop_away_from_it(in
     for trigger, after in TABLE[intent].items():
         if GOALS[after] is DriveGoal.ENABLED and GOALS[intent] is not DriveGoal.ENABLED:
             assert trigger in ENABLES
-    stops = set(EnableTrigger) - {*ENABLES, EnableTrigger.LEFT, EnableTrigger.ARRIVED}
+    stops = set(EnableTrigger) - {*ENABLES, EnableTrigger.LEFT, EnableTrigger.SETTLED}
     if GOALS[intent] is DriveGoal.ENABLED:
         assert stops <= set(TABLE[intent])
         assert all(GOALS[TABLE[intent][trigger]] is not DriveGoal.ENABLED for trigger in stops)
@@ -56,7 +56,7 @@ def test_a_quick_stop_of_an_enabled_drive_goes_on_until_it_is_left_whatever_is_w
     intent = make(EnableTrigger.ENABLE, EnableTrigger.QUICK_STOP_ENABLED, EnableTrigger.DISABLE)
     assert intent.goal is DriveGoal.DISABLED
     assert intent.choose(State.OPERATION_ENABLED, 0x237, standstill=False, may_enable=True) is Command.QUICK_STOP
-    intent.entered(State.QUICK_STOP_ACTIVE)
+    intent.on_state_entered(State.QUICK_STOP_ACTIVE)
     assert intent.state is EnableRequest.DISABLED
 
 
@@ -73,7 +73,7 @@ def test_enable_operation_is_chosen_only_after_an_enable_that_nothing_has_ended(
     for trigger in triggers:
         before = intent.goal
         assert intent.fire(trigger) is (intent.goal is not before)
-        enabled = trigger in ENABLES or (enabled and trigger in (EnableTrigger.LEFT, EnableTrigger.ARRIVED))
+        enabled = trigger in ENABLES or (enabled and trigger in (EnableTrigger.LEFT, EnableTrigger.SETTLED))
         assert enabled or intent.goal is not DriveGoal.ENABLED
         command = intent.choose(drive, 0, standstill=False, may_enable=may_enable)
         if command is Command.ENABLE_OPERATION:

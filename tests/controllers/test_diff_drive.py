@@ -429,7 +429,7 @@ def test_limits_and_timeout_that_are_set_act_in_the_next_update():
     assert hardware.values() == [pytest.approx(2.0)] * 2, "0.07 m/s, and 2 s are not too old"
     with pytest.raises(RobotConfigError, match=r"linear\.x\.min_velocity: 1\.0 is out of range"):
         control.set_parameters("base", [_double("cmd_vel_timeout", 9.0), _double("linear.x.min_velocity", 1.0)])
-    assert (base.params.cmd_vel_timeout, base.life.limit_ns) == (3.0, 3 * S)
+    assert (base.params.cmd_vel_timeout, base.command_timeout.limit_ns) == (3.0, 3 * S)
     assert [each.text for each in control.events() if "cmd_vel_timeout" in each.text] == [
         "base: cmd_vel_timeout is 3.0, linear.x.max_velocity is 0.07"
     ]

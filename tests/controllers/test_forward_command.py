@@ -372,7 +372,7 @@ def test_its_timeout_is_set_while_it_runs_and_counts_for_the_command_that_is_the
     assert "command_timeout is 0" in control.events()[-2].text
     with pytest.raises(CanopenError):
         control.set_parameters("forward", [ParameterValue(name="command_timeout", kind="double", value=-1.0)])
-    assert forward.life.limit_ns == 0
+    assert forward.command_timeout.limit_ns == 0
 
 
 def test_a_command_takes_the_place_of_the_one_before_as_a_whole():

@@ -335,5 +335,5 @@ def test_a_timeout_that_is_set_acts_in_the_next_update_and_one_that_is_wrong_nev
     assert any(velocities(hardware)), "1 s is not too old"
     with pytest.raises(RobotConfigError, match=rf"{key}: -1\.0 is out of range"):
         control.set_parameters("base", [ParameterValue(name=key, kind="double", value=-1.0)])
-    assert made.life.limit_ns == 2 * S
+    assert made.command_timeout.limit_ns == 2 * S
     assert {each.name: each for each in control.parameters("base")}[key].value == 2.0

@@ -131,7 +131,7 @@ def test_odometry_without_a_pose_is_so_in_the_sample(only_twist):
 def test_its_interfaces_are_upstreams():
     base = Robot().base
     assert base.command_interface_names() == base.state_interface_names() == ["t/velocity", "s/position"]
-    assert (base.reference_interfaces(), base.topic, base.life.limit_ns) == ((), "cmd_vel", 500_000_000)
+    assert (base.reference_interfaces(), base.topic, base.command_timeout.limit_ns) == ((), "cmd_vel", 500_000_000)
 
 
 def test_limits_can_be_set_while_it_runs():

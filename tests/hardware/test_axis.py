@@ -145,7 +145,7 @@ def test_a_drive_that_nobody_sees_is_told_to_quick_stop_and_then_to_take_its_pow
     assert status.blind_word(0) == 0x02
     assert status.blind_word(BLIND_STOP_NS - 1) == 0x02
     assert status.blind_word(BLIND_STOP_NS) == 0
-    status.node_ready()
+    status.restart()
     status.node_lost(5 * BLIND_STOP_NS)
     assert status.blind_word(5 * BLIND_STOP_NS) == 0x02
 

@@ -114,7 +114,7 @@ def test_a_drive_that_does_nothing_it_is_told_is_escalated_to_the_end_in_time(ho
 def test_a_target_that_stands_gives_a_stop_no_more_time():
     power = make(*REACHED)
     power.fire(PhaseTrigger.STOP, 5)
-    power.fire(PhaseTrigger.TARGET_STANDS, 1000)
+    power.fire(PhaseTrigger.TARGET_AT_STANDSTILL, 1000)
     assert power.deadline == 5 + LIMITS_NS[AxisPhase.BRAKING]
     assert power.since == 5
 
@@ -144,24 +144,24 @@ class Joint:
     """A joint and a drive that does what the walk says."""
 
     def __init__(self):
-        self.power = make()
-        self.can_enable = self.at_rest = False
+        self.statechart = make()
+        self.is_enabled_or_ready = self.at_rest = False
 
     @property
     def enable_requested(self):
-        return self.power.enable_requested
+        return self.statechart.enable_requested
 
     def has_settled(self, now):
         return self.at_rest
 
     def stop(self, now):
-        self.power.fire(PhaseTrigger.STOP, now)
+        self.statechart.fire(PhaseTrigger.STOP, now)
 
 
 OF_THE_DRIVE = [each for each in PhaseTrigger if not each.name.startswith("GROUP_")]
 STEPS = st.one_of(
     st.tuples(st.integers(0, 2), st.sampled_from(OF_THE_DRIVE)),
-    st.tuples(st.integers(0, 2), st.sampled_from(["can_enable", "at_rest"])),
+    st.tuples(st.integers(0, 2), st.sampled_from(["is_enabled_or_ready", "at_rest"])),
     st.just((0, "stop")),
 )
 
@@ -178,22 +178,22 @@ def test_the_joints_of_a_group_are_let_up_together_and_stop_together(cycles):
                 assert group.stop(now) == moved
                 assert not any(each.enable_requested for each in group.joints)
             elif isinstance(what, PhaseTrigger):
-                joint.power.fire(what, now)
+                joint.statechart.fire(what, now)
             else:
                 setattr(joint, what, not getattr(joint, what))
-        waiting = [each for each in group.joints if each.power.state is AxisPhase.RISING]
-        braking = [each for each in group.joints if each.power.falling]
+        waiting = [each for each in group.joints if each.statechart.state is AxisPhase.RISING]
+        braking = [each for each in group.joints if each.statechart.falling]
         group.coordinate(now)
-        states = [each.power.state for each in group.joints]
+        states = [each.statechart.state for each in group.joints]
         if AxisPhase.RISING in states or AxisPhase.RELEASED in states:
             assert AxisPhase.FOLLOWING not in states, "none moves while another one is on its way up"
-        let = [each for each in waiting if each.power.state is not AxisPhase.RISING]
+        let = [each for each in waiting if each.statechart.state is not AxisPhase.RISING]
         assert let in ([], waiting), "all of them or none"
-        assert not let or all(each.can_enable for each in waiting)
-        down = [each for each in braking if each.power.state is AxisPhase.DISABLING]
+        assert not let or all(each.is_enabled_or_ready for each in waiting)
+        down = [each for each in braking if each.statechart.state is AxisPhase.DISABLING]
         assert down in ([], braking)
         assert not down or all(each.at_rest for each in braking)
-        assert group.busy is any(each.power.rising or each.power.falling for each in group.joints)
+        assert group.busy is any(each.statechart.rising or each.statechart.falling for each in group.joints)
 
 
 def test_stopped_is_said_of_states_in_which_nothing_is_on_its_way():

@@ -20,19 +20,19 @@ class Joint:
     """As much of a joint as a group sees: its power, and what the drive says."""
 
     def __init__(self, *triggers, ready=False):
-        self.power = AxisStatechart(DriveMachine("a drive"))
+        self.statechart = AxisStatechart(DriveMachine("a drive"))
         for trigger in triggers:
-            self.power.fire(trigger, 0)
-        self.can_enable = self.at_rest = ready
+            self.statechart.fire(trigger, 0)
+        self.is_enabled_or_ready = self.at_rest = ready
         self.stopped = False
 
     @property
     def enable_requested(self):
-        return self.power.enable_requested
+        return self.statechart.enable_requested
 
     @property
     def state(self):
-        return self.power.state
+        return self.statechart.state
 
     def has_settled(self, now):
         return self.at_rest
@@ -52,13 +52,13 @@ def test_nobody_is_let_through_before_the_last_one_waits():
     group = group_of(first, last)
     group.coordinate(0)
     assert first.state is AxisPhase.RISING
-    last.can_enable = True
+    last.is_enabled_or_ready = True
     group.coordinate(0)
     assert first.state is last.state is AxisPhase.RELEASED
-    first.power.fire(PhaseTrigger.DRIVE_ENABLED, 0)
+    first.statechart.fire(PhaseTrigger.DRIVE_ENABLED, 0)
     group.coordinate(0)
     assert first.state is AxisPhase.ENABLED, "until the other is enabled"
-    last.power.fire(PhaseTrigger.DRIVE_ENABLED, 0)
+    last.statechart.fire(PhaseTrigger.DRIVE_ENABLED, 0)
     group.coordinate(0)
     assert first.state is last.state is AxisPhase.READY
     assert not group.busy
@@ -67,10 +67,10 @@ def test_nobody_is_let_through_before_the_last_one_waits():
 def test_one_that_is_enabled_lets_the_others_rest_until_it_is():
     first, last = Joint(*UP, PhaseTrigger.DRIVE_ENABLED, PhaseTrigger.GROUP_ENABLED, PhaseTrigger.MAY_MOVE), Joint(*UP)
     group = group_of(first, last)
-    assert first.power.following
+    assert first.statechart.following
     group.coordinate(0)
     assert first.state is AxisPhase.ENABLED
-    assert not first.power.following
+    assert not first.statechart.following
 
 
 def test_nobody_is_disabled_before_the_last_one_stands():
@@ -95,7 +95,7 @@ def test_a_group_is_looked_at_no_longer_than_one_of_it_rises_or_falls():
 def test_one_that_did_not_come_to_rest_in_time_keeps_nobody_any_more():
     first, last = Joint(*DOWN, ready=True), Joint(*DOWN)
     group = group_of(first, last)
-    last.power.fire(PhaseTrigger.OVERDUE, 0)
+    last.statechart.fire(PhaseTrigger.OVERDUE, 0)
     group.coordinate(0)
     assert (first.state, last.state) == (AxisPhase.DISABLING, AxisPhase.ESCALATED)
 
@@ -137,7 +137,7 @@ def test_two_bases_that_share_a_group_are_one():
 
 def test_a_base_of_which_a_part_is_enabled_is_stopped():
     joints = named(left="a", right="a")
-    joints["left"].power.fire(PhaseTrigger.ENABLE, 0)
+    joints["left"].statechart.fire(PhaseTrigger.ENABLE, 0)
     merge_base_groups(joints.values(), {"base": ("left", "right")}, 0)
     assert joints["left"].stopped
     assert not joints["right"].stopped

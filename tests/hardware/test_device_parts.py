@@ -379,7 +379,7 @@ def test_an_encoder_that_jumps_is_told_once_and_has_neither_position_nor_velocit
         bench.set(velocity=10.0)
         bench.run(500)
         assert bench.state("io/position") == pytest.approx(5.0, abs=0.5)
-        bench.device.switches.set("input_jump", True, bench.reactor.now())
+        bench.device.fault_switches.set("input_jump", True, bench.reactor.now())
         bench.run(100)
         assert math.isnan(bench.state("io/position"))
         assert math.isnan(bench.state("io/velocity"))

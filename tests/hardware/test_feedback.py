@@ -103,7 +103,7 @@ def test_a_step_that_no_motor_makes_is_a_jump_and_no_motion(jump):
     feedback.read(0)
     feedback.put(CYCLE, jump, 100)
     assert feedback.read(CYCLE) == jump
-    feedback.jumped_in_unit(math.nan)  # no velocity was sent: raises nothing
+    feedback.unit_mismatch_of_jump(math.nan)  # no velocity was sent: raises nothing
     assert feedback.states["position"].value == 0.0
     feedback.put(2 * CYCLE, jump + 500, 100)
     assert feedback.read(2 * CYCLE) == 0
@@ -202,9 +202,9 @@ def in_rpm(feedback, *, rpm, factor, cycles=40):
         position += rpm / 60.0 * COUNTS * math.tau * CYCLE / 1e9
         feedback.put(now, wrap_int32(round(position)), round(rpm * factor))
         if feedback.read(now):
-            jumps.append(feedback.jumped_in_unit())
+            jumps.append(feedback.unit_mismatch_of_jump())
         if cycle % 5 == 0:
-            told.append(feedback.turns_in_unit(now))
+            told.append(feedback.velocity_unit_mismatch(now))
     return [[None if each is None else each.text for each in found] for found in (told, jumps)]
 
 
@@ -271,7 +271,7 @@ def test_a_position_that_jumps_while_it_stands_is_no_unit():
     feedback.read(CYCLE)
     feedback.put(2 * CYCLE, 1_000_000, 0)
     assert feedback.read(2 * CYCLE) == 1_000_000
-    assert not feedback.jumped_in_unit()
+    assert not feedback.unit_mismatch_of_jump()
 
 
 def test_a_drive_in_rpm_is_recognised_while_it_still_gets_faster():
@@ -284,6 +284,6 @@ def test_a_drive_in_rpm_is_recognised_while_it_still_gets_faster():
         before = rpm
         feedback.put(cycle * CYCLE, round(position), rpm)
         if feedback.read(cycle * CYCLE):
-            jumps.append(feedback.jumped_in_unit())
+            jumps.append(feedback.unit_mismatch_of_jump())
     assert jumps
     assert all(jumps)

@@ -98,7 +98,7 @@ def test_a_homing_that_does_not_move_leaves_the_speeds_alone(slow):
 
 
 def test_there_is_no_homing_whose_speed_cannot_be_bounded(slow):
-    run, why = slow.joint(2).reference, []
+    run, why = slow.joint(2).home_position, []
     slow.joint(2).parameters.bound_homing = lambda done: done("0x6099:01 stays 65536, faster than the limit")
     slow.robot.axis(Action.HOME, "2", why.append, method=17)
     slow.until(lambda: why)

@@ -96,7 +96,7 @@ def test_a_wheel_behind_a_gear_does_not_turn_on_by_an_enable_with_the_command_fr
         bench.robot.command("wheels_velocity_controller", [0.3, 0.3], "test")
         bench.run(300)
         assert abs(bench.speed(2)) > 10000
-        switches = bench.drives[2].switches
+        switches = bench.drives[2].fault_switches
         for on in (True, False):
             switches.set("drive_fault", on, bench.reactor.now())
             bench.run(200)

@@ -64,7 +64,7 @@ def moving(joint):
 
 
 def stopping(joint):
-    joint.power.state = AxisPhase.BRAKING
+    joint.statechart.state = AxisPhase.BRAKING
 
 
 @pytest.mark.sources  # stand-ins for joints
@@ -155,7 +155,7 @@ def test_deactivating_stops_what_no_controller_moves(robby):
     robby.start()
     robby.hold(10.0, 10.0, ms=500)
     robby.robot.systems[0].deactivate()
-    assert [robby.joint(side).power.state for side in (LEFT, RIGHT)] == [AxisPhase.BRAKING] * 2
+    assert [robby.joint(side).statechart.state for side in (LEFT, RIGHT)] == [AxisPhase.BRAKING] * 2
     robby.run(2000)
     assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)
     assert not robby.joint(LEFT).machine.enabled
@@ -176,7 +176,7 @@ def test_releasing_the_interfaces_ramps_down_and_disables(robby):
     robby.start()
     robby.hold(10.0, 10.0, ms=500)
     robby.robot.switch([], ["robby_forward_controller"], strict=True)
-    assert all(joint.power.state is AxisPhase.BRAKING for joint in robby.robot.joints.values())
+    assert all(joint.statechart.state is AxisPhase.BRAKING for joint in robby.robot.joints.values())
     robby.until(lambda: robby.robot.systems[0].stopped)
     assert robby.speed(LEFT) == robby.speed(RIGHT) == 0
     robby.robot.switch(["robby_forward_controller"], [], strict=True)

@@ -329,7 +329,7 @@ def test_who_is_kept_or_waits_for_an_answer_does_not_make_way_while_another_is_i
         socket_path("robot", "kept"),
         lambda _: None,
         lambda connection, message: served.append((connection, message)),
-        keeps=lambda connection: int(connection.name[1:]) <= 64,
+        may_idle=lambda connection: int(connection.name[1:]) <= 64,
     )
     holder = type("Holder", (), {"server": server})
     peers = crowd(reactor, holder)

@@ -23,7 +23,7 @@ def followed(folder, change=lambda text: text, fault=None):
         for drive in arm.drives.values():
             drive.drives[0].meter.restart()
             if fault is not None:
-                drive.switches.set(fault, True, arm.reactor.now())
+                drive.fault_switches.set(fault, True, arm.reactor.now())
         begin = [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
         goal = TrajectoryGoal(planned(begin, ENDS))
         arm.robot.manager.get("arm_controller").send_goal(goal, arm.reactor.now())

@@ -15,7 +15,7 @@ from canopen_control.master.boot_pdos import (
     is_cob_id,
     keep_rtr_bit,
     matches,
-    needed,
+    needed_writes,
     reads_of,
     release_cob_ids,
 )
@@ -51,7 +51,7 @@ HELD = {
 
 
 def told(held):
-    return [(write.index, write.subindex, int.from_bytes(write.data, "little")) for write in needed(PDO, held)]
+    return [(write.index, write.subindex, int.from_bytes(write.data, "little")) for write in needed_writes(PDO, held)]
 
 
 def test_the_writes_of_one_pdo_belong_together_and_others_stand_alone():
@@ -132,9 +132,9 @@ def test_bit_30_is_the_devices_and_every_other_bit_the_plans(planned, own):
 @given(st.dictionaries(st.sampled_from(sorted(HELD)), st.sampled_from([b"", b"\0", b"\x01", bytes(4), b"\xff" * 4])))
 def test_after_the_needed_writes_nothing_is_needed_any_more(changes):
     held = {**HELD, **changes}
-    for write in needed(PDO, held):
+    for write in needed_writes(PDO, held):
         held[write.address] = write.data
-    assert needed(PDO, held) == []
+    assert needed_writes(PDO, held) == []
 
 
 CONTROLWORD = MappedObject(0x6040, 0, 16, DataType.UNSIGNED16)

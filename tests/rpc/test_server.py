@@ -23,8 +23,8 @@ class Store:
     def __init__(self):
         self.reactor, self.values, self.calls = Reactor(ManualClock()), {}, []
         self.server = Server(STORE, self.reactor, socket_path("robot", "store"), lambda: Hello("shelf"))
-        self.server.answers(Get, self.get)
-        self.server.answers(Put, self.put)
+        self.server.register(Get, self.get)
+        self.server.register(Put, self.put)
         self.peer = sockets.connect(socket_path("robot", "store"))
         self.peer.setblocking(False)
         self.buffer = b""
@@ -152,7 +152,7 @@ def test_what_is_pushed_comes_under_its_key_to_those_it_is_for(store):
 
 
 def test_who_waits_for_an_answer_does_not_make_way_as_the_idle_do(store):
-    store.server.answers(Get, store.calls.append)
+    store.server.register(Get, store.calls.append)
     store.tell({"id": 1, "method": "get", "params": {"key": "a"}})
     call, later = store.calls[0], store.reactor.now() + 1_000_000_000
     waiting = call.connection.eviction_order(later)
@@ -168,7 +168,7 @@ def test_who_asks_is_known_by_its_process(store):
 def test_a_method_that_nobody_answers_is_found_at_the_start(store):
     store.server.check()
     other = Server(STORE, store.reactor, socket_path("robot", "other"), lambda: Hello("empty"))
-    other.answers(Put, lambda call: call.reply(Done()))
+    other.register(Put, lambda call: call.reply(Done()))
     with pytest.raises(LookupError, match="no handler answers get of the store socket"):
         other.check()
     other.close()

@@ -227,7 +227,7 @@ def test_a_controllers_parameters_have_types_and_say_what_may_be_set(client, bas
 def test_what_is_set_is_read_back_and_reaches_the_controller(robby, client, base):
     assert put(client, base, cmd_vel_timeout=("double", 1.5), linear__x__max_velocity=("double", 0.3))["result"] == {}
     assert read(client, base)["cmd_vel_timeout"]["value"] == 1.5
-    assert robby.robot.manager.get(base).life.limit_ns == 1_500_000_000
+    assert robby.robot.manager.get(base).command_timeout.limit_ns == 1_500_000_000
     client.ask("configure", controller=base)
     assert read(client, base)["cmd_vel_timeout"]["value"] == 1.5, "it is kept when it is configured again"
     client.ask("unload", controller=base)

@@ -619,7 +619,7 @@ def test_a_stop_begins_in_the_next_cycle_and_takes_the_command_back(bench):
     robby.command(10.0, 10.0)
     robby.until(lambda: robby.speed(RIGHT) >= 9 * PPS)
     robby.robot.stop(lambda _error: None, by="the test")
-    assert not robby.robot.manager.get(FORWARD).life.live  # at once, whatever the drives do
+    assert not robby.robot.manager.get(FORWARD).command_timeout.live  # at once, whatever the drives do
     robby.run(60)
     assert robby.speed(RIGHT) < 9 * PPS
 

@@ -73,7 +73,7 @@ class World:
         hello = DriveHello(node_id=node_id)
         name = f"{bench.channel.replace('memory:', '')}-{node_id}"
         self.server = Server(DRIVE, bench.reactor, socket_path("drive", name), lambda: hello)
-        self.server.answers(GetWorld, self.answer)
+        self.server.register(GetWorld, self.answer)
 
     def answer(self, call):
         self.asked += 1

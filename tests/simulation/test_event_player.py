@@ -27,12 +27,12 @@ def test_a_newer_publisher_replaces_the_one_before(played):
 
 def test_a_fault_goes_on_and_off(played):
     played.do("fault", 3, 0.7, name="heartbeat_lost").run(0.65)
-    assert played.robot.drives[3].device.switches.active == ["heartbeat_lost"]
+    assert played.robot.drives[3].device.fault_switches.active == ["heartbeat_lost"]
     assert "node_lost" in played.kinds or any("heartbeat" in event.text for event in played.events)
     played.run(0.1)
-    assert played.robot.drives[3].device.switches.active == []
+    assert played.robot.drives[3].device.fault_switches.active == []
     played.do("fault", 3, name="warning").run(0.1).do("heal", 3, name="warning").run(0.1)
-    assert played.robot.drives[3].device.switches.active == []
+    assert played.robot.drives[3].device.fault_switches.active == []
 
 
 def test_a_quirk_goes_on_and_off(played):

@@ -25,7 +25,7 @@ def test_a_robot_that_is_enabled_stopped_and_killed_walks_what_it_does(played: P
     assert ("axis power", "OFF", "ENABLE") not in walked
     assert ("axis power", "OFF", "ENABLE") in left_out(walked)
     played.do("kill", seconds=0.5).run(0.55)
-    coverage.sampled()
+    coverage.on_sample()
     played.run(1.0)
     assert coverage.walked["axis power", "OFF", "ENABLE"] >= 2
     assert ("NMT", "PRE_OPERATIONAL", "OPERATIONAL") in coverage.walked

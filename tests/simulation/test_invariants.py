@@ -37,8 +37,8 @@ def test_running_while_a_drive_is_in_fault_or_silent_is_told_once(judged, monkey
 
 def test_an_error_of_the_program_is_told(judged):
     judged.robot.errors.append(ValueError("no"))
-    judged.rules.sampled(judged.robot.now_ns)
-    judged.rules.sampled(judged.robot.now_ns)
+    judged.rules.on_sample(judged.robot.now_ns)
+    judged.rules.on_sample(judged.robot.now_ns)
     assert judged.told == [("program_error", "ValueError: no")]
 
 
@@ -46,7 +46,7 @@ def test_memory_that_grows_is_told(judged, monkeypatch):
     weights = iter((1000, 50_000, 80_000))
     monkeypatch.setattr(sys, "getallocatedblocks", lambda: next(weights))
     for minute in range(1, 4):
-        judged.rules.sampled(judged.robot.now_ns + 61 * minute * S)
+        judged.rules.on_sample(judged.robot.now_ns + 61 * minute * S)
     assert judged.broken.count("memory") == 1
 
 

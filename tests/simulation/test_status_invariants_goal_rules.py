@@ -29,8 +29,8 @@ class Rules:
         self.requested = self.goals.requested
 
     def sampled(self, now):
-        self.faces.sampled(now)
-        self.goals.sampled(now)
+        self.faces.on_sample(now)
+        self.goals.on_sample(now)
 
 
 @pytest.fixture

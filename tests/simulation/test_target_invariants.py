@@ -141,7 +141,7 @@ def test_a_drive_that_computes_late_is_compared_with_the_speed_of_its_own_time(j
     monkeypatch.setattr(_Followed, "ramp", recorded)
     judged.drive(3.0, 3.0, seconds=1.0).run(0.5)
     drives = [node.device.drives[0] for node in judged.robot.drives.values()]
-    judged.rules.sampled(judged.robot.now_ns + 15 * MS)  # no drive has computed for 15 ms
+    judged.rules.on_sample(judged.robot.now_ns + 15 * MS)  # no drive has computed for 15 ms
     assert times[-2:] == [drive.mover.time for drive in drives]
 
 

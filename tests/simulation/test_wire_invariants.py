@@ -50,7 +50,7 @@ def test_a_sync_and_a_heartbeat_in_time_are_no_news_late_ones_are(judged):
 def test_who_cannot_send_is_not_late(judged):
     judged.hear(0x080)
     judged.wire.cut.add(MASTER)
-    judged.rules.sampled(judged.now)
+    judged.rules.on_sample(judged.now)
     judged.wire.cut.clear()
     judged.hear(0x080, after=500 * MS)
     assert judged.told == []
@@ -80,7 +80,7 @@ def test_a_request_before_the_answer_is_told(judged):
 def test_a_request_after_an_abort_that_may_be_lost_is_no_news(judged):
     judged.wire.lost.append(DropRule("", every=2))
     judged.hear(0x603, READ)
-    judged.rules.sampled(judged.now)
+    judged.rules.on_sample(judged.now)
     judged.wire.lost.clear()
     judged.hear(0x603, READ, after=MS)
     assert judged.told == []
@@ -94,11 +94,11 @@ def test_blocks_are_not_requests(judged):
 
 
 def test_a_bus_beyond_its_budget_is_told(judged):
-    judged.rules.sampled(judged.now)
+    judged.rules.on_sample(judged.now)
     judged.wire._wire.bits += 500_000
-    judged.rules.sampled(judged.now + S)
+    judged.rules.on_sample(judged.now + S)
     assert judged.told == ["bus_budget"]
-    judged.rules.sampled(judged.now + 2 * S)
+    judged.rules.on_sample(judged.now + 2 * S)
     assert judged.told == ["bus_budget"]
 
 

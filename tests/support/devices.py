@@ -98,5 +98,5 @@ def virtual(number):
 def put(bench, **values):
     """Set inputs of a device on a bench, and return the frames it sends for that."""
     bench.node.function.set_signals(values, bench.now)
-    bench.node.follow(bench.now)
+    bench.node.send_changes(bench.now)
     return bench.collect()

@@ -31,7 +31,7 @@ class FaultBench(Bench):
         """Switch a fault of the virtual drive on or off."""
         node = self.victim if node is None else node
         drive = self.drives[node]
-        drive.switches.set(name, on, self.reactor.now())
+        drive.fault_switches.set(name, on, self.reactor.now())
         self.hosts[node].wake(drive)
         if on:
             self.began = self.reactor.now()

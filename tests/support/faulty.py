@@ -12,7 +12,7 @@ class Faulty(Bench):
 
     def __init__(self, node):
         super().__init__(node)
-        self.board = node.switches or FaultSwitches(node)
+        self.board = node.fault_switches or FaultSwitches(node)
 
     def set(self, name, on=True):
         self.board.set(name, on, self.now)

@@ -16,7 +16,7 @@ def say(connection, message):
     (connection.answer if "id" in message else connection.send)(line_of(message))
 
 
-def complaint(kind, message):
+def error_line(kind, message):
     return line_of({"error": {"kind": kind, "message": message}})
 
 
@@ -29,4 +29,4 @@ def json_server(reactor, path, on_connect, on_message, on_close=lambda _connecti
             connection.expect_answer()
         on_message(connection, message)
 
-    return LineServer(reactor, path, on_connect, on_line, on_close, complaint=complaint, **options)
+    return LineServer(reactor, path, on_connect, on_line, on_close, error_line=error_line, **options)

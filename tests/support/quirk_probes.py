@@ -48,4 +48,4 @@ def check_switched(quirk, probe, node=servo):
     other.set(quirk, on=False)
     assert other.quirks.active == []
     assert not probe(other)
-    assert other.node.filter is None or other.node.switches.active
+    assert other.node.filter is None or other.node.fault_switches.active

@@ -22,7 +22,7 @@ class Quirky(Bench):
         self.collect()
 
     def break_with(self, fault):
-        self.node.switches.set(fault, True, self.now)
+        self.node.fault_switches.set(fault, True, self.now)
         self.collect()
 
     def reboot(self, seconds=0.1):

@@ -89,6 +89,6 @@ class Judged(Played):
         for _ in range(round(seconds / 0.02)):
             self.robot.run_for(20 * MS)
             if self.rules is not None:
-                self.disturbed.sampled(self.robot.now_ns)
-                self.rules.sampled(self.robot.now_ns)
+                self.disturbed.on_sample(self.robot.now_ns)
+                self.rules.on_sample(self.robot.now_ns)
         return self

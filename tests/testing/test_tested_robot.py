@@ -59,7 +59,7 @@ def test_a_latched_stop_is_released_and_a_fault_healed(robot):
     robot.drives[3].fault("warning")
     robot.drives[3].clear_fault("warning")
     robot.run(0.1)
-    assert robot.simulated.drives[3].device.switches.active == []
+    assert robot.simulated.drives[3].device.fault_switches.active == []
 
 
 def test_quirks_from_the_power_on_and_while_it_runs():

@@ -26,7 +26,7 @@ def test_a_fault_is_switched_on_and_off(left):
     client = FaultClient(NODES)
     name = client.faults("left")[0].name
     assert client.switch("left", name, on=True) == [name]
-    assert read_faults(client).active["left"] == left.switches.active == [name]
+    assert read_faults(client).active["left"] == left.fault_switches.active == [name]
     assert client.switch("left", name, on=False) == []
 
 

@@ -78,7 +78,7 @@ def test_devices_without_files_are_plain_nodes_with_their_ids_as_serials():
     assert [node.node_id for node in devices.nodes] == [2, 3]
     assert [node.get(0x1018, 4) for node in devices.nodes] == [2, 3]
     assert (devices.timeline, type(devices.world)) == ((), IndependentPlants)
-    assert [Bench(node).node.switches.active for node in devices.nodes] == [["warning"]] * 2
+    assert [Bench(node).node.fault_switches.active for node in devices.nodes] == [["warning"]] * 2
 
 
 def test_serials_count_up():

@@ -276,8 +276,8 @@ def test_rpdos_that_come_late_show_their_phase_and_one_that_is_lost_is_missed():
     lossy = streamed(fault("rpdo_lost"))
     assert (lossy.quality.missed, lossy.quality.taken) == (1, 100)
     for b, seam in ((late, late.node.pdos.input.delay_ns), (lossy, lossy.node.pdos.input.lost)):
-        for name in b.node.switches.active:
-            b.node.switches.set(name, False, b.now)
+        for name in b.node.fault_switches.active:
+            b.node.fault_switches.set(name, False, b.now)
         assert seam.value == 0
 
 
@@ -310,7 +310,7 @@ def test_an_error_of_the_hardware_is_reported_and_taken_back():
 @pytest.mark.parametrize(("number", "name"), [(0, "input_stuck"), (401, "drive_fault")])
 def test_a_fault_of_inputs_is_refused_by_a_drive_and_one_of_axes_by_a_module(number, name):
     node = virtual(number).node if number else bench().node
-    switches = node.switches or FaultSwitches(node)
+    switches = node.fault_switches or FaultSwitches(node)
     for act in (lambda: switches.set(name, True, 0), lambda: switches.schedule(name)):
         with pytest.raises(ConfigError, match=f"{name} is possible only on "):
             act()

@@ -25,11 +25,11 @@ def test_with_nothing_on_there_is_nothing_in_the_way():
 
 def test_planned_faults_come_at_their_time_after_the_start():
     bench = Bench(servo(faults=("warning", "local_control@2s")))
-    assert bench.node.switches.active == ["warning"]
+    assert bench.node.fault_switches.active == ["warning"]
     bench.on(1.99)
-    assert bench.node.switches.active == ["warning"]
+    assert bench.node.fault_switches.active == ["warning"]
     bench.on(0.02)
-    assert set(bench.node.switches.active) == {"warning", "local_control"}
+    assert set(bench.node.fault_switches.active) == {"warning", "local_control"}
     switched = [(event.name, event.on) for event in bench.events if isinstance(event, FaultSwitched)]
     assert switched == [("warning", True), ("local_control", True)]
 
@@ -79,9 +79,9 @@ def test_a_second_node_is_the_same_device_with_another_serial_and_a_life_of_its_
 
 def test_nobody_is_told_what_happens_to_a_second_node():
     bench = Bench(servo())
-    bench.node.switches.set("second_node", True, bench.now)
+    bench.node.fault_switches.set("second_node", True, bench.now)
     bench.collect()
     bench.events.clear()
     bench.start()
     assert len([event for event in bench.events if isinstance(event, NmtStateChanged)]) == 1
-    assert bench.node.switches._second.events() == []
+    assert bench.node.fault_switches._second.events() == []

@@ -37,9 +37,9 @@ def test_what_a_fault_does_at_a_seam_ends_with_it():
     assert len(all_seams) > 15
     used, first = set(), {id(seam): seam.value for seam in all_seams}  # a quirk changes what is healthy too
     for name in (name for name, each in FAULTS.items() if each.acts not in ("input", "output", "program")):
-        bench.node.switches.set(name, True, bench.now)
+        bench.node.fault_switches.set(name, True, bench.now)
         used |= {id(seam) for seam in all_seams if seam.value != first[id(seam)]}
-        if name in bench.node.switches.active:
-            bench.node.switches.set(name, False, bench.now)
+        if name in bench.node.fault_switches.active:
+            bench.node.fault_switches.set(name, False, bench.now)
         assert all(seam.value == seam.healthy == first[id(seam)] for seam in all_seams), name
     assert used == {id(seam) for seam in all_seams}, "a seam that no fault uses"

@@ -257,7 +257,7 @@ def put_of_whole(bench, **values):
     """Set inputs and return what is sent for it, by identifier."""
     before = len(bench.seen)
     bench.node.function.set_signals(values, bench.now)
-    bench.node.follow(bench.now)
+    bench.node.send_changes(bench.now)
     bench.collect()
     return {frame.can_id: frame.data for _, frame in bench.seen[before:]}
 

@@ -114,7 +114,7 @@ def test_steps_happen_in_their_time_and_one_that_cannot_is_told():
         active = []
         for _ in range(4):
             reactor.run_for(S + 1)
-            active.append(list(node.switches.active))
+            active.append(list(node.fault_switches.active))
         assert active[:2] == [["silent"], []]
         assert node.drives[0].mover.plant.external == -50.0
         assert said == ["node 5: scenario: plant: 'colour' is not a number of this plant"]

@@ -223,8 +223,8 @@ def test_a_tree_is_read_freely_and_lies_over_another():
     assert a.value == {"b": [1, "two"], "c": {"d": 16}}
     assert [key for key, _ in a.items()] == ["b", "c"]
     assert a.get("nothing") is None
-    assert a.over(z).value == {"c": {"e": 5, "d": 16}, "k": 3, "b": [1, "two"]}
-    both = a.over(z).get("c")
+    assert a.merged_over(z).value == {"c": {"e": 5, "d": 16}, "k": 3, "b": [1, "two"]}
+    both = a.merged_over(z).get("c")
     assert both is not None
     assert (both.line, both.where) == (1, "a.c")
     assert convert(a, int, 7) == 7

@@ -362,7 +362,7 @@ class JointTrajectoryController(Controller):
         group.wrap[:] = self._acceptance.continuous
         self._follower.limiter = self._acceptance.point_limiter()
         self.stamp, self.goal = 0, None
-        self.life.end()
+        self.command_timeout.end()
         group.actual = group.blank()
         group.read()
         if params.set_last_command_interface_value_as_state_on_activation:
@@ -381,12 +381,12 @@ class JointTrajectoryController(Controller):
         """Abort the goal; the joints brake, or are released if a joint does not follow commands."""
         del now
         self._waiting = self._group.waits_for()
-        why = self.life.ended_by or "a stop was requested"
-        self.life.end()
+        why = self.command_timeout.ended_by or "a stop was requested"
+        self.command_timeout.end()
         if self._waiting is not None:
             self._give_up(self._waiting)
             return
-        client = self.life.source or "an unnamed client"
+        client = self.command_timeout.source or "an unnamed client"
         text = f"{why}, so the command of {client} was aborted; send it again once the joints are enabled"
         self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, text)
         self._brake()
@@ -504,7 +504,7 @@ class JointTrajectoryController(Controller):
     def _queue(self, message: JointTrajectory, now: int) -> None:
         self._follower.follow(message)
         self._follower.limited = None
-        self.life.give(now)
+        self.command_timeout.start(now)
 
     # ----------------------------------------------------------------------------------------------------- cycle
 
@@ -588,7 +588,7 @@ class JointTrajectoryController(Controller):
 
     def _brake(self) -> None:
         """Brake at the configured decelerations if all joints have one, else at once; then hold."""
-        self.life.end()
+        self.command_timeout.end()
         if not self.params.decelerate_on_cancel or self._acceptance.cannot_brake() is not None:
             self._follower.hold()
             return
@@ -602,6 +602,6 @@ class JointTrajectoryController(Controller):
                 self.report("trajectory_ended", f"{text}; the joints are held")
             return
         goal.end(state, code, text)
-        self.life.end()
+        self.command_timeout.end()
         if state is not GoalState.SUCCEEDED:
             self.report(f"goal_{state.value}", text)

@@ -234,8 +234,8 @@ def test_the_death_of_the_sender_ends_the_goal_in_a_decelerated_hold():
         constraints={"decelerate_on_cancel": True, **{each: {"max_deceleration_on_cancel": 2.0} for each in JOINTS}}
     )
     goal = arm.send((1.0, 1.0))
-    sender = arm.controller.life.holder = object()
-    arm.controller.life.source = "test"
+    sender = arm.controller.command_timeout.holder = object()
+    arm.controller.command_timeout.source = "test"
     assert arm.manager.running.clients_with_commands == {sender}
     arm.run(40)
     where = arm.positions()[0]
