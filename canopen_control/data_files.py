@@ -38,9 +38,9 @@ def data_names(kind: str) -> list[str]:
 
 
 def read_limited(path: Path, limit: int) -> bytes:
-    """Return the bytes of a regular file; ValueError for a folder, a device, or more than `limit` bytes.
+    """Return the bytes of a regular file; raise ValueError for a folder, a device, or more than `limit` bytes.
 
-    OSError as raised by `open`.
+    Raise OSError as raised by `open`.
     """
     if path.exists() and not path.is_file():
         raise ValueError("it is a folder" if path.is_dir() else "it is not a regular file")

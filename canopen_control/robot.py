@@ -69,7 +69,7 @@ class Robot:
         drives: bool = True,
         xacro: Mapping[str, str] | None = None,
     ) -> Robot:
-        """Create a robot from its files, for `start` or a `with` block; ConfigError for invalid files.
+        """Create a robot from its files, for `start` or a `with` block; raise ConfigError for invalid files.
 
         `can`, `name` and `mock` are as the options `--can`, `--as` and `--mock`; `controllers` are to be activated.
         `drives=False` starts no virtual drives. `xacro` are the arguments of the description.
@@ -88,7 +88,10 @@ class Robot:
 
     @classmethod
     def attach(cls, name: str | None = None) -> Robot:
-        """Connect to the running robot with this name (None: the only one); ConfigError if none or several match."""
+        """Connect to the running robot with this name (None: the only one).
+
+        Raise ConfigError if none or several match.
+        """
         robot = cls(select_robot(name))
         robot.start()
         return robot
@@ -105,7 +108,7 @@ class Robot:
     def start(self) -> None:
         """Boot the robot of `from_config` and return once it runs, or connect to an already running robot.
 
-        CanopenError if the start or the connection fails.
+        Raise CanopenError if the start or the connection fails.
         """
         if self._background is not None:
             self._background.start()
@@ -223,7 +226,7 @@ class Robot:
         """Read an object by name or by index and subindex; return bytes if the object is not in the EDS.
 
         `node` is a name or a node id, `item` is for example "Statusword" (a name in the EDS), "0x1018:01" or 0x6041.
-        RemoteProtocolError if the node aborts the transfer or does not answer.
+        Raise RemoteProtocolError if the node aborts the transfer or does not answer.
         """
         from canopen_control.od.codec import decode
 
@@ -239,7 +242,7 @@ class Robot:
     def sdo_write(self, node: str | int, item: str | int, value: Value, subindex: int = 0) -> None:
         """Write an object, encoded in the data type of the EDS; `value` must be bytes if the object is not in the EDS.
 
-        `node` and `item` are as in `sdo_read`. ConfigError for a value that does not fit the data type.
+        `node` and `item` are as in `sdo_read`. Raise ConfigError for a value that does not fit the data type.
         """
         from canopen_control.od.codec import encode
 
@@ -261,7 +264,7 @@ class Robot:
         return self._ask_node(reading, request, seconds).data
 
     def sdo_download(self, node: str | int, index: int, subindex: int, data: bytes) -> None:
-        """Write the bytes of an object; ConfigError for more than `MAX_OBJECT` bytes."""
+        """Write the bytes of an object; raise ConfigError for more than `MAX_OBJECT` bytes."""
         reading = self._find_node(node)
         if len(data) > MAX_OBJECT:
             raise ConfigError(f"{len(data)} bytes are more than {MAX_OBJECT}, the limit for transfers through a robot")

@@ -153,7 +153,7 @@ def _bcm(inode: str, proc: Path) -> tuple[str | None, tuple[tuple[int, int], ...
 
 
 def _borrowed(pid: int, descriptor: int, protocol: str) -> tuple[str, int | None]:
-    """Return interface and number of identifiers of a socket in another process; OSError if access is denied."""
+    """Return interface and number of identifiers of a socket in another process; raise OSError if access is denied."""
     process = os.pidfd_open(pid)
     try:
         number = _pidfd_getfd(process, descriptor)
@@ -287,7 +287,7 @@ class InterfaceCommand(NamedTuple):
 
 
 def run_command(argv: Sequence[str]) -> CommandResult:
-    """Run a command to its end; OSError if it cannot be started."""
+    """Run a command to its end; raise OSError if it cannot be started."""
     done = subprocess.run(argv, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
     return CommandResult(done.returncode, done.stdout, done.stderr.strip())
 
@@ -362,7 +362,7 @@ def _link(entry: _Entry) -> CanInterface:
 
 
 def list_can_interfaces(run: Run = run_command) -> list[CanInterface]:
-    """Return all CAN interfaces; ConfigError if iproute2 is missing or fails."""
+    """Return all CAN interfaces; raise ConfigError if iproute2 is missing or fails."""
     try:
         result = run(("ip", "-json", "-details", "-statistics", "link", "show"))
     except OSError as error:
@@ -461,7 +461,7 @@ def bring_up(
 ) -> None:
     """Bring an interface up with these settings and report each step.
 
-    ConfigError with the commands to type if rights are missing, or with the missing or refused setting.
+    Raise ConfigError with the commands to type if rights are missing, or with the missing or refused setting.
     """
     link = find_can_interface(name, run)
     commands = up_commands(name, link, bitrate=bitrate, restart_ms=restart_ms, sample_point=sample_point)
@@ -471,7 +471,7 @@ def bring_up(
 
 
 def bring_down(name: str, report: Callable[[str], None], *, run: Run = run_command) -> None:
-    """Bring an interface down; a virtual interface continues to exist. ConfigError as for `bring_up`."""
+    """Bring an interface down; a virtual interface continues to exist. Raise ConfigError as for `bring_up`."""
     link = find_can_interface(name, run)
     if link is None:
         raise ConfigError(f"no CAN interface {name!r}; {_LIST}")
@@ -504,7 +504,7 @@ def _problem(command: InterfaceCommand, run: Run) -> str:
 
 
 def _privilege(name: str, commands: Sequence[InterfaceCommand], run: Run) -> tuple[str, ...]:
-    """Return the command prefix for root permissions (empty for root); ConfigError if none is available."""
+    """Return the command prefix for root permissions (empty for root); raise ConfigError if none is available."""
     if os.geteuid() == 0:
         return ()
     if shutil.which("sudo") and run(("sudo", "-n", "true")).returncode == 0:

@@ -84,7 +84,7 @@ class ChannelSpec:
 
 
 def parse_channel(text: str) -> ChannelSpec:
-    """Return the parts of a channel name; ConfigError, with the valid forms, if it is invalid."""
+    """Return the parts of a channel name; raise ConfigError, with the valid forms, if it is invalid."""
     prefix, colon, name = text.partition(":")
     if not colon:
         return _network_interface(text)
@@ -174,7 +174,7 @@ def open_port(channel: str, *, label: str = "", join: bool = False) -> Port:
     """Open a channel; `label` names the port to the other ports of a ``local:`` or ``memory:`` bus.
 
     With `join` a ``local:`` bus that is not open raises `BusNotOpen` instead of being created, for callers that only
-    listen or query. ConfigError for an invalid name; `InterfaceNotFound`, `InterfaceDown` or another `BusError`.
+    listen or query. Raise ConfigError for an invalid name; `InterfaceNotFound`, `InterfaceDown` or another `BusError`.
     """
     spec = parse_channel(channel)
     if join and spec.kind is ChannelKind.LOCAL:

@@ -64,7 +64,10 @@ class KernelSync:
         return None
 
     def start(self, period_us: int) -> None:
-        """Start cyclic transmission by the kernel every `period_us`, the first frame at once; BusError if refused."""
+        """Start cyclic transmission by the kernel every `period_us`, the first frame at once.
+
+        Raise BusError if refused.
+        """
         self._set_up(period_us, _SET_TIMER | _START_TIMER | _FROM_THE_FIRST)
 
     def _set_up(self, period_us: int, flags: int) -> None:
@@ -77,7 +80,7 @@ class KernelSync:
             raise _explained(self.interface, error) from error
 
     def adjust(self, period_us: int) -> None:
-        """Change the period after the next frame, without an additional frame; BusError if the kernel refuses."""
+        """Change the period after the next frame, without an additional frame; raise BusError if the kernel refuses."""
         self._set_up(period_us, _SET_TIMER)
 
     def close(self) -> None:

@@ -205,7 +205,7 @@ class LocalPort:
 def greet(sock: socket.socket, name: str, label: str) -> LocalPort | None:
     """Exchange greetings with the hub on a new connection; return None if the hub has closed it.
 
-    BusError if the hub has another version or does not answer. The socket is closed unless a port is returned.
+    Raise BusError if the hub has another version or does not answer. The socket is closed unless a port is returned.
     """
     try:
         sock.settimeout(_GREETING_TIMEOUT_S)
@@ -239,7 +239,7 @@ def _read_hello(sock: socket.socket) -> Hello | None:
 
 
 def open_local(name: str, label: str = "") -> LocalPort:
-    """Open a port on a ``local:`` bus, starting its hub if necessary; BusError if that fails."""
+    """Open a port on a ``local:`` bus, starting its hub if necessary; raise BusError if that fails."""
     path = socket_path("bus", name)
     port = _join(path, name, label)
     if port is not None:

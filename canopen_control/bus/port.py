@@ -81,16 +81,16 @@ class Port(Protocol):
         """Return the descriptor that is readable when `receive` or `events` may return something."""
 
     def receive(self) -> bytes:
-        """Return the received whole records, or ``b""``; BusClosed when the channel is gone."""
+        """Return the received whole records, or ``b""``; raise BusClosed when the channel is gone."""
 
     def send(self, records: Records) -> None:
         """Send whole records in order; queue those that the channel does not accept, dropping the oldest when full.
 
-        BusClosed when the channel is gone.
+        Raise BusClosed when the channel is gone.
         """
 
     def flush(self) -> None:
-        """Send queued records as far as the channel accepts them; BusClosed when the channel is gone."""
+        """Send queued records as far as the channel accepts them; raise BusClosed when the channel is gone."""
 
     def events(self) -> list[BusEvent]:
         """Return the events since the last call."""
@@ -100,7 +100,7 @@ class Port(Protocol):
 
 
 def whole_records(records: Records) -> int:
-    """Return the number of records; LocalProtocolError if the last record is incomplete."""
+    """Return the number of records; raise LocalProtocolError if the last record is incomplete."""
     size = len(records)
     if size % RECORD_SIZE:
         raise LocalProtocolError(f"{size} bytes are not a whole number of {RECORD_SIZE}-byte records")

@@ -49,7 +49,7 @@ class Stamping(Protocol):
     def receive_stamped(self) -> tuple[bytes, list[int]]:
         """Return the records of `receive` and the monotonic time of each in ns (0: unknown).
 
-        BusClosed when the channel is gone.
+        Raise BusClosed when the channel is gone.
         """
 
 
@@ -96,7 +96,7 @@ class Arrivals:
             self._stamping.ask_stamps()
 
     def receive(self) -> tuple[bytes, list[int]]:
-        """Return the waiting records and the monotonic time of each in ns; BusClosed when the channel is gone."""
+        """Return the waiting records and the monotonic time of each in ns; raise BusClosed when the channel is gone."""
         if self._stamping is not None:
             records, stamps = self._stamping.receive_stamped()
         else:

@@ -312,7 +312,7 @@ _PACKED: Final = ".gz"
 
 
 def format_of(path: str | Path, *, writing: bool = False) -> str:
-    """Return the suffix of a recording's format, without .gz; ConfigError for an unsupported format."""
+    """Return the suffix of a recording's format, without .gz; raise ConfigError for an unsupported format."""
     path = Path(path)
     suffix = Path(path.stem).suffix.lower() if _is_packed(path) else path.suffix.lower()
     if suffix not in FORMATS:
@@ -365,7 +365,7 @@ class RecordingWriter:
         self.close()
 
     def write(self, time_ns: int, frame: CanFrame) -> None:
-        """Append a frame with its Unix time in ns; DiskFull if the disk is full."""
+        """Append a frame with its Unix time in ns; raise DiskFull if the disk is full."""
         if not self._format.holds(frame):
             self.left_out += 1
             return
@@ -384,7 +384,7 @@ class RecordingWriter:
     def flush(self) -> None:
         """Pass the written frames to the operating system, as far as the format allows.
 
-        DiskFull if the disk is full.
+        Raise DiskFull if the disk is full.
         """
         file = self._file
         if file is not None and not file.closed:
@@ -532,7 +532,7 @@ def play(
 ) -> None:
     """Send `frames` at `speed` times the recorded rate; `played` counts them, even if the call is interrupted.
 
-    A time before the previous one (the clock was set back) counts as no delay. BusClosed when the bus is gone.
+    A time before the previous one (the clock was set back) counts as no delay. Raise BusClosed when the bus is gone.
     """
     begin, newest = clock(), 0
     first: int | None = None

@@ -246,7 +246,10 @@ class BaseLink:
         raise ControlError("the robot sends no more messages")
 
     def _odometry(self, state: StateSample, begun: float) -> OdometrySample | None:
-        """Return the odometry in a state sample, or None before the first; ControlError if the base may not move."""
+        """Return the odometry in a state sample, or None before the first.
+
+        Raise ControlError if the base may not move.
+        """
         if state.latched:
             raise ControlError(f"STOP, by {state.latched_by or 'an unnamed client'}")
         if state.hint is not None:

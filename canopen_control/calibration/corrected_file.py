@@ -48,7 +48,7 @@ class _Edit:
 
 
 def given_in(path: Path, controller: str, names: Sequence[str]) -> dict[str, float | None]:
-    """Return a controller's parameters in a file (None: missing); ConfigError if the controller is missing."""
+    """Return a controller's parameters in a file (None: missing); raise ConfigError if the controller is missing."""
     flat = _flat(read_controllers(path), controller)
     return {name: _number(flat, name) for name in names}
 

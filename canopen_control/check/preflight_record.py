@@ -197,7 +197,7 @@ def config_hash(setup: RobotSetup) -> str:
 def read_serials(setup: RobotSetup) -> dict[str, int | None]:
     """Read the serial number (0x1018:04) of every node; 0 if the node has none, None without a response.
 
-    BusError if a channel cannot be opened.
+    Raise BusError if a channel cannot be opened.
     """
     serials: dict[str, int | None] = {}
     for name, bus in setup.buses.items():
@@ -258,7 +258,7 @@ def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[
 def slow_reason(setup: RobotSetup) -> SlowReason | None:
     """Return why full speed is not permitted, by record and serial numbers, or None if it is.
 
-    BusError if a channel cannot be opened.
+    Raise BusError if a channel cannot be opened.
     """
     joints = tuple(part.name for tag in setup.description.hardware for part in tag.joints if _turns(setup, part))
     if not joints:  # such as a robot of I/O modules

@@ -117,7 +117,10 @@ def state_of_byte(value: int) -> NmtState | None:
 
 
 def nmt_frame(command: NmtCommand, node_id: int = BROADCAST) -> CanFrame:
-    """Return the command frame for `node_id` (0: all nodes); LocalProtocolError for a node id outside 0 to 127."""
+    """Return the command frame for `node_id` (0: all nodes).
+
+    Raise LocalProtocolError for a node id outside 0 to 127.
+    """
     if not 0 <= node_id <= MAX_NODE_ID:
         msg = f"NMT {command.name}: node id {node_id} is out of range, 0 to {MAX_NODE_ID}"
         raise LocalProtocolError(msg)

@@ -72,7 +72,10 @@ def parse_mapping_entry(value: int) -> tuple[int, int, int]:
 
 
 def dummy(data_type: DataType) -> MappedObject:
-    """Return the RPDO mapping entry that skips a value of `data_type`; LocalProtocolError if not in `DUMMY_TYPES`."""
+    """Return the RPDO mapping entry that skips a value of `data_type`.
+
+    Raise LocalProtocolError if not in `DUMMY_TYPES`.
+    """
     if data_type not in DUMMY_TYPES:
         msg = f"{data_type.name} cannot fill a gap in a PDO; use one of the data types 1 to 7"
         raise LocalProtocolError(msg)

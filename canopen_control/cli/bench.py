@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _command() -> ModuleType:
-    """Import and return the command module of the benchmark; ConfigError if its package is not installed."""
+    """Import and return the command module of the benchmark; raise ConfigError if its package is not installed."""
     try:
         from canopen_control_bench import command
     except ModuleNotFoundError as error:

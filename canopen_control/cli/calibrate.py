@@ -149,7 +149,7 @@ def _report(outcome: CalibrationResult, controller: str, copy: _YamlCopy) -> Non
 
 
 def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -> Ends:
-    """Return the source of the true end positions; ConfigError if none is available."""
+    """Return the source of the true end positions; raise ConfigError if none is available."""
     from canopen_control.calibration.base_link import TypedEnds, read_ends
     from canopen_control.calibration.umbmark_session import TrueEnds
     from canopen_control.errors import ConfigError

@@ -217,7 +217,7 @@ def _print_status(args: argparse.Namespace) -> int:
 
 
 def parse_node_ids(text: str) -> list[int]:
-    """Return the node ids in a text such as ``3``, ``2,3`` or ``1-64``; ConfigError if the text is invalid."""
+    """Return the node ids in a text such as ``3``, ``2,3`` or ``1-64``; raise ConfigError if the text is invalid."""
     if text.strip() == _NO_NODE_ID:
         return [int(_NO_NODE_ID)]
     node_ids: list[int] = []
@@ -236,7 +236,10 @@ def parse_node_ids(text: str) -> list[int]:
 
 
 def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dict[int, Path]]:
-    """Return the common EDS file and the EDS files of single nodes; ConfigError if one is missing or ambiguous."""
+    """Return the common EDS file and the EDS files of single nodes.
+
+    Raise ConfigError if one is missing or ambiguous.
+    """
     common: list[Path] = []
     eds_files: dict[int, Path] = {}
     for text in texts:

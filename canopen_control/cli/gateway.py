@@ -239,7 +239,7 @@ class BusNetwork:
         self._bus.command(command, node_id, 0.0)
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
-        """Run an LSS service; GatewayRefusal while a robot runs on the bus."""
+        """Run an LSS service; raise GatewayRefusal while a robot runs on the bus."""
         self._refuse_while_robot_runs("LSS")
         return self._bus.lss(ask, scan_s)
 

@@ -154,7 +154,7 @@ def _report(written: Written) -> InitReport:
 
 
 def _from_files(args: argparse.Namespace) -> list[Device]:
-    """Return the devices described by --eds and --node-id; ConfigError if the options do not match."""
+    """Return the devices described by --eds and --node-id; raise ConfigError if the options do not match."""
     if not args.eds or not args.node_id:
         missing = "--eds FILE" if not args.eds else "--node-id N"
         bundled = ", ".join(name for name in data_names("eds") if name.lower().endswith(".eds"))
@@ -172,7 +172,7 @@ def _from_files(args: argparse.Namespace) -> list[Device]:
 
 
 def _ids(text: str) -> list[int]:
-    """Return the node ids in a text such as `3` or `2,3`; ConfigError if one is not from 1 to 127."""
+    """Return the node ids in a text such as `3` or `2,3`; raise ConfigError if one is not from 1 to 127."""
     ids = []
     for word in text.split(","):
         try:

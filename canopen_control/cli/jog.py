@@ -79,7 +79,7 @@ class _Request:
     value: Quantity | float  # a number is in SI or per mille
 
     def limits(self, scale: JogScale, options: MotionOptions) -> tuple[float, JogLimits]:
-        """Return the value in SI or per mille, and the limits; ConfigError if the value exceeds them."""
+        """Return the value in SI or per mille, and the limits; raise ConfigError if the value exceeds them."""
         limits = limits_of(options, scale, _SPEED if self.kind is JogKind.POSITION else MAX_SPEED)
         value = scale.si(self.value) if isinstance(self.value, Quantity) else self.value
         limit = {JogKind.VELOCITY: limits.speed, JogKind.POSITION: limits.travel}.get(self.kind, math.inf)
@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _request(args: argparse.Namespace) -> _Request:
-    """Return the motion requested by the arguments; ConfigError for an invalid quantity or 0."""
+    """Return the motion requested by the arguments; raise ConfigError for an invalid quantity or 0."""
     kind = next((name for name in _KINDS if getattr(args, name) is not None), "velocity")
     value: Quantity | float = _SPEED
     if kind == "torque":

@@ -466,7 +466,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read_setup(args: argparse.Namespace) -> RobotSetup:
-    """Read the robot's files, as for real drives; ConfigError if they are invalid."""
+    """Read the robot's files, as for real drives; raise ConfigError if they are invalid."""
     from canopen_control.runtime.setup import read_robot
 
     files = find_files(args)

@@ -71,7 +71,8 @@ class RecordedBag:
 def record_bag(name: str | None, folder: str, seconds: float | None, rate: float | None = None) -> RecordedBag:
     """Record a ROS 2 bag for `seconds`, until a signal or the end of the robot; `rate` of the samples is in Hz.
 
-    By default the rate is that of the controllers. ConfigError if no robot runs, rosbags is missing or `folder` exists.
+    By default the rate is that of the controllers. Raise ConfigError if no robot runs, rosbags is missing or `folder`
+    exists.
     """
     if rate is not None and not 0 < rate <= MAX_RATE:
         raise ConfigError(f"--rate {rate:g} Hz: it must be above 0 and at most {MAX_RATE:g}")

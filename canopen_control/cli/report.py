@@ -114,7 +114,10 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _flights(name: str | None) -> list[Path]:
-    """Return the flight recordings of the robot `name`, or of all robots, oldest first; ConfigError if none exist."""
+    """Return the flight recordings of the robot `name`, or of all robots, oldest first.
+
+    Raise ConfigError if none exist.
+    """
     from canopen_control.host.files import state_dir
 
     # the first 19 characters of a file name are the time

@@ -46,7 +46,7 @@ def list_parameters(graph: Graph, args: argparse.Namespace) -> int:
 
 
 def get_parameter(graph: Graph, args: argparse.Namespace) -> int:
-    """Print the value of a parameter; CanopenError if the node does not have it."""
+    """Print the value of a parameter; raise CanopenError if the node does not have it."""
     from canopen_control.ros.controller_nodes import requested_value
 
     values = _call_service(graph, args, "get_parameters", "GetParameters", {"names": [args.name]}).values
@@ -58,7 +58,7 @@ def get_parameter(graph: Graph, args: argparse.Namespace) -> int:
 
 
 def set_parameter(graph: Graph, args: argparse.Namespace) -> int:
-    """Set a parameter to a YAML value; CanopenError with the node's reason if refused."""
+    """Set a parameter to a YAML value; raise CanopenError with the node's reason if refused."""
     from canopen_control.ros.controller_nodes import TYPES
 
     node = read(args.value, "<value>", error=ConfigError)
@@ -80,7 +80,7 @@ def set_parameter(graph: Graph, args: argparse.Namespace) -> int:
 def typed(value: object, declared: str) -> tuple[str, Any]:
     """Return the ROS type and the value for a YAML value; `declared` is the type of the parameter.
 
-    ConfigError if no type of a parameter fits the value.
+    Raise ConfigError if no type of a parameter fits the value.
     """
     if isinstance(value, list):
         element = declared.removesuffix("_array")

@@ -45,7 +45,7 @@ _SINGLE_ROBOT: Final = ("name", "can", "controller", "namespace", "real", "mock"
 
 
 def run_shared(args: argparse.Namespace) -> int:
-    """Run all robots of a world file until they end; ConfigError for options of a single robot."""
+    """Run all robots of a world file until they end; raise ConfigError for options of a single robot."""
     for name in _SINGLE_ROBOT:
         if getattr(args, name):
             option = name.replace("_", "-")
@@ -226,7 +226,7 @@ def add_file_arguments(parser: argparse.ArgumentParser, *, channel: str | None =
 
 
 def find_files(args: argparse.Namespace) -> RobotFiles:
-    """Return the robot files selected by the arguments; ConfigError if they cannot be found."""
+    """Return the robot files selected by the arguments; raise ConfigError if they cannot be found."""
     from canopen_control.runtime.robot_files import find_robot
 
     return find_robot(
@@ -295,7 +295,7 @@ def _shared_by_forks() -> Iterator[None]:
 
 @_shared_by_forks()
 def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = False) -> int:
-    """Run a robot until it ends and return 0; ConfigError or CanopenError if boot or run fails."""
+    """Run a robot until it ends and return 0; raise ConfigError or CanopenError if boot or run fails."""
     if motion and args.real:
         raise ConfigError(f"--real: {_NO_DEMO}")
     with contextlib.ExitStack() as stack:
@@ -308,7 +308,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
 
 
 def _bridge_of(args: argparse.Namespace, files: RobotFiles) -> contextlib.AbstractContextManager[Child]:
-    """Start the process of the ROS bridge before the robot is prepared; ConfigError if the bridge cannot run."""
+    """Start the process of the ROS bridge before the robot is prepared; raise ConfigError if the bridge cannot run."""
     from canopen_control.host.fork import allow_forks
     from canopen_control.host.sockets import check_name
     from canopen_control.ros.installation import require_ros
@@ -322,7 +322,7 @@ def _bridge_of(args: argparse.Namespace, files: RobotFiles) -> contextlib.Abstra
 
 
 def _run(args: argparse.Namespace, setup: RobotSetup, options: RunOptions) -> int:
-    """Run the robot of `setup` until it ends and return 0; CanopenError with the reason for a failure."""
+    """Run the robot of `setup` until it ends and return 0; raise CanopenError with the reason for a failure."""
     from canopen_control.runtime.run_session import RunSession
 
     slow = _slow_reason(setup) if setup.reaches_real_drives and not args.full_speed else None
@@ -434,7 +434,7 @@ def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
 
 
 def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
-    """Return the plant file of --plant, or None; ConfigError for an invalid file or a conflicting option."""
+    """Return the plant file of --plant, or None; raise ConfigError for an invalid file or a conflicting option."""
     if getattr(args, "plant", None) is None:
         return None
     for name in ("physics", "real", "mock", "no_drives"):
@@ -455,7 +455,7 @@ def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
 
 
 def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
-    """Return the arguments of the ROS bridge; ConfigError if arguments are given without --ros."""
+    """Return the arguments of the ROS bridge; raise ConfigError if arguments are given without --ros."""
     namespace = () if args.namespace is None else ("--namespace", args.namespace)
     ros = () if args.ros_args is None else ("--ros-args", *args.ros_args)
     if (namespace or ros) and not args.ros:
@@ -539,7 +539,7 @@ def read_setup(args: argparse.Namespace, files: RobotFiles | None = None, *, kee
 
 
 def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
-    """Return the world file of --world or of the robot's files, or None; ConfigError if they differ."""
+    """Return the world file of --world or of the robot's files, or None; raise ConfigError if they differ."""
     path = None if getattr(args, "world", None) is None else Path(args.world).resolve()
     if path is not None and files.world not in (None, path):
         raise ConfigError(f"{files.hardware.world_word} contradicts --world {args.world}; omit one of them")

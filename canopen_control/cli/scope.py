@@ -59,7 +59,7 @@ _WIDTH: Final = 60
 
 
 def check_output(text: str) -> Path:
-    """Return the path of --output; ConfigError for an unknown suffix or a missing folder."""
+    """Return the path of --output; raise ConfigError for an unknown suffix or a missing folder."""
     path = Path(text).expanduser()
     if path.suffix not in (CSV, BAG, PICTURE):
         raise ConfigError(
@@ -73,7 +73,7 @@ def check_output(text: str) -> Path:
 
 
 def read_overlay(text: str) -> NamedShot:
-    """Read an earlier capture from a CSV file; ConfigError if the file is invalid."""
+    """Read an earlier capture from a CSV file; raise ConfigError if the file is invalid."""
     path = Path(text).expanduser()
     try:
         content = read_utf8(path)
@@ -251,7 +251,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _cursors(text: str) -> tuple[float, float]:
-    """Return the two times in s of a text such as `0.1,0.25`; ConfigError for another form."""
+    """Return the two times in s of a text such as `0.1,0.25`; raise ConfigError for another form."""
     try:
         first, second = map(float, text.split(","))
     except ValueError:

@@ -204,7 +204,7 @@ def run_plain(arguments: Sequence[str]) -> bool:
 
 
 def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNamespace | None:
-    """Call a method without parameters and return the fields of the result; RemoteError without a reply.
+    """Call a method without parameters and return the fields of the result; raise RemoteError without a reply.
 
     None for another protocol version, a refusal or invalid JSON: the typed client reports the cause of these.
     """
@@ -225,7 +225,10 @@ def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNames
 
 
 def _object_in(line: bytes | None, late: str) -> dict[str, object]:
-    """Return the JSON object in a line, {} if there is none; RemoteError with the text `late` if `line` is None."""
+    """Return the JSON object in a line, {} if there is none.
+
+    Raise RemoteError with the text `late` if `line` is None.
+    """
     if line is None:
         raise RemoteError("Timeout", late)
     try:

@@ -57,7 +57,7 @@ class TeleopTarget(Protocol):
     speeds: tuple[float, float]
 
     def send(self, velocities: Velocities) -> None:
-        """Command velocities; RemoteError if the target refuses them."""
+        """Command velocities; raise RemoteError if the target refuses them."""
 
     def news(self) -> list[str]:
         """Return sentences for the user about events since the last call."""
@@ -127,7 +127,10 @@ def run(args: argparse.Namespace) -> int:
 def _drive(
     keyboard: Keyboard, teleop: Teleop, target: TeleopTarget, screen: Screen, suspension: SuspensionWatch
 ) -> None:
-    """Send the velocities that the user commands with keys, until the user quits; CanopenError after a suspension."""
+    """Send the velocities that the user commands with keys, until the user quits.
+
+    Raise CanopenError after a suspension.
+    """
     decoder, sender = KeyDecoder(), Sender(target)
     while not (teleop.ended or keyboard.ended):
         screen.show(teleop, sender.refusal)
@@ -272,7 +275,10 @@ class TeleopRobot:
 
 
 def choose(controllers: Sequence[ControllerReading], name: str | None) -> ControllerReading:
-    """Return the controller `name`, or the only active controller that can drive; ConfigError if there is none."""
+    """Return the controller `name`, or the only active controller that can drive.
+
+    Raise ConfigError if there is none.
+    """
     if name is not None:
         matching = [controller for controller in controllers if controller.name == name]
         if not matching:

@@ -82,7 +82,7 @@ class TrajectoryRecording:
         self._positions.append(list(positions))
 
     def points(self) -> list[TrajectoryPoint]:
-        """Return the recorded points from the first to the last motion; CanopenError if nothing has moved."""
+        """Return the recorded points from the first to the last motion; raise CanopenError if nothing has moved."""
         end = len(self)
         while end > 1 and _is_close(self._positions[end - 2], self._positions[-1]):
             end -= 1

@@ -185,7 +185,7 @@ def _hinted(lines: Iterator[str], args: argparse.Namespace) -> Iterator[str]:
 
 
 def _find_gains(args: argparse.Namespace) -> None:
-    """Check, before the drive moves, that the gain objects of the drive are known; ConfigError otherwise."""
+    """Check, before the drive moves, that the gain objects of the drive are known; raise ConfigError otherwise."""
     with open_session(args) as session:
         if session.robot and args.counts is None:
             raise ConfigError(
@@ -196,7 +196,7 @@ def _find_gains(args: argparse.Namespace) -> None:
 
 
 def _request(args: argparse.Namespace, options: TuneOptions) -> TuneRequest:
-    """Return the test requested by the arguments; ConfigError for an invalid value."""
+    """Return the test requested by the arguments; raise ConfigError for an invalid value."""
     speed = parse_quantity(args.step, "velocity") if args.step is not None else None
     test = TuneTest.STEP if speed is not None else TuneTest.BODE if args.bode else TuneTest.IDENTIFY
     torque, signal = args.identify or 0.0, args.bode or "prbs"
@@ -236,7 +236,7 @@ def _bare_drive(
 
 
 def _confirm(lines: list[str], args: argparse.Namespace, show: Callable[[str], None]) -> None:
-    """Print the planned motion and its limits, and ask the user; ConfigError unless the user agrees."""
+    """Print the planned motion and its limits, and ask the user; raise ConfigError unless the user agrees."""
     show("\n".join(lines))
     if args.yes:
         return

@@ -30,7 +30,7 @@ class DriveClient(Client[DriveHello, DriveEvent]):
 
     @classmethod
     def connect(cls, channel: str, node_id: int, timeout: float = 10.0, *, label: str = "") -> Self:
-        """Connect to a virtual node on a bus; RemoteError if it is not running. `label` names it in messages."""
+        """Connect to a virtual node on a bus; raise RemoteError if it is not running. `label` names it in messages."""
         label = label or f"the virtual drive {node_id} on {channel}"
         stream = LineClient(socket_path("drive", drive_name(channel, node_id)), timeout, label=label)
         return cls(DRIVE, stream, timeout)
@@ -52,7 +52,7 @@ def shapes_of_world(nodes: Iterable[tuple[str, int]]) -> tuple[WorldShape, ...]:
 
 
 def signal_values(text: str) -> dict[str, float]:
-    """Parse ``di0=1,ai0=2.5`` into values by signal; ConfigError if a part does not have this form."""
+    """Parse ``di0=1,ai0=2.5`` into values by signal; raise ConfigError if a part does not have this form."""
     values = {}
     for field in text.split(","):
         name, _, number = (part.strip() for part in field.partition("="))

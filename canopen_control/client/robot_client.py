@@ -139,7 +139,10 @@ class RobotClient(Client[RobotHello, RobotPush]):
 
     @classmethod
     def connect(cls, name: str | None = None, timeout: float = 10.0) -> Self:
-        """Connect to the robot `name`, or to the only running robot; ConfigError unless exactly one robot matches."""
+        """Connect to the robot `name`, or to the only running robot.
+
+        Raise ConfigError unless exactly one robot matches.
+        """
         robot = select_robot(name)
         return cls(LineClient(socket_path("robot", robot), timeout, label=f"robot {robot}"), timeout)
 

@@ -90,7 +90,7 @@ def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPo
 
 
 def write_trajectory(path: str, joints: Sequence[str], points: Iterable[TrajectoryPoint]) -> None:
-    """Write a file for `read_trajectory`, one point per line; ConfigError if it cannot be written."""
+    """Write a file for `read_trajectory`, one point per line; raise ConfigError if it cannot be written."""
     lines = [f"joint_names: [{', '.join(joints)}]", "points:"]
     for point in points:
         values = {"positions": point.positions, "velocities": point.velocities, "accelerations": point.accelerations}
@@ -105,7 +105,7 @@ def write_trajectory(path: str, joints: Sequence[str], points: Iterable[Trajecto
 def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]:
     """Parse positions such as `0.4 -0.3; 0 0` into points with zero velocity, `step` seconds apart.
 
-    ConfigError if a waypoint is not a position for each of the `joints`.
+    Raise ConfigError if a waypoint is not a position for each of the `joints`.
     """
     waypoints = []
     for index, part in enumerate(text.split(";"), 1):

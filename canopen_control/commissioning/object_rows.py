@@ -240,7 +240,10 @@ _NOT_IN_A_SCAN: Final = 2  # bit 1 of ObjFlags (CiA 306-1)
 
 
 def select_objects(od: ObjectDictionary, words: Iterable[str]) -> list[Entry]:
-    """Return the entries that match any of the words (all without words); ConfigError for a word without a match."""
+    """Return the entries that match any of the words (all without words).
+
+    Raise ConfigError for a word without a match.
+    """
     ordered = sorted(od, key=lambda entry: entry.address)
     patterns = list(words)
     if not patterns:

@@ -76,7 +76,7 @@ def _raw(entry: Entry, value: float) -> Value:
 
 
 def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: KeptParameters) -> list[GainChange]:
-    """Save the old gains, write new gains and verify them; DriveError if the drive is enabled or refuses."""
+    """Save the old gains, write new gains and verify them; raise DriveError if the drive is enabled or refuses."""
     refuse_moving(session)
     od = session.dictionary
     current, left_out = read_values(session, [od[address] for address in values])
@@ -149,7 +149,10 @@ class CascadeGains:
 def design_velocity_loop(
     plant: PlantModel, crossover: float, margin: float, delay: float = LOOP_DELAY_S
 ) -> CascadeGains:
-    """Return gains for a crossover in rad/s and a phase margin in rad; ConfigError if a PI cannot achieve both."""
+    """Return gains for a crossover in rad/s and a phase margin in rad.
+
+    Raise ConfigError if a PI cannot achieve both.
+    """
     viscous = max(0.0, plant.viscous)
     lag = -math.atan2(plant.inertia * crossover, viscous) - crossover * delay
     needed = margin - math.pi - lag
@@ -339,9 +342,10 @@ def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
 def settable_gains(
     session: NodeSession, axis: int, named: Iterable[str], units_per_rad: float
 ) -> Mapping[LoopGain, GainObject]:
-    """Return the gain objects of a drive, with `named` in place of known objects; ConfigError if some are unknown.
+    """Return the gain objects of a drive, with `named` in place of known objects.
 
-    Scales in `named` refer to the shaft; `units_per_rad` is the number of user units per rad.
+    Raise ConfigError if some are unknown. Scales in `named` refer to the shaft; `units_per_rad` is the number of user
+    units per rad.
     """
     od = session.dictionary
     objects = gain_objects(od, axis)

@@ -121,7 +121,7 @@ CSV, PICTURE = ".csv", ".png"
 
 
 def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Path | None) -> list[str]:
-    """Return the lines of the result, and write the output file, if any; DriveError if the record is unusable."""
+    """Return the lines of the result, and write the output file, if any; raise DriveError if the record is unusable."""
     if output is not None and request.test is not TuneTest.BODE:
         _write(output, record_picture(record) if output.suffix == PICTURE else record_csv(record).encode())
     if request.test is TuneTest.STEP:
@@ -226,7 +226,7 @@ def _speed(sample: TuneSample) -> float:
 
 
 def step_of(record: TuneRecord, height: float) -> StepMetrics:
-    """Measure the step in a record from the cycle of its command on; DriveError if no step was commanded."""
+    """Measure the step in a record from the cycle of its command on; raise DriveError if no step was commanded."""
     begin = next((sample for sample in record.samples if sample.command), None)
     if begin is None:
         raise DriveError("the step was never commanded")

@@ -87,7 +87,7 @@ def emergencies(node: CheckedNode, can_id: int, seconds: float) -> list[int]:
 
 
 def boot(node: CheckedNode, command: NmtCommand = NmtCommand.RESET_NODE) -> float:
-    """Reset the node and return the time in s to its boot-up message; CheckFailed if none is received."""
+    """Reset the node and return the time in s to its boot-up message; raise CheckFailed if none is received."""
     seconds = node.reset(command)
     if seconds is None:
         raise CheckFailed("no boot-up message within 10 s", f"{ERROR_CONTROL_COB_ID + node.node_id:03X} 00")

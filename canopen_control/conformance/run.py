@@ -107,7 +107,7 @@ def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
 def run_checks(
     node: CheckedNode, checks: Sequence[Check], progress: Callable[[int, int], object] = lambda _done, _total: None
 ) -> ConformanceReport:
-    """Run `checks` and return the report; ConfigError if the node does not respond, BusError if the bus is lost.
+    """Run `checks` and return the report; raise ConfigError if the node does not respond, BusError if the bus is lost.
 
     `progress` is called with the number of completed checks and the number of all checks.
     """

@@ -346,7 +346,7 @@ class MobileBase(Controller):
         return self._odometry_params.frame_ids(namespace)
 
     def set_odometry(self, x: float, y: float, heading: float) -> None:
-        """Set the pose of the odometry, in m and rad; ControlError while inactive, or for nan or infinity."""
+        """Set the pose of the odometry, in m and rad; raise ControlError while inactive, or for nan or infinity."""
         if self.state is not ControllerState.ACTIVE:
             raise ControlError(f"{self.name} is {self.state.value}; activate it before setting its odometry")
         if not all(map(math.isfinite, (x, y, heading))):

@@ -114,7 +114,7 @@ class ClosesLoops(Protocol):
         ...
 
     def set_measured_states(self, values: Sequence[float], now: int) -> None:
-        """Store measured states; ControlError if the controller reads state interfaces. `now` is in ns."""
+        """Store measured states; raise ControlError if the controller reads state interfaces. `now` is in ns."""
         ...
 
 

@@ -277,14 +277,14 @@ class _Line:
         return self.raw[begin:end]
 
     def last(self, longest: int = _LONGEST_TOKEN) -> bytes:
-        """Return the next token; GatewayRefusal unless it is the last token of the line."""
+        """Return the next token; raise GatewayRefusal unless it is the last token of the line."""
         token = self.token(longest)
         if not token or not self.closed:
             raise GatewayRefusal(SYNTAX)
         return token
 
     def more(self) -> bytes:
-        """Return the next token; GatewayRefusal if it is the last token of the line."""
+        """Return the next token; raise GatewayRefusal if it is the last token of the line."""
         token = self.token()
         if not token or self.closed:
             raise GatewayRefusal(SYNTAX)

@@ -175,7 +175,7 @@ class JointStatus:
 
 
 def _holds_load(description: ControlJoint) -> bool:
-    """Return the parameter `holds_load` (the load would fall without power); RobotConfigError if invalid."""
+    """Return the parameter `holds_load` (the load would fall without power); raise RobotConfigError if invalid."""
     text = description.parameters.get("holds_load", "false").strip().lower()
     if text not in ("true", "false"):
         raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it must be true or false")

@@ -226,7 +226,10 @@ class CanopenSystem(ComponentLifecycle):
         self.devices.poll(now)
 
     def prepare_enable(self, joints: Sequence[JointDrive]) -> None:
-        """Set the modes of drives before they are enabled; ControlError or DriveError if one cannot be enabled."""
+        """Set the modes of drives before they are enabled.
+
+        Raise ControlError or DriveError if one cannot be enabled.
+        """
         for joint in joints:
             if not joint.node.ready:
                 raise ControlError(joint.node.absence)

@@ -63,7 +63,7 @@ class SocketInUse(CanopenError):
 
 
 def runtime_dir() -> Path:
-    """Return the folder of this user's sockets, created if necessary; ConfigError if it is not private."""
+    """Return the folder of this user's sockets, created if necessary; raise ConfigError if it is not private."""
     base = os.environ.get("XDG_RUNTIME_DIR", "")
     if base.startswith("/") and os.path.isdir(base):
         return private_folder(Path(base) / "canopen_control")
@@ -73,7 +73,7 @@ def runtime_dir() -> Path:
 
 
 def private_folder(path: Path) -> Path:
-    """Return the folder `path`, created with mode 0700 if missing; ConfigError if it is not private."""
+    """Return the folder `path`, created with mode 0700 if missing; raise ConfigError if it is not private."""
     _refuse_open_parent(path.parent)
     try:
         with contextlib.suppress(FileExistsError):
@@ -143,7 +143,7 @@ def check_name(name: str, longest: int = 32) -> str:
 
 
 def socket_path(kind: SocketKind, name: str) -> Path:
-    """Return the path of the socket of a bus, drive, gateway or robot; ConfigError for an invalid name."""
+    """Return the path of the socket of a bus, drive, gateway or robot; raise ConfigError for an invalid name."""
     file = f"{kind}-{check_name(name, KINDS[kind])}.sock"
     folder = runtime_dir()
     path = folder / file

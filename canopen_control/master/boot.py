@@ -94,7 +94,7 @@ class BootResult:
 
 
 def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResult]:
-    """Boot a node from any NMT state to OPERATIONAL; BootError if a step fails.
+    """Boot a node from any NMT state to OPERATIONAL; raise BootError if a step fails.
 
     With `reset`, NMT reset communication is sent first, so that the node loses the configuration of an earlier run; a
     node that has just sent its boot-up needs no reset. A node with `reset_communication: false` is reset only if it is
@@ -264,7 +264,7 @@ def _configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, A
 
 
 def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
-    """Wait for a heartbeat or guarding response before the node is started; BootError K if none arrives."""
+    """Wait for a heartbeat or guarding response before the node is started; raise BootError K if none arrives."""
     yield NextStep("heartbeat")
     # CiA 302-2, error status K: error control did not start
     if plan.supervision_ns and not (yield AwaitState(plan.supervision_ns)):

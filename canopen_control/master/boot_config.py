@@ -57,7 +57,7 @@ _FIRST_OBJECT = 0x1000  # smaller indexes are data types, mapped as dummy entrie
 def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     """Read the initial values of RPDO objects into `transfers.presets`, except objects that move an axis.
 
-    A refused object gets 0; BootError J without an answer.
+    A refused object gets 0; raise BootError J without an answer.
     """
     motion = {index + offset for index in MOTION for offset in plan.axes}
     mapped = {entry[:2]: entry for layout in plan.rpdos for entry in layout.objects}
@@ -122,7 +122,7 @@ _SUPERVISION = frozenset((0x100C, 0x100D, 0x1016, 0x1017, 0x1029, _ABORT_CONNECT
 
 
 def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Configure a node by its plan; BootError J if an essential object cannot be configured."""
+    """Configure a node by its plan; raise BootError J if an essential object cannot be configured."""
     grouped = groups(plan.writes)
     counter = [group for group in grouped if group[0].index in _SYNC_COUNTER]
     for group in counter:  # first, because a SYNC with an unexpected counter causes EMCY 0x8240
@@ -142,10 +142,10 @@ def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, An
 
 
 def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Compare polarity and factors with the EDS values that the scales of bus.yml assume; BootError J if they differ.
+    """Compare polarity and factors with the EDS values that the scales of bus.yml assume.
 
-    Different factors are accepted if they result in the counts per revolution of bus.yml and those of the EDS do not:
-    then bus.yml was written for this drive.
+    Raise BootError J if they differ. Different factors are accepted if they result in the counts per revolution of
+    bus.yml and those of the EDS do not: then bus.yml was written for this drive.
     """
     values: dict[tuple[int, int], int] = {}
     by_file: dict[tuple[int, int], int] = {}
@@ -203,8 +203,8 @@ def watch_running(
 ) -> Generator[Request, Answer, list[PlannedWrite]]:
     """Write the missing supervision parameters to a running node; return the other missing writes.
 
-    Master and node must each detect the loss of the other. BootError J if a PDO in use does not match the plan, since
-    PDOs cannot be changed while the node is OPERATIONAL.
+    Master and node must each detect the loss of the other. Raise BootError J if a PDO in use does not match the plan,
+    since PDOs cannot be changed while the node is OPERATIONAL.
     """
     used = {("rpdo", rpdo.number) for rpdo in plan.rpdos} | {("tpdo", tpdo.number) for tpdo in plan.tpdos}
     if differs := sorted({write.pdo for write in missing if write.pdo is not None and write.pdo in used}):
@@ -243,7 +243,7 @@ def _held(
 def _configure_object(
     plan: NodePlan, write: PlannedWrite, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Read, compare, write and verify one object; BootError J if an essential object keeps a different value."""
+    """Read, compare, write and verify one object; raise BootError J if an essential object keeps a different value."""
     current = None
     if write.compare:
         current = yield from _present(plan, write, transfers)

@@ -79,7 +79,7 @@ class Sources:
         return os.path.expandvars(text.replace(BUS_FOLDER, str(self._folder)))
 
     def find(self, name: str, dcf_path: str = "") -> Path:
-        """Return the path of a named file; NotFound, with the searched folders, if it does not exist."""
+        """Return the path of a named file; raise NotFound, with the searched folders, if it does not exist."""
         path = Path(self.expanded(name)).expanduser()
         folders = [Path(self.expanded(text)).expanduser() for text in (dcf_path, self._dcf_path) if text]
         places = [folder / path for folder in [*folders, self._folder]]
@@ -103,7 +103,10 @@ class Sources:
         return next((file for file in readable if file.read_bytes() != bundled.read_bytes()), None)
 
     def dictionary(self, path: Path, node_id: int | None) -> ObjectDictionary:
-        """Return the object dictionary of a file for a node id (None: the file's own node id); EdsError if invalid."""
+        """Return the object dictionary of a file for a node id (None: the file's own node id).
+
+        Raise EdsError if invalid.
+        """
         if (path, node_id) not in self._dictionaries:
             if path not in self._files:
                 self._files[path] = read_eds(path)
@@ -116,7 +119,7 @@ class Sources:
         """Return the SDO downloads in a concise DCF (.bin) or a DCF, as (index, subindex, data).
 
         The ParameterValues of a DCF are returned by ascending address, an order in which PDO parameters cannot be
-        written. ValueError, EdsError or NotFound if the file cannot be used.
+        written. Raise ValueError, EdsError or NotFound if the file cannot be used.
         """
         path = self.find(name, dcf_path)
         if path.suffix.lower() in SUFFIXES:

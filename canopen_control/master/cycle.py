@@ -250,7 +250,10 @@ class SentPdo:
         self.enabled, self.changed = True, self.repeated
 
     def pack(self) -> None:
-        """Pack the values into the record; LocalProtocolError, with the record unchanged, if a value does not fit."""
+        """Pack the values into the record.
+
+        Raise LocalProtocolError, with the record unchanged, if a value does not fit.
+        """
         packer, codec = self._packer, self.codec
         if packer is None:
             self.record = RECORD.pack(self.cob_id, codec.length, codec.pack(self.values))

@@ -85,7 +85,7 @@ class DirectBus:
     ) -> DirectBus:
         """Open a channel; `join` is passed to `open_port`.
 
-        ConfigError for an invalid channel name, BusError if the channel cannot be opened.
+        Raise ConfigError for an invalid channel name, BusError if the channel cannot be opened.
         """
         return cls(open_port(channel, label=label, join=join), timeout_s=timeout_s, retries=retries)
 

@@ -436,7 +436,7 @@ class NodeConfig:
 def named_scale(counts_per_revolution: float, gear_ratio: float | list[int] | None, mirrored: bool) -> float:
     """Return the counts per radian of a joint; `gear_ratio` is motor turns per joint turn, or [motor, joint] turns.
 
-    Negative if `mirrored`; ValueError for an invalid gear ratio.
+    Negative if `mirrored`; raise ValueError for an invalid gear ratio.
     """
     if isinstance(gear_ratio, list):
         if len(gear_ratio) != 2 or not all(part > 0 for part in gear_ratio):

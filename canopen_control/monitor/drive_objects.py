@@ -85,7 +85,7 @@ _WORDS: Final[dict[str, Words]] = {
 
 
 def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
-    """Return the arguments of the command; ConfigError without input or without a selected drive."""
+    """Return the arguments of the command; raise ConfigError without input or without a selected drive."""
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if not node:
         raise ConfigError(f"{name}: no drive is selected")
@@ -202,13 +202,13 @@ class DriveObjects:
             self._od = od
 
     def search(self, words: str) -> None:
-        """Show only the objects that match the words, like the command `objects`; ConfigError if none match."""
+        """Show only the objects that match the words, like the command `objects`; raise ConfigError if none match."""
         if self._od is not None and words:
             select_objects(self._od, words.split(","))
         self._words, self._entries, self._cells, self._sent = words, {}, {}, 0
 
     def write(self, text: str) -> str:
-        """Write an object, as in 0x6081=1000, and return the change as text; CanopenError if refused. Blocks."""
+        """Write an object, as in 0x6081=1000, and return the change as text; raise CanopenError if refused. Blocks."""
         node, od = self._node, self._od
         address, equals, value = text.partition("=")
         if node is None or od is None:
@@ -224,7 +224,10 @@ class DriveObjects:
             return self._history(node).write(session, entry, value).words
 
     def undo(self) -> str:
-        """Undo the latest write at this node and return the change as text; CanopenError if impossible. Blocks."""
+        """Undo the latest write at this node and return the change as text.
+
+        Raise CanopenError if impossible. Blocks.
+        """
         if (node := self._node) is None:
             raise ConfigError(f"undo: {self._why}")
         with self._editing, node.session() as session:

@@ -541,7 +541,7 @@ class MonitorApp(App[None]):
             self._ask_for(JOBS[self._chosen].asks)
 
     def _begin(self, chosen: str, text: str) -> None:
-        """Start the chosen action with the input; CanopenError if it cannot start."""
+        """Start the chosen action with the input; raise CanopenError if it cannot start."""
         if chosen == SET:
             if (objects := self._objects) is not None:
                 self._on_thread("set", lambda: objects.write(text))

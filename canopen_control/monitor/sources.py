@@ -309,7 +309,10 @@ class RobotLink:
         return events
 
     def ask(self, request: Request[A], timeout: float) -> A:
-        """Send a request and wait up to `timeout` seconds; RemoteError if it fails. For threads that may block."""
+        """Send a request and wait up to `timeout` seconds.
+
+        Raise RemoteError if it fails. For threads that may block.
+        """
         robot = self._robot
         if robot is None:
             raise RemoteError("BusClosed", f"{ROBOT.of(type(request)).name} cannot reach the robot: {self.why}")
@@ -483,10 +486,10 @@ class ScreenSource(Protocol):
         """Return the emergencies since the last call."""
 
     def command(self, request: Request[Any]) -> None:
-        """Send a request and wait; RemoteError if it fails. For threads that may block."""
+        """Send a request and wait; raise RemoteError if it fails. For threads that may block."""
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:
-        """Start a command on a node with the text of the input line; CanopenError if it cannot start."""
+        """Start a command on a node with the text of the input line; raise CanopenError if it cannot start."""
         ...
 
 

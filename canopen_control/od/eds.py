@@ -483,7 +483,7 @@ def _read_file(path: str | Path, node_id: int | None) -> EdsFile:
 
 
 def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -> EdsFile:
-    """Parse the content of a file; `name` is the file name for messages. EdsError as for `read_eds`."""
+    """Parse the content of a file; `name` is the file name for messages. Raise EdsError as for `read_eds`."""
     report = Report(name)
     if _is_concise(data):
         text = "is a concise DCF (values to write), not an EDS; set it as configuration_file in bus.yml"

@@ -187,7 +187,7 @@ class TrajectorySender:
 
     @property
     def client(self) -> ReactorClient:
-        """Connection to the robot, opened on first use; RemoteError if the robot has ended."""
+        """Connection to the robot, opened on first use; raise RemoteError if the robot has ended."""
         if self._client is None:
             self._client = self._connect()
             self._client.send_periodically(TrajectoryHeartbeat(), _BEAT_NS)
@@ -335,7 +335,10 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     def send(
         self, sender: TrajectorySender, goal: RosMessage, answer: Callable[[V | None, str | None], object]
     ) -> None:
-        """Send a goal to the robot; `answer` is called with the verdict or an error. ValueError for an invalid goal."""
+        """Send a goal to the robot; `answer` is called with the verdict or an error.
+
+        Raise ValueError for an invalid goal.
+        """
 
     @abstractmethod
     def refused(self, verdict: V | None, text: str) -> RosMessage:

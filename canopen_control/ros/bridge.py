@@ -86,7 +86,7 @@ def _print(text: str) -> None:
 
 
 def _claim(robot: str, timeout: float) -> int:
-    """Lock the robot for this bridge and return the file descriptor; CanopenError if another bridge has the lock.
+    """Lock the robot for this bridge and return the file descriptor; raise CanopenError if another bridge has the lock.
 
     Two bridges would send each command twice. `timeout` in s is the time that a bridge of a previous run gets to end.
     """
@@ -127,7 +127,7 @@ class Bridge:
             self._start_ros(arguments.namespace, ros_arguments)
 
     def _take_robot(self) -> None:
-        """Select and lock the robot; CanopenError if it is not running or another bridge has the lock."""
+        """Select and lock the robot; raise CanopenError if it is not running or another bridge has the lock."""
         self._name = select_robot(self._arguments.name)
         self._claim = _claim(self._name, _ENDING_S if self._lifeline is not None else 0.0)
 

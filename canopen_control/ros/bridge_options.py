@@ -42,7 +42,7 @@ class BridgeOptions:
 
 
 def with_parameters(node: Node, options: BridgeOptions) -> BridgeOptions:
-    """Return the options overridden by the node's parameters; ConfigError if a value is invalid."""
+    """Return the options overridden by the node's parameters; raise ConfigError if a value is invalid."""
     values = {}
     for field in fields(BridgeOptions):
         default = getattr(options, field.name)

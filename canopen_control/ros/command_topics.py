@@ -114,7 +114,7 @@ class GpioCommands(Endpoint):
 
 
 def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, float]:
-    """Return the values in a message by "gpio/interface"; ValueError with the reason if it is invalid."""
+    """Return the values in a message by "gpio/interface"; raise ValueError with the reason if it is invalid."""
     if not controller.active:
         raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
     groups, inner = list(message.interface_groups), list(message.interface_values)
@@ -187,7 +187,7 @@ class PidReferences(Endpoint):
         )
 
     def _values_of(self, message: RosMessage) -> list[float]:
-        """Return values and derivatives in the controller's order; ValueError with the reason if invalid."""
+        """Return values and derivatives in the controller's order; raise ValueError with the reason if invalid."""
         controller = self._controller
         if not controller.active:
             raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
@@ -246,7 +246,7 @@ def _dofs_of(controller: ControllerReading) -> list[str]:
 
 
 def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
-    """Return the index of each degree of freedom in a message; ValueError unless each is named exactly once."""
+    """Return the index of each degree of freedom in a message; raise ValueError unless each is named exactly once."""
     if sorted(names) == sorted(dofs):
         return [names.index(dof) for dof in dofs]
     unknown = next((name for name in names if name not in dofs), None)
@@ -256,7 +256,10 @@ def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
 
 
 def _sorted(field: str, values: Sequence[float], order: Sequence[int], dofs: Sequence[str]) -> list[float]:
-    """Return the values in the controller's order; ValueError unless every degree of freedom has one finite value."""
+    """Return the values in the controller's order.
+
+    Raise ValueError unless every degree of freedom has one finite value.
+    """
     if len(values) != len(order):
         raise ValueError(f"{field} has {len(values)} numbers for {', '.join(dofs)}; give {len(order)}")
     ordered = [float(values[index]) for index in order]

@@ -166,7 +166,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         self._joint = next(iter(controller.joints), "")
 
     def request(self, goal: RosMessage) -> SendGripper:
-        """Return the request for a goal; ValueError with the reason if it is invalid."""
+        """Return the request for a goal; raise ValueError with the reason if it is invalid."""
         command = goal.command
         return self._request_for(command.position, command.max_effort)
 

@@ -332,7 +332,7 @@ class SessionPort(Protocol):
         """Start or stop calling `on_process_data` of `watcher` with TPDO contents."""
 
     def connect(self) -> ReactorClient:
-        """Return a new connection to the robot; RemoteError if the robot has ended."""
+        """Return a new connection to the robot; raise RemoteError if the robot has ended."""
 
     def call(self, function: Callable[[], object]) -> None:
         """Call a function on the thread of ROS callbacks; from any thread."""

@@ -39,7 +39,10 @@ _SHORT: Final = re.compile(r"([a-z][a-z0-9_]*)/(?:(msg|srv)/)?([A-Za-z][A-Za-z0-
 
 
 def full_name(text: str, kind: str) -> str:
-    """Expand "std_msgs/String" to "std_msgs/msg/String"; ConfigError if `text` is not the name of an interface."""
+    """Expand "std_msgs/String" to "std_msgs/msg/String".
+
+    Raise ConfigError if `text` is not the name of an interface.
+    """
     match = _SHORT.fullmatch(text)
     if match is None or match[2] not in (None, kind):
         raise ConfigError(
@@ -49,7 +52,7 @@ def full_name(text: str, kind: str) -> str:
 
 
 def fill(message: Any, data: object, class_of: ClassOf, place: str = "") -> Any:  # noqa: ANN401 - generated
-    """Set the fields of a message that `data` contains, and return it; ConfigError for invalid data.
+    """Set the fields of a message that `data` contains, and return it; raise ConfigError for invalid data.
 
     `class_of` returns the class of a nested message.
     """
@@ -167,7 +170,7 @@ MOMENT_S: Final = 1.0
 
 @contextlib.contextmanager
 def open_graph() -> Iterator[Graph]:
-    """Open a node that is closed on exit; ConfigError without ROS, CanopenError if ROS 2 cannot be started."""
+    """Open a node that is closed on exit; raise ConfigError without ROS, CanopenError if ROS 2 cannot be started."""
     require_ros()
     prepare(os.environ, wheels=from_wheels(), prefix=sys.prefix)
     try:
@@ -222,7 +225,7 @@ class Graph:
     def type_of(self, topic: str, seconds: float, chosen: str | None = None) -> str:
         """Return the type of a topic, or the full name of the `chosen` type if it has several.
 
-        CanopenError if the topic does not appear within `seconds`, or has several types and none is chosen.
+        Raise CanopenError if the topic does not appear within `seconds`, or has several types and none is chosen.
         """
         absolute, names = topic if topic.startswith("/") else f"/{topic}", self._node.get_topic_names_and_types
         self.spin(seconds, lambda: absolute in dict(names()))
@@ -243,12 +246,12 @@ class Graph:
         self._node.create_subscription(class_of(kind), topic, callback, quality_of(infos))
 
     def publisher(self, topic: str, kind: str, data: object) -> Publication:
-        """Create a publisher of a message filled with `data`; ConfigError if the data is invalid."""
+        """Create a publisher of a message filled with `data`; raise ConfigError if the data is invalid."""
         message = _filled(class_of(kind)(), data)
         return Publication(self._node.create_publisher(type(message), topic, 10), message)
 
     def call(self, service: str, kind: str, data: object, seconds: float) -> Any:  # noqa: ANN401 - a response
-        """Call a service and return the response; ConfigError for invalid data, CanopenError after a timeout."""
+        """Call a service and return the response; raise ConfigError for invalid data, CanopenError after a timeout."""
         service_class = class_of(kind)
         request = _filled(service_class.Request(), data)  # type: ignore[attr-defined] # every service class has one
         client = self._node.create_client(service_class, service)
@@ -269,14 +272,14 @@ class Publication:
         self._publisher, self._message = publisher, message
 
     def publish(self) -> None:
-        """Send the message; ConfigError if rclpy cannot serialise a value."""
+        """Send the message; raise ConfigError if rclpy cannot serialise a value."""
         try:
             self._publisher.publish(self._message)
         except Exception as error:
             raise ConfigError(f"the message cannot be sent: {error}") from error
 
     def fill(self, data: object) -> None:
-        """Set the fields that `data` contains; ConfigError if the data is invalid."""
+        """Set the fields that `data` contains; raise ConfigError if the data is invalid."""
         _filled(self._message, data)
 
     def subscribers(self) -> int:
@@ -285,7 +288,7 @@ class Publication:
 
 
 def class_of(name: str) -> type:
-    """Return the class of a ROS interface; ConfigError if this ROS installation lacks it."""
+    """Return the class of a ROS interface; raise ConfigError if this ROS installation lacks it."""
     try:
         interface_class: type = interface(name)
     except (ImportError, AttributeError, MissingInterface):

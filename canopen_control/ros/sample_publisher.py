@@ -37,7 +37,7 @@ class RosMessages:
         self._ros = ros
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - a generated class
-        """Return a new message of type `name`; MissingInterface if this ROS installation lacks the type."""
+        """Return a new message of type `name`; raise MissingInterface if this ROS installation lacks the type."""
         return interface(name)()
 
     def floats(self, values: Iterable[float]) -> object:

@@ -55,7 +55,7 @@ class Address:
 
 
 def parse_address(text: str) -> Address:
-    """Parse "0x6041", "6041:00" or "0x1008:00 str"; ValueError with the reason if the text is invalid."""
+    """Parse "0x6041", "6041:00" or "0x1008:00 str"; raise ValueError with the reason if the text is invalid."""
     match = _ADDRESS.fullmatch(text.strip())
     if match is None:
         raise ValueError(f"{text!r} is not an object; write INDEX[:SUB] [TYPE] in hexadecimal, such as 0x6083:00 u32")
@@ -66,7 +66,7 @@ def parse_address(text: str) -> Address:
 
 
 def decode(data: bytes, kind: str) -> Value:
-    """Return the value of an object's data; ValueError if the length does not match the data type."""
+    """Return the value of an object's data; raise ValueError if the length does not match the data type."""
     if kind == "str":
         return data.rstrip(b"\0").decode("utf-8", "replace")
     if kind in _FORMATS:
@@ -79,7 +79,7 @@ def decode(data: bytes, kind: str) -> Value:
 
 
 def encode(value: Value, kind: str, length: int) -> bytes:
-    """Return a value as the data of an object of `length` bytes or of type `kind`; ValueError if out of range."""
+    """Return a value as the data of an object of `length` bytes or of type `kind`; raise ValueError if out of range."""
     try:
         if isinstance(value, bytes):
             return value
@@ -95,7 +95,7 @@ def encode(value: Value, kind: str, length: int) -> bytes:
 
 
 def of_datatype(datatype: int) -> int:
-    """Return the size in bytes of a data type index of COReadID; ValueError if the type is not supported."""
+    """Return the size in bytes of a data type index of COReadID; raise ValueError if the type is not supported."""
     if datatype not in _SIZES:
         raise ValueError(
             f"data type {datatype} is not supported; give INT8 2, INT16 3, INT32 4, UINT8 5, UINT16 6 or UINT32 7"
@@ -104,14 +104,14 @@ def of_datatype(datatype: int) -> int:
 
 
 def as_uint32(data: bytes) -> int:
-    """Return an object's data as the 32-bit `data` field of ros2_canopen; ValueError if longer than 4 bytes."""
+    """Return an object's data as the 32-bit `data` field of ros2_canopen; raise ValueError if longer than 4 bytes."""
     if len(data) > 4:
         raise ValueError(f"the object has {len(data)} bytes, but `data` has 4; use get_objects")
     return int.from_bytes(data, "little")
 
 
 def of_uint32(data: int, length: int) -> bytes:
-    """Return the 32-bit `data` field of ros2_canopen as `length` bytes; ValueError if the number does not fit."""
+    """Return the 32-bit `data` field of ros2_canopen as `length` bytes; raise ValueError if the number does not fit."""
     signed = data - (1 << 32) if data >= 1 << 31 else data
     if not 1 <= length <= 4:
         raise ValueError(f"the object has {length} bytes, but `data` has 4; use set_objects")

@@ -94,7 +94,7 @@ def _finite(tolerance: float) -> float:
 def pieces_of(trajectory: RosMessage) -> Iterator[list[TrajectoryPoint]]:
     """Yield the points of a JointTrajectory in lists for one request each; at least one list.
 
-    ValueError with the reason if there are too many points, or if a point has a number that is not finite.
+    Raise ValueError with the reason if there are too many points, or if a point has a number that is not finite.
     """
     points = trajectory.points
     if len(points) > MAX_POINTS:

@@ -85,7 +85,10 @@ class TopicHardware(Endpoint):
 
 
 def commanded(names: list[str], arrays: dict[str, list[float]]) -> dict[tuple[str, str], float]:
-    """Return the finite commands by joint and interface; ValueError if the arrays cannot be assigned to joints."""
+    """Return the finite commands by joint and interface.
+
+    Raise ValueError if the arrays cannot be assigned to joints.
+    """
     if len(set(names)) != len(names):
         raise ValueError("a joint is named twice")
     values = {}

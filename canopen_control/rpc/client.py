@@ -47,7 +47,7 @@ def read_error(raw: wire.Raw) -> RemoteError:
 
 
 def read_hello(api: Api[H, P], line: Line, label: str) -> H:
-    """Return the server's greeting in a line; RemoteError for an error line or another protocol version."""
+    """Return the server's greeting in a line; raise RemoteError for an error line or another protocol version."""
     if "error" in line:
         raise read_error(line["error"])
     hello = wire.decode(line.get("hello", wire.Raw(b"null")), Any)
@@ -96,7 +96,10 @@ class Client(Generic[H, P]):
         return self._stream.fileno()
 
     def ask(self, request: Request[A], timeout: float | None = None) -> A:
-        """Send a request and return the reply; RemoteError if it is refused, or not answered within `timeout` s."""
+        """Send a request and return the reply.
+
+        Raise RemoteError if it is refused, or not answered within `timeout` s.
+        """
         method = self.api.of(type(request))
         answer = self._exchange(method.name, request, self.timeout if timeout is None else timeout)
         if "error" in answer:
@@ -110,8 +113,8 @@ class Client(Generic[H, P]):
     def messages(self, timeout: float | None = None) -> Iterator[P]:
         """Yield pushed messages until none is received for `timeout` s (None: no timeout).
 
-        `messages(0)` yields the messages that have been received already. RemoteError if the connection is lost;
-        UnreadableMessage for a message that cannot be decoded, after which the iteration can be restarted.
+        `messages(0)` yields the messages that have been received already. Raise RemoteError if the connection is lost;
+        raise UnreadableMessage for a message that cannot be decoded, after which the iteration can be restarted.
         """
         while self._wait(lambda: bool(self._pushed), timeout):
             try:

@@ -36,7 +36,7 @@ class Incoming(msgspec.Struct, frozen=True):
 
 
 def read_line(line: bytes) -> dict[str, Raw]:
-    """Return the undecoded members of the JSON object in a line; ValueError for any other line."""
+    """Return the undecoded members of the JSON object in a line; raise ValueError for any other line."""
     try:
         return _fields.decode(line)
     except msgspec.ValidationError:
@@ -46,7 +46,10 @@ def read_line(line: bytes) -> dict[str, Raw]:
 
 
 def read_request(line: bytes) -> Incoming:
-    """Decode a client's line as a request; ValueError if it is invalid or has too many values to decode in time."""
+    """Decode a client's line as a request.
+
+    Raise ValueError if it is invalid or has too many values to decode in time.
+    """
     if too_many_values(line):
         raise ValueError(f"more than {MAX_VALUES} values")
     fields = read_line(line)
@@ -62,7 +65,7 @@ def read_request(line: bytes) -> Incoming:
 
 
 def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - the type that `kind` names, perhaps a union
-    """Decode JSON as the type `kind`; ValueError with msgspec's message, including the path of the error."""
+    """Decode JSON as the type `kind`; raise ValueError with msgspec's message, including the path of the error."""
     try:
         return msgspec.json.decode(raw, type=kind)
     except RecursionError:
@@ -121,7 +124,7 @@ def attributes(source: object, kind: Any) -> Any:  # noqa: ANN401 - the type tha
 
 
 def convert(document: object, kind: type[T]) -> T:
-    """Convert dicts and lists (see `plain`) to a message; ValueError with the path of the error."""
+    """Convert dicts and lists (see `plain`) to a message; raise ValueError with the path of the error."""
     try:
         return msgspec.convert(document, kind)
     except msgspec.ValidationError as error:

@@ -239,7 +239,7 @@ class SimulationMethods:
             server.register(kind, self._act)
 
     def _clock(self) -> RobotClock:
-        """Return the clock of the simulated robot; ControlError if the robot has buses or is not simulated."""
+        """Return the clock of the simulated robot; raise ControlError if the robot has buses or is not simulated."""
         robot = self._robot
         if robot.cycle.clock.simulated:
             return robot.cycle.clock
@@ -289,7 +289,7 @@ class SimulationMethods:
             call.refuse(ControlError(error))
 
     def _act(self, call: Call[Any]) -> None:
-        """Apply a disturbance, such as a push, to the physics simulation; ControlError without physics."""
+        """Apply a disturbance, such as a push, to the physics simulation; raise ControlError without physics."""
         self._clock()
         worlds = self._worlds()
         if not worlds:
@@ -528,7 +528,10 @@ class ApiServer(RobotObserver):
         self._pass(call, self._twist_values(call.request), call.request.stamp)
 
     def _twist_values(self, request: messages.TwistController) -> list[float]:
-        """Return the values of a twist in the controller's order; ControlError if the controller accepts no twists."""
+        """Return the values of a twist in the controller's order.
+
+        Raise ControlError if the controller accepts no twists.
+        """
         name, manager = request.controller, self._robot.manager
         axes: tuple[str, ...] = _PLANAR
         if name in manager.states:
@@ -609,7 +612,7 @@ class ApiServer(RobotObserver):
         call.reply(messages.Description(description.urdf_xml, os.path.abspath(description.path)))
 
     def _report(self, call: Call[messages.PublishEvent]) -> None:
-        """Publish a client's message as a one-line event; LocalProtocolError for an invalid message."""
+        """Publish a client's message as a one-line event; raise LocalProtocolError for an invalid message."""
         kind, text = call.request.kind, " ".join(call.request.text.split())
         if not (kind.isidentifier() and len(kind) <= MAX_KIND and 0 < len(text) <= MAX_TEXT and text.isprintable()):
             raise LocalProtocolError(f"tell: give a word as kind, and a printable text of 1 to {MAX_TEXT} characters")

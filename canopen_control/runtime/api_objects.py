@@ -173,7 +173,7 @@ class ProcessDataFeed:
 
 
 def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
-    """Write an object through an RPDO in the next cycle; ControlError if not allowed.
+    """Write an object through an RPDO in the next cycle; raise ControlError if not allowed.
 
     Not allowed are objects in no RPDO, objects that move an axis, digital outputs that a controller commands, and
     any object while the node is not OPERATIONAL. An RPDO that moves no axis is sent once.
@@ -195,7 +195,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
 
 
 def _number(data: bytes, mapped: MappedObject, title: str) -> int:
-    """Return the value to pack into the RPDO; ControlError if out of range, since the cycle must not fail."""
+    """Return the value to pack into the RPDO; raise ControlError if out of range, since the cycle must not fail."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])

@@ -93,7 +93,10 @@ class TrajectoryMethods(RobotObserver):
         call.reply(Done())
 
     def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> PointBuffer:
-        """Buffer the points of a message; return all points of the connection. ControlError for too many points."""
+        """Buffer the points of a message; return all points of the connection.
+
+        Raise ControlError for too many points.
+        """
         buffer = self._points.setdefault(connection, PointBuffer())
         if len(buffer) + len(points) > MAX_POINTS:
             del self._points[connection]
@@ -170,7 +173,7 @@ class TrajectoryMethods(RobotObserver):
             )
 
     def _start_goal(self, call: Call[FollowTrajectory] | Call[SendTrajectory]) -> SentTrajectory:
-        """Start the requested goal, which replaces the connection's earlier goal; ControlError if refused."""
+        """Start the requested goal, which replaces the connection's earlier goal; raise ControlError if refused."""
         request, robot = call.request, self._robot
         trajectory = self._trajectory(call)
         tolerances = GoalTolerances(
@@ -298,7 +301,7 @@ class GripperMethods:
             call.reply(GripperVerdict(accepted=True, feedback_rate=goal.feedback_rate))
 
     def _start_goal(self, call: Call[MoveGripper] | Call[SendGripper]) -> SentGrip:
-        """Start the requested goal, which replaces the connection's earlier goal; ControlError if refused."""
+        """Start the requested goal, which replaces the connection's earlier goal; raise ControlError if refused."""
         request, robot, connection = call.request, self._robot, call.connection
         goal = GripperGoal(
             request.position, request.max_effort, request.max_velocity, lambda: robot.reactor.call_soon(sent.settle)

@@ -119,8 +119,8 @@ def simulation_engine(
 ) -> Engine | None:
     """Return the physics engine for a robot's simulated tag, or None if its motors need no physics.
 
-    ConfigError if the robot requires physics and there is none. `report` receives the kind and the text of events about
-    guessed values, or about the reason why there is no physics.
+    Raise ConfigError if the robot requires physics and there is none. `report` receives the kind and the text of events
+    about guessed values, or about the reason why there is no physics.
     """
     tags = [tag for tag, kind in zip(setup.description.hardware, kinds, strict=True) if kind is PluginKind.SIMULATION]
     is_needed = setup.world is not None or any(tag.plugin == PHYSICS_PLUGIN for tag in tags)
@@ -141,7 +141,7 @@ def simulation_engine(
 
 
 def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, str], None]) -> Engine:
-    """Create the physics engine of a tag; RobotConfigError if a file has errors."""
+    """Create the physics engine of a tag; raise RobotConfigError if a file has errors."""
     from canopen_control.physics.plugin_robot import make_simulated
 
     folder = Path(setup.description.path).parent
@@ -157,7 +157,7 @@ def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, st
 
 
 def _world(path: Path) -> WorldDescription:
-    """Read a world file for a single robot; RobotConfigError if the file defines robots."""
+    """Read a world file for a single robot; raise RobotConfigError if the file defines robots."""
     from canopen_control.physics.scene_file import read_world_description
 
     world = read_world_description(path)

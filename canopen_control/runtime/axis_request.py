@@ -73,7 +73,7 @@ def reached(joint: JointDrive, action: Action) -> bool:
 
 
 def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
-    """Return the node with this name or node id; UnknownName if it does not exist."""
+    """Return the node with this name or node id; raise UnknownName if it does not exist."""
     for node in nodes.values():
         if name in (node.name, str(node.node_id)):
             return node
@@ -84,7 +84,7 @@ def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
 def axes_of(
     nodes: Mapping[str, RemoteNode], joints: Collection[JointDrive], name: str, only: str | None = None
 ) -> tuple[JointDrive, ...]:
-    """Return the axes of a node or of "all" nodes; `only` selects one joint. ControlError if no axis matches."""
+    """Return the axes of a node or of "all" nodes; `only` selects one joint. Raise ControlError if no axis matches."""
     axes = tuple(joints)
     if name == ALL and nodes and not axes:
         raise ControlError("no node drives a joint, so the robot has no axis")
@@ -235,7 +235,7 @@ def begin_action(
 ) -> int:
     """Start a user's action on axes; return the extension of the request timeout in ns, usually 0.
 
-    ControlError or DriveError if the action is impossible, before any drive is changed.
+    Raise ControlError or DriveError if the action is impossible, before any drive is changed.
     """
     if action is Action.ENABLE:
         parts = [(system, [joint for joint in joints if joint in system.joints]) for system in systems]

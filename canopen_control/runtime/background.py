@@ -61,9 +61,10 @@ class BackgroundRobot:
         return self._session is not None and self._thread is not None and self._thread.is_alive()
 
     def start(self) -> None:
-        """Boot the nodes and activate the controllers; return once the robot runs. CanopenError if the start fails.
+        """Boot the nodes and activate the controllers; return once the robot runs.
 
-        If STOP is latched, even from an earlier run, the method returns early: nothing moves before a release.
+        Raise CanopenError if the start fails. If STOP is latched, even from an earlier run, the method returns early:
+        nothing moves before a release.
         """
         if self._thread is not None:
             return

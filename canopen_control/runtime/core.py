@@ -324,7 +324,10 @@ class RobotCore:
         return f"no TPDO with the statusword of {names} was received; see: canopen-control trace --service pdo"
 
     def join(self) -> None:
-        """Open the bus channels before `start`, to record boot-up messages of the nodes; BusError if that fails."""
+        """Open the bus channels before `start`, to record boot-up messages of the nodes.
+
+        Raise BusError if that fails.
+        """
         self._with_buses(RobotBus.join)
 
     def has_heard(self, names: Iterable[str]) -> bool:
@@ -333,7 +336,10 @@ class RobotCore:
         return all(node.node_id in self.bus_of(node).booted_up for node in nodes)
 
     def start(self) -> None:
-        """Open the buses if necessary, boot the nodes and start the cycle; BusError if a channel cannot be opened."""
+        """Open the buses if necessary, boot the nodes and start the cycle.
+
+        Raise BusError if a channel cannot be opened.
+        """
         if self._phase is not RobotState.STARTING:
             return  # the robot was shut down before the start
         self._with_buses(RobotBus.open)
@@ -403,7 +409,7 @@ class RobotCore:
         holder: object = None,
         sender: CommandSender | None = None,
     ) -> dict[str, str]:
-        """Pass a command to a controller; ControlError if STOP is latched or the controller refuses the command.
+        """Pass a command to a controller; raise ControlError if STOP is latched or the controller refuses the command.
 
         `stamp` is the creation time in Unix s. The command ends when `client_disconnected` is called with the `holder`;
         without a holder it ends only by its timeout. Returns why joints do not follow the command, by joint name.
@@ -438,7 +444,10 @@ class RobotCore:
     def send_goal(
         self, controller: str, goal: AnyGoal, source: str, *, holder: object = None, sender: CommandSender | None = None
     ) -> None:
-        """Pass a goal to a controller; the goal ends when the client `holder` disconnects. ControlError if refused."""
+        """Pass a goal to a controller; the goal ends when the client `holder` disconnects.
+
+        Raise ControlError if refused.
+        """
         self._refuse_while_stopping("a goal to", controller)
         self.latch.refuse("a goal to", controller)
         self._require_active(controller, source)
@@ -500,8 +509,8 @@ class RobotCore:
     ) -> str:
         """Start an action on the axes of a node or of "all"; `done(error)` is called when it has ended.
 
-        ControlError if the action is refused. The action includes all axes of a base; returns a text that names the
-        added axes, and the axes that "all" cannot enable, or "". `joint` selects one of several axes of a node.
+        Raise ControlError if the action is refused. The action includes all axes of a base; returns a text that names
+        the added axes, and the axes that "all" cannot enable, or "". `joint` selects one of several axes of a node.
         `method` is the homing method (None: the method in 0x6098), `mode` the mode of operation by name or number.
         """
         now = self.reactor.now()
@@ -523,7 +532,7 @@ class RobotCore:
         ProbeReading(axes_of(self.nodes, self.joints.values(), name)[0].axis, done)
 
     def node(self, name: str) -> RemoteNode:
-        """Return the node with this name or node id; UnknownName if it does not exist."""
+        """Return the node with this name or node id; raise UnknownName if it does not exist."""
         return find_node(self.nodes, name)
 
     def bus_of(self, node: RemoteNode) -> RobotBus:

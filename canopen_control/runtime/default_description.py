@@ -53,7 +53,10 @@ _URDF: Final = '<robot name="{name}"><link name="base_link"/></robot>'
 
 
 def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> UrdfDescription:
-    """Return a default description with one joint per drive axis; RobotConfigError if two axes have the same name."""
+    """Return a default description with one joint per drive axis.
+
+    Raise RobotConfigError if two axes have the same name.
+    """
     joints = tuple(joint for bus in buses.values() for joint in _joints(bus))
     _refuse_doubles(path, joints)
     system = _system(name, joints)

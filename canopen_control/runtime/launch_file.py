@@ -104,7 +104,7 @@ class LaunchFile:
 
 
 def read_launch(path: Path) -> LaunchFile:
-    """Read a launch file in XML, YAML or Python; RobotConfigError if it cannot be read or is invalid."""
+    """Read a launch file in XML, YAML or Python; raise RobotConfigError if it cannot be read or is invalid."""
     try:
         source = read_utf8(path)
     except (OSError, ValueError) as error:
@@ -125,7 +125,10 @@ def read_launch(path: Path) -> LaunchFile:
 
 
 def launch_elements(source: str, path: Path) -> Element:
-    """Parse a launch file as YAML or XML, by the suffix of `path`, and return the root element; RobotConfigError."""
+    """Parse a launch file as YAML or XML, by the suffix of `path`, and return the root element.
+
+    Raise RobotConfigError.
+    """
     if path.suffix in (".yaml", ".yml"):
         return read_yaml_launch(source, str(path))
     return read_document(source, str(path)).root

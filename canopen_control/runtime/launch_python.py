@@ -98,7 +98,10 @@ class PythonLaunch:
 
 
 def read_python(source: str, path: str) -> PythonLaunch:
-    """Read the source of a Python launch file; RobotConfigError if it is not valid Python or too deeply nested."""
+    """Read the source of a Python launch file.
+
+    Raise RobotConfigError if it is not valid Python or too deeply nested.
+    """
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:

@@ -46,7 +46,7 @@ def sensed_parts(setup: RobotSetup, tag: Ros2ControlSystem) -> list[ControlJoint
 
 
 def world_sensors(setup: RobotSetup) -> dict[str, SensorSettings]:
-    """Return the settings of all simulated sensors by name; PhysicsError if one is invalid."""
+    """Return the settings of all simulated sensors by name; raise PhysicsError if one is invalid."""
     return _sensors(setup, setup.description.hardware)
 
 
@@ -61,7 +61,10 @@ def _sensors(setup: RobotSetup, tags: Iterable[Ros2ControlSystem]) -> dict[str, 
 
 
 def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> WorldSensors | None:
-    """Return a hardware component with the simulated sensors of a tag, or None if the tag has none; PhysicsError."""
+    """Return a hardware component with the simulated sensors of a tag, or None if the tag has none.
+
+    Raise PhysicsError.
+    """
     sensors = _sensors(setup, [tag])
     parts = [part for part in tag.sensors if part.name in sensors]
     return WorldSensors(f"{tag.name}_world", parts) if parts else None
@@ -121,7 +124,7 @@ def check_physics(setup: RobotSetup) -> None:
 def write_plant(
     setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None, folder: Path | None = None
 ) -> Path:
-    """Write the plant file and a copy of the URDF; return the path of the plant file. ConfigError on failure.
+    """Write the plant file and a copy of the URDF; return the path of the plant file. Raise ConfigError on failure.
 
     `folder` defaults to the folder of the robot's logs.
     """

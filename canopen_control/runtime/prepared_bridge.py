@@ -30,7 +30,7 @@ def bridge_command(name: str, arguments: Sequence[str]) -> list[str]:
 
 @contextlib.contextmanager
 def prepared_bridge(name: str, arguments: Sequence[str]) -> Iterator[Child]:
-    """Start the ROS bridge process before the robot, and end it with the context; CanopenError on failure."""
+    """Start the ROS bridge process before the robot, and end it with the context; raise CanopenError on failure."""
     command = bridge_command(name, arguments)
     child = spawn(
         [*MODULE, *command],

@@ -104,7 +104,10 @@ class RealTime:
         self._undo.callback(os.sched_setscheduler, 0, *before)
 
     def _lock_memory(self, priority: int) -> None:
-        """Lock all current and future pages in memory; ConfigError if a limit could make a later allocation fail."""
+        """Lock all current and future pages in memory.
+
+        Raise ConfigError if a limit could make a later allocation fail.
+        """
         import ctypes
         import resource
 

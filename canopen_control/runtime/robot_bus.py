@@ -55,10 +55,10 @@ class SyncTask(Protocol):
         """Clause for messages: the effect of a missing SYNC, and the remedy."""
 
     def start(self, period_us: int) -> None:
-        """Start or restart sending SYNC every `period_us`; BusError on failure."""
+        """Start or restart sending SYNC every `period_us`; raise BusError on failure."""
 
     def adjust(self, period_us: int) -> None:
-        """Change the period of the running task without an extra SYNC; BusError on failure."""
+        """Change the period of the running task without an extra SYNC; raise BusError on failure."""
 
     def close(self) -> None:
         """Stop sending SYNC."""
@@ -146,7 +146,7 @@ class ExternalSync:
         self._excess, self._trimmed_us = _Excess(period_us * 1000), 0
 
     def start(self, now: int) -> None:
-        """Start the SYNC task and the supervision of SYNC; BusError on failure."""
+        """Start the SYNC task and the supervision of SYNC; raise BusError on failure."""
         self._begin()
         self._deadline = now + self._first_wait + self._timeout
 
@@ -308,13 +308,13 @@ class RobotBus:
         self.network.hear_sync(sync.receive_sync)
 
     def join(self) -> None:
-        """Open the channel; until `open`, only boot-up messages are processed. BusError on failure."""
+        """Open the channel; until `open`, only boot-up messages are processed. Raise BusError on failure."""
         if self.port is None:
             self.port = open_port(self.channel, label="master")
             self._reactor.add_reader(self.port.fileno(), self._note_boot_ups)
 
     def open(self) -> None:
-        """Start processing received frames, opening the channel first if necessary; BusError on failure."""
+        """Start processing received frames, opening the channel first if necessary; raise BusError on failure."""
         self.join()
         if self.port is None:
             return

@@ -58,7 +58,10 @@ class AskedHardware:
     world_word: str = ""
 
     def channels(self, can: Sequence[str], buses: Collection[str]) -> list[str]:
-        """Return the `--can` options, or the channel in the argument; RobotConfigError for contradictory values."""
+        """Return the `--can` options, or the channel in the argument.
+
+        Raise RobotConfigError for contradictory values.
+        """
         if not self.channel:
             return list(can)
         if can:
@@ -73,14 +76,17 @@ class AskedHardware:
         return [self.channel]
 
     def is_real(self, *, option: bool) -> bool:
-        """Whether `--real` or an argument requests real drives; RobotConfigError if they contradict each other."""
+        """Whether `--real` or an argument requests real drives.
+
+        Raise RobotConfigError if they contradict each other.
+        """
         if option and self.real is False:
             raise RobotConfigError(f"{self.real_word} contradicts --real; omit one of them")
         return option or bool(self.real)
 
 
 def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
-    """Return the hardware options in a user's arguments; RobotConfigError for contradictory or invalid values."""
+    """Return the hardware options in a user's arguments; raise RobotConfigError for contradictory or invalid values."""
     channels = {name: value for name, value in words.items() if _names_channel(name, value)}
     real_values = {
         name: is_real for name, value in words.items() if (is_real := _requests_real(name, value)) is not None
@@ -268,7 +274,7 @@ def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> P
 def _description_arguments(
     words: dict[str, str], launched: Launched | None, hardware: AskedHardware, described: Path
 ) -> dict[str, str]:
-    """Return the xacro arguments of the user or the launch file; RobotConfigError for a mistyped name."""
+    """Return the xacro arguments of the user or the launch file; raise RobotConfigError for a mistyped name."""
     if launched is None:  # the description need not declare the hardware arguments
         return {f"{name}?" if name in hardware.names else name: value for name, value in words.items()}
     from canopen_control.runtime.launch_file import refuse_mistyped
@@ -313,7 +319,7 @@ def _refuse_ineffective(idle: Iterable[str]) -> None:
 
 
 def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
-    """Split arguments NAME:=VALUE; the last value of a name applies. RobotConfigError for any other form."""
+    """Split arguments NAME:=VALUE; the last value of a name applies. Raise RobotConfigError for any other form."""
     arguments = {}
     for word in words:
         name, is_pair, value = word.partition(":=")
@@ -324,7 +330,7 @@ def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
 
 
 def find_buses(config: str | None) -> dict[str, Path]:
-    """Return the bus files in a robot's folder, by bus name; RobotConfigError if there is no bus.yml."""
+    """Return the bus files in a robot's folder, by bus name; raise RobotConfigError if there is no bus.yml."""
     if not config:
         raise _not_given()
     missing: list[str] = []

@@ -247,7 +247,7 @@ class RunSession(RobotObserver):
         self.robot.observers.append(self)
 
     def start(self) -> None:
-        """Start the child processes, then the robot once they are ready; CanopenError on failure."""
+        """Start the child processes, then the robot once they are ready; raise CanopenError on failure."""
         if self.realtime.text:
             self.robot.report(Event(self.reactor.now(), "realtime", "", self.realtime.text))
         self.robot.latch.report(self.reactor.now())
@@ -359,7 +359,7 @@ class RunSession(RobotObserver):
 
 
 def _claim(channel: str) -> int:
-    """Lock a channel on this host for this NMT master; RobotConfigError if another process holds the lock.
+    """Lock a channel on this host for this NMT master; raise RobotConfigError if another process holds the lock.
 
     A process without a robot's socket is about to end, and is awaited.
     """

@@ -284,7 +284,7 @@ def _refuse_for_a_bus(files: RobotFiles, *, mock: bool) -> None:
 
 
 def _buses(files: RobotFiles, peer_merge: bool, allow_unsupervised: bool) -> dict[str, BusConfig]:
-    """Read all buses; RobotConfigError for contradictions between buses."""
+    """Read all buses; raise RobotConfigError for contradictions between buses."""
     buses = {
         name_of_bus: read_bus(path, peer_merge=peer_merge, allow_unsupervised=allow_unsupervised)
         for name_of_bus, path in files.buses.items()
@@ -355,7 +355,7 @@ def _choose_sync(
     kernel_sync: bool,
     mock: bool,
 ) -> dict[str, SyncChoice]:
-    """Return the SYNC producer of each bus; RobotConfigError if the kernel is requested and cannot be used."""
+    """Return the SYNC producer of each bus; raise RobotConfigError if the kernel is requested and cannot be used."""
     if kernel_sync:
         _require_kernel_sync(buses, channels, mock=mock)
     return {
@@ -401,7 +401,7 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
 def started_controllers(
     files: RobotFiles, control: ControllersFile, description: UrdfDescription, names: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the controllers to activate at the start, in order; RobotConfigError for an unknown name.
+    """Return the controllers to activate at the start, in order; raise RobotConfigError for an unknown name.
 
     These are all controllers that move no joints, and the requested `names`, else the first controller that moves
     joints. If no names are given, controllers that a launch file spawns have precedence.

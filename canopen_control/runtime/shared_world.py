@@ -123,7 +123,10 @@ class SharedRun:
         self._refused = self._ending = False
 
     def run(self) -> None:
-        """Run until all robots have ended; ConfigError if the drives refuse their files, CanopenError otherwise."""
+        """Run until all robots have ended.
+
+        Raise ConfigError if the drives refuse their files, CanopenError otherwise.
+        """
         try:
             self._reactor.handle_signals(dict.fromkeys(_SIGNALS, self._end))
             self._start_drives()

@@ -26,7 +26,7 @@ UNLOADED = "unloaded"  # state of a controller that is only in the file
 
 
 def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *, configure: bool = True) -> None:
-    """Load and, by default, configure a controller of ros2_controllers.yaml; ControlError or ConfigError."""
+    """Load and, by default, configure a controller of ros2_controllers.yaml; raise ControlError or ConfigError."""
     config = setup.controllers.controllers.get(name)
     if config is None:
         by_name = setup.controllers.controllers
@@ -37,7 +37,7 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *,
 
 
 def configure_controller(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Configure a loaded controller and then its fallback controllers; ControlError or ConfigError."""
+    """Configure a loaded controller and then its fallback controllers; raise ControlError or ConfigError."""
     manager.configure(name)
     loaded, config = manager.states, setup.controllers.controllers.get(name)
     for fallback in () if config is None else config.fallbacks:
@@ -56,8 +56,8 @@ def switch_controllers(
 ) -> None:
     """Switch controllers; new ones are loaded and configured first. `check` may refuse the activation.
 
-    Without `strict`, unknown names are reported and left out. ControlError or ConfigError if the switch fails; then
-    newly loaded controllers are unloaded again.
+    Without `strict`, unknown names are reported and left out. Raise ControlError or ConfigError if the switch fails;
+    then newly loaded controllers are unloaded again.
     """
     before = manager.states
     names = {*before, *setup.controllers.controllers}

@@ -114,7 +114,7 @@ def is_drive(od: ObjectDictionary) -> bool:
 
 
 def choose_drive(od: ObjectDictionary, interfaces: Sequence[Sequence[str]] = ()) -> DriveChoice:
-    """Choose interfaces, modes and PDOs for all axes of a drive; RobotConfigError with the reason if impossible.
+    """Choose interfaces, modes and PDOs for all axes of a drive; raise RobotConfigError with the reason if impossible.
 
     `interfaces` are the acceptable interfaces of each axis, in order of preference; by default velocity, then position.
     """
@@ -162,7 +162,7 @@ def _axis_choice(
 
 
 def _feedback_pdos(od: ObjectDictionary, axes: Sequence[int]) -> tuple[PdoUse, ...]:
-    """Choose the TPDOs; RobotConfigError if an axis lacks statusword, mode or mode display."""
+    """Choose the TPDOs; raise RobotConfigError if an axis lacks statusword, mode or mode display."""
 
     def addresses_of(*indices: int) -> tuple[Address, ...]:
         return tuple((objects.axis_index(index, axis), 0) for axis in axes for index in indices)

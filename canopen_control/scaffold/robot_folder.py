@@ -375,7 +375,10 @@ class Written:
 
 
 def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Written:
-    """Write the folder of a robot into `parent`; ConfigError if it exists or is not writable, DiskFull if full."""
+    """Write the folder of a robot into `parent`.
+
+    Raise ConfigError if it exists or is not writable, DiskFull if full.
+    """
     folder = parent / robot.name
     refuse_existing(folder, force=force)
     robot = _with_distinct_files(robot)

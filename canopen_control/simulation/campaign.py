@@ -439,7 +439,7 @@ _STYLE: Final = "body{font:14px sans-serif;margin:2em}td,th{padding:.1em .6em;te
 def write_breach(
     folder: Path, setup: RobotSetup, result: SeedResult, acts: Sequence[ScenarioEvent], duration_ns: int, command: str
 ) -> Path:
-    """Write scenario and frames of a breach; return the scenario's path. ConfigError on failure.
+    """Write scenario and frames of a breach; return the scenario's path. Raise ConfigError on failure.
 
     `command` is the command that replays the scenario, without the file name.
     """

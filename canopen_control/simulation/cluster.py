@@ -39,7 +39,7 @@ def require_cluster() -> None:
 def run_on_cluster(
     campaign: Campaign, seeds: Sequence[int], address: str, note: Callable[[str], object] = lambda _text: None
 ) -> Iterator[SeedResult]:
-    """Yield seed results in order of completion; ConfigError without a cluster, CanopenError if it is lost.
+    """Yield seed results in order of completion; raise ConfigError without a cluster, CanopenError if it is lost.
 
     `note` receives a sentence if the cluster has no worker yet. A seed whose workers died repeatedly runs in this
     process.

@@ -30,7 +30,7 @@ _PREFIX: Final = "canopen_control-"
 
 
 def open_floor(setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None) -> World:
-    """Return one robot's physics world with the objects of a world file; RobotConfigError if it has no joints."""
+    """Return one robot's physics world with the objects of a world file; raise RobotConfigError if it has no joints."""
     with tempfile.TemporaryDirectory(prefix=_PREFIX) as folder:
         return read_world(write_plant(setup, joints, world, Path(folder)))
 

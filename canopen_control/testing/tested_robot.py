@@ -278,7 +278,7 @@ class SimulatedTransfers(Transfers):
         self._timeout_ns = None if seconds is None else round(seconds * 1e9)
 
     def command(self, command: NmtCommand) -> None:
-        """Send an NMT command through the robot; DriveError if the node does not reach the resulting state."""
+        """Send an NMT command through the robot; raise DriveError if the node does not reach the resulting state."""
         robot, node = self._robot, self._node
         robot.host.call(partial(node.command, command, robot.core.reactor.now()))
         robot.host.call(robot.core.bus_of(node).send_waiting)
@@ -331,12 +331,12 @@ class TestedDrive:
         return abs(self.velocity) > _STANDING
 
     def fault(self, name: str, seconds: float | None = None) -> None:
-        """Inject a fault for `seconds` (None: until `clear_fault`); ConfigError for an unknown fault."""
+        """Inject a fault for `seconds` (None: until `clear_fault`); raise ConfigError for an unknown fault."""
         find_fault(name)
         self._robot.do("fault", str(self._drive.node_id), name=name, seconds=seconds)
 
     def clear_fault(self, name: str) -> None:
-        """Clear a fault; ConfigError for an unknown fault."""
+        """Clear a fault; raise ConfigError for an unknown fault."""
         find_fault(name)
         self._robot.do("heal", str(self._drive.node_id), name=name)
 
@@ -347,12 +347,15 @@ class TestedDrive:
         self._drive.quirks = [*self._drive.quirks, *quirks]
 
     def quirk(self, text: str, seconds: float | None = None) -> None:
-        """Enable a quirk ``NAME=VALUE@AXIS`` for `seconds` (None: permanently); ConfigError for an unknown quirk."""
+        """Enable a quirk ``NAME=VALUE@AXIS`` for `seconds` (None: permanently).
+
+        Raise ConfigError for an unknown quirk.
+        """
         parse_quirk(text)
         self._robot.do("quirk", str(self._drive.node_id), name=text, seconds=seconds)
 
     def quirk_off(self, text: str) -> None:
-        """Disable a quirk; ConfigError for an unknown quirk."""
+        """Disable a quirk; raise ConfigError for an unknown quirk."""
         parse_quirk(text)
         self._robot.do("quirk_off", str(self._drive.node_id), name=text)
 
@@ -385,7 +388,7 @@ class TestedDrives:
         return self._drives[self.place(node)[1]]
 
     def place(self, node: int | str) -> tuple[str, int]:
-        """Return name and node-ID of a drive; UnknownName if it does not exist."""
+        """Return name and node-ID of a drive; raise UnknownName if it does not exist."""
         for name, number in self._ids.items():
             if node in (name, number) and number in self._drives:
                 return name, number

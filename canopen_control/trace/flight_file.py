@@ -335,7 +335,7 @@ def save(
     states: Iterable[bytes],
     requests: Iterable[bytes] = (),
 ) -> Path:
-    """Write a recording to `folder` and delete the oldest recordings; ConfigError or DiskFull on failure."""
+    """Write a recording to `folder` and delete the oldest recordings; raise ConfigError or DiskFull on failure."""
     with telling(folder, "no recording was written"):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = _free_path(folder, meta)
@@ -352,7 +352,7 @@ def write_flight(
     states: Iterable[bytes],
     requests: Iterable[bytes],
 ) -> None:
-    """Write a recording to `path`, which exists only once complete; ConfigError or DiskFull on failure."""
+    """Write a recording to `path`, which exists only once complete; raise ConfigError or DiskFull on failure."""
     part = path.with_suffix(".part")
     try:
         with telling(path, _LOST):
@@ -451,7 +451,7 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
 
 
 def _content(archive: zipfile.ZipFile, name: str) -> bytes:
-    """Return a member of the archive; FlightFileError if it is larger than a recorder permits."""
+    """Return a member of the archive; raise FlightFileError if it is larger than a recorder permits."""
     limit = next(size for start, size in _LARGEST.items() if name.startswith(start))
     if archive.getinfo(name).file_size > limit:
         raise _too_large(name, limit)

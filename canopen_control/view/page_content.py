@@ -92,27 +92,30 @@ class FaultClient:
         return [name for name, node in self._nodes.items() if drive_name(node.channel, node.node_id) in alive]
 
     def faults(self, drive: str) -> tuple[FaultListing, ...]:
-        """Return all faults that a virtual drive supports; RemoteError if the drive is not running."""
+        """Return all faults that a virtual drive supports; raise RemoteError if the drive is not running."""
         with self._connect(drive) as client:
             return client.ask(ListFaults())
 
     def switch(self, drive: str, fault: str, *, on: bool) -> list[str]:
-        """Switch a fault and return the active faults; RemoteError if the drive refuses or is not running."""
+        """Switch a fault and return the active faults; raise RemoteError if the drive refuses or is not running."""
         with self._connect(drive) as client:
             return client.ask(SwitchFault(name=fault, on=on)).active
 
     def quirks(self, drive: str) -> tuple[QuirkListing, ...]:
-        """Return all quirks that a virtual drive supports; RemoteError if the drive is not running."""
+        """Return all quirks that a virtual drive supports; raise RemoteError if the drive is not running."""
         with self._connect(drive) as client:
             return client.ask(ListQuirks())
 
     def switch_quirk(self, drive: str, quirk: str, *, on: bool) -> list[str]:
-        """Switch a quirk, given as NAME=VALUE@AXIS, and return the active quirks; RemoteError if refused."""
+        """Switch a quirk, given as NAME=VALUE@AXIS, and return the active quirks; raise RemoteError if refused."""
         with self._connect(drive) as client:
             return client.ask(SwitchQuirk(quirk=quirk, on=on)).active
 
     def set_signals(self, drive: str, values: dict[str, float]) -> None:
-        """Set inputs of a virtual device by name; RemoteError if an input is unknown or the device is not running."""
+        """Set inputs of a virtual device by name.
+
+        Raise RemoteError if an input is unknown or the device is not running.
+        """
         with self._connect(drive) as client:
             client.ask(SetSignals(values=values))
 

@@ -162,7 +162,7 @@ _PROBE_S: Final = 5.0
 def listen(host: str, port: int | None, first: int | None = None) -> socket.socket:
     """Bind a listening socket to `port`; None selects the port `first` or one of the default ports.
 
-    ConfigError if no port is free.
+    Raise ConfigError if no port is free.
     """
     ports = list(range(DEFAULT_PORT, DEFAULT_PORT + _OTHER_PORTS)) if port is None else [port]
     if port is None and first is not None:
@@ -227,7 +227,7 @@ class PageServer:
         return AccessMiddleware(app, rules)
 
     async def serve(self, ready: Callable[[], object]) -> None:
-        """Check the access rules, call `ready`, and serve until `stop`; ControlError if the check fails."""
+        """Check the access rules, call `ready`, and serve until `stop`; raise ControlError if the check fails."""
         serving = asyncio.ensure_future(self._server.serve(sockets=[self._listener]))
         try:
             while not self._server.started and not serving.done():

@@ -244,16 +244,19 @@ class RobotConnection:
         self._client = RobotClient.connect(name, _TIMEOUT_S)
 
     def robot_info(self) -> RobotInfo:
-        """Request the constant data of the robot; blocks. RemoteError if the robot has ended."""
+        """Request the constant data of the robot; blocks. Raise RemoteError if the robot has ended."""
         ask = self._client.ask
         return read_robot_info(self.name, ask(GetDescription()), ask(GetNodes()), ask(GetStatus()))
 
     def subscribe(self, rate: float) -> None:
-        """Subscribe to events and to samples at `rate` in Hz without waiting; RemoteError if the robot has ended."""
+        """Subscribe to events and to samples at `rate` in Hz without waiting.
+
+        Raise RemoteError if the robot has ended.
+        """
         self._client.notify(Subscribe(state_rate=rate, events=True))
 
     def messages(self) -> Iterator[StateSample | RobotEvent]:
-        """Yield the received events, then the latest received sample; RemoteError if the robot has ended."""
+        """Yield the received events, then the latest received sample; raise RemoteError if the robot has ended."""
         newest: StateSample | None = None
         for message in self._client.messages(0):
             if isinstance(message, StateSample):
@@ -268,7 +271,7 @@ class RobotConnection:
         return self._client.fileno()
 
     def stop(self) -> None:
-        """Send a latched STOP without waiting for a reply; RemoteError if the robot cannot be reached."""
+        """Send a latched STOP without waiting for a reply; raise RemoteError if the robot cannot be reached."""
         self._client.notify(Stop(latch=True, source=SOURCE))
 
     def send(self, request: Request[Any]) -> None:
@@ -289,7 +292,7 @@ class RobotConnection:
         return None
 
     def controllers(self) -> tuple[ControllerReading, ...]:
-        """Request the controllers on a separate connection and wait; CanopenError if the robot has ended."""
+        """Request the controllers on a separate connection and wait; raise CanopenError if the robot has ended."""
         with RobotClient.connect(self.name, _TIMEOUT_S) as client:
             return client.ask(ListControllers())
 

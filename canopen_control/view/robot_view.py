@@ -72,11 +72,11 @@ class NodeJobs(NodeObjects):
     # ------------------------------------------------------------------------------------ single objects
 
     async def write(self, entry: Entry, text: str) -> Edit:
-        """Write an object from the user's text; CanopenError with the reason if the write is refused."""
+        """Write an object from the user's text; raise CanopenError with the reason if the write is refused."""
         return await in_thread(partial(self._edit, lambda session: self.history.write(session, entry, text)))
 
     async def undo(self) -> Edit:
-        """Undo the latest edit; CanopenError with the reason if it cannot be undone."""
+        """Undo the latest edit; raise CanopenError with the reason if it cannot be undone."""
         return await in_thread(partial(self._edit, self.history.undo))
 
     def _edit(self, change: Callable[[NodeSession], Edit]) -> Edit:
@@ -151,7 +151,7 @@ class WorldClient:
             return False
 
     def act(self, world_act: WorldAct) -> bool:
-        """Apply a disturbance; RemoteError if the disturbance is refused.
+        """Apply a disturbance; raise RemoteError if the disturbance is refused.
 
         Return True if the robot itself reports the disturbance as an event.
         """

@@ -58,7 +58,7 @@ class LoadedTrajectory:
 
 
 def load(data: bytes, name: str) -> LoadedTrajectory:
-    """Parse an uploaded file; ConfigError with all errors by line if it is invalid."""
+    """Parse an uploaded file; raise ConfigError with all errors by line if it is invalid."""
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -537,7 +537,7 @@ def _open_connection(name: str) -> tuple[RobotConnection, RobotInfo]:
 
 
 def main(name: str | None, host: str, port: int | None, *, teleop: bool) -> None:
-    """Serve the page until a signal ends it; ConfigError if the page cannot start."""
+    """Serve the page until a signal ends it; raise ConfigError if the page cannot start."""
 
     def print_line(text: str) -> None:
         sys.stdout.write(f"{text}\n")

@@ -213,7 +213,10 @@ class NodeControl:
 
 
 def _holder(plant: Plant, name: str) -> object:
-    """Return the object that has the parameter `name`, the plant or a wheel's motor; ConfigError if none has it."""
+    """Return the object that has the parameter `name`, the plant or a wheel's motor.
+
+    Raise ConfigError if none has it.
+    """
     holder = plant if hasattr(plant, name) else getattr(plant, "inner", plant)
     if name.startswith("_") or not isinstance(getattr(holder, name, None), int | float):
         raise ConfigError(f"plant: {name!r} is not a number of this plant")

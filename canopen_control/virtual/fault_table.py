@@ -157,7 +157,7 @@ option codes or its device model; row 19 is row 18 from the start.
 
 
 def find_fault(name: str) -> Fault:
-    """Return a fault by name; ConfigError, with the nearest name, if unknown."""
+    """Return a fault by name; raise ConfigError, with the nearest name, if unknown."""
     fault = FAULTS.get(name)
     if fault is None:
         if name.partition("=")[0].partition("@")[0] in QUIRKS:

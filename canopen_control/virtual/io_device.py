@@ -548,7 +548,7 @@ class Encoder(SensorDevice):
         self.move(0.0)
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """Set inputs by name; ConfigError for position or velocity of an encoder on the shaft of a drive."""
+        """Set inputs by name; raise ConfigError for position or velocity of an encoder on the shaft of a drive."""
         if self._world is not None and (led := [name for name in ("position", "velocity") if name in values]):
             raise ConfigError(f"{led[0]} follows the shaft of a drive, as defined in the plant file; move that drive")
         super().set_signals(values, now)

@@ -70,7 +70,7 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def watched_bus(args: argparse.Namespace, channel: str | None) -> WatchedBus:
-    """Return the bus on `channel` (None: a bus of the running robot); ConfigError if it does not exist."""
+    """Return the bus on `channel` (None: a bus of the running robot); raise ConfigError if it does not exist."""
     layout: BusLayout | None
     if channel is None:
         _refuse_channel(args.config)
@@ -155,7 +155,7 @@ def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
 
 
 def choose_bus(buses: Mapping[str, T], name: str | None, owner: str) -> T:
-    """Return the bus `name`, or the only bus if `name` is None; ConfigError if this selects no bus."""
+    """Return the bus `name`, or the only bus if `name` is None; raise ConfigError if this selects no bus."""
     if not buses:
         raise ConfigError(f"{owner} has no bus, as on mock hardware or in a simulation")
     if name is None and len(buses) == 1:
@@ -211,13 +211,13 @@ Source: TypeAlias = Recording | FlightSource
 def open_frames(path: str, bus: str | None = None) -> Source:
     """Open a recording of frames or a flight recording; `bus` selects one of several buses.
 
-    ConfigError if a recording of frames contains none.
+    Raise ConfigError if a recording of frames contains none.
     """
     return FlightSource(path, bus) if is_flight_file(Path(path)) else frames_of_file(path)
 
 
 def frames_of_file(path: str | Path) -> Recording:
-    """Open a recording of frames; ConfigError if no frame of it can be read."""
+    """Open a recording of frames; raise ConfigError if no frame of it can be read."""
     recording = Recording(path)
     if next(iter(recording), None) is None:
         raise ConfigError(recording.problem or f"{path}: contains no frames")

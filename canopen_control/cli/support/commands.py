@@ -51,7 +51,7 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def send(args: argparse.Namespace, command: Command, zeros: Command | None) -> int:
-    """Send `command` once or at 10 Hz, and `zeros` at the end; RemoteError if the robot refuses a command.
+    """Send `command` once or at 10 Hz, and `zeros` at the end; raise RemoteError if the robot refuses a command.
 
     Without `zeros` the command ends when the connection is closed.
     """
@@ -123,7 +123,7 @@ def _repeat(
 ) -> Iterator[CommandDone]:
     """Send the command every `PERIOD_S`; yield each answer, an empty one while drives are being enabled.
 
-    CanopenError after a suspension.
+    Raise CanopenError after a suspension.
     """
     while not stopped.is_set():
         delay = PERIOD_S if end is None else min(PERIOD_S, end - time.monotonic())

@@ -56,7 +56,7 @@ DEAD_MAN_S: Final = 5 * HEARTBEAT_MS / 1000
 
 
 def choose_jog(device: Device, interface: str, *, allow_unsupervised: bool) -> NewRobot:
-    """Plan a robot of one drive that is commanded by `interface`; RobotConfigError if it cannot be run."""
+    """Plan a robot of one drive that is commanded by `interface`; raise RobotConfigError if it cannot be run."""
     name = f"jog_{device.node_id}"
     if name in find_robots():
         name = f"{name}_{os.getpid()}"

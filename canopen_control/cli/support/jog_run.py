@@ -125,7 +125,7 @@ SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def reset_fault(drive: JogDrive) -> str:
-    """Reset the fault of a drive, which stays disabled; CanopenError if the cause of the fault remains."""
+    """Reset the fault of a drive, which stays disabled; raise CanopenError if the cause of the fault remains."""
     with RobotClient.connect(drive.robot) as client:
         client.ask(AxisRequest(action="fault-reset", node=drive.node, joint=drive.joint, source=_SOURCE), ENABLE_S)
     return f"{drive.title}: the fault is reset; the drive stays disabled"

@@ -69,7 +69,7 @@ def _nodes_of(robot: str) -> list[KnownNode]:
 
 
 def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
-    """Return the node selected by `word` (node name, node id or joint), or None; ConfigError if ambiguous."""
+    """Return the node selected by `word` (node name, node id or joint), or None; raise ConfigError if ambiguous."""
     matching = [node for node in nodes if word in node.words]
     if len(matching) > 1:
         places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in matching)

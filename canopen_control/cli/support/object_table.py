@@ -27,7 +27,7 @@ _WIDEST: Final = 60  # maximum width of a value, in columns
 
 
 def live_objects(session: NodeSession, entries: Sequence[Entry], *, title: str = "reading") -> list[LiveObject]:
-    """Return the entries with the values read from the node; RemoteProtocolError if it does not respond."""
+    """Return the entries with the values read from the node; raise RemoteProtocolError if it does not respond."""
     read = [entry for entry in entries if is_scanned(entry)]
     with Progress(f"{title} {session}", "objects") as progress:
         values, refused = read_values(session, _paced(read, session, progress))

@@ -90,7 +90,7 @@ def running_drive(
 
 
 def read_bare_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Device:
-    """Read a drive on a bare bus, with the drive's own units; ConfigError or DriveError if it must not move."""
+    """Read a drive on a bare bus, with the drive's own units; raise ConfigError or DriveError if it must not move."""
     from canopen_control.cli.init import ask_drives
     from canopen_control.scaffold.new_robot import Device
 
@@ -114,7 +114,7 @@ def read_bare_drive(args: argparse.Namespace, *, with_fault: bool = False) -> De
 
 
 def axis_of(robot: NewRobot, args: argparse.Namespace) -> AxisChoice:
-    """Return the axis selected by --axis; ConfigError if the node does not have it."""
+    """Return the axis selected by --axis; raise ConfigError if the node does not have it."""
     number: int = args.axis
     if number >= len(robot.joints):
         raise ConfigError(f"node {args.node} has no axis {number}; it has {len(robot.joints)}, counted from 0")
@@ -159,7 +159,7 @@ class ReadParameters:
 
 
 def as_file(word: str) -> Path | None:
-    """Return the path if `word` names a file, or None if it names a node; ConfigError if the file is missing."""
+    """Return the path if `word` names a file, or None if it names a node; raise ConfigError if the file is missing."""
     path = Path(word).expanduser()
     if path.is_file():
         return path
@@ -170,7 +170,7 @@ def as_file(word: str) -> Path | None:
 
 
 def backup_file(word: str) -> ParameterSet:
-    """Read the DCF file that `word` names; ConfigError if it does not exist."""
+    """Read the DCF file that `word` names; raise ConfigError if it does not exist."""
     path = as_file(word)
     if path is None:
         raise ConfigError(f"{word}: no such file; create one with: canopen-control backup NODE -o {word}")

@@ -92,7 +92,7 @@ class SimulationRecorder(SimulationObserver):
             self._requests.append(text_of(RequestSeen(now / 1e9, method, Raw(text_of(request)))))
 
     def write(self, path: Path) -> None:
-        """Write the flight recording to `path`; ConfigError or DiskFull if that fails."""
+        """Write the flight recording to `path`; raise ConfigError or DiskFull if that fails."""
         core = self._robot.core
         faults = [event for event in self._events if is_fault(event) and not is_sum(event)]
         meta = FlightMeta(

@@ -67,7 +67,10 @@ class Target(abc.ABC):
 
     @abc.abstractmethod
     def session(self, word: str) -> NodeSession:
-        """Return the session with the node selected by `word` (name or node id); ConfigError if it does not exist."""
+        """Return the session with the node selected by `word` (name or node id).
+
+        Raise ConfigError if it does not exist.
+        """
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -96,7 +99,7 @@ def open_target(args: argparse.Namespace, *, through_robot: bool = False) -> Rob
 
 
 def find_eds(text: str) -> Path:
-    """Return the path of an EDS file, or of the bundled file of that name; ConfigError if neither exists."""
+    """Return the path of an EDS file, or of the bundled file of that name; raise ConfigError if neither exists."""
     path = eds_path(text)
     if not path.is_file():
         bundled = [name for name in data_names("eds") if name.lower().endswith(SUFFIXES)]
@@ -207,7 +210,7 @@ class BusTarget(Target):
         self.bus.close()
 
     def session(self, word: str) -> NodeSession:
-        """Return the session with a node id; ConfigError if it is invalid or a running robot has the node."""
+        """Return the session with a node id; raise ConfigError if it is invalid or a running robot has the node."""
         node_id = parse_node_id(word)
         name, listing = self.owner or ("", NodeListing())
         if any(node_id == node.node_id for node in listing.nodes):
@@ -273,7 +276,7 @@ class BusTransfers(Transfers):
 
 
 def parse_node_id(text: str) -> int:
-    """Return the node id in a text, decimal or 0x; ConfigError if it is not from 1 to 127."""
+    """Return the node id in a text, decimal or 0x; raise ConfigError if it is not from 1 to 127."""
     try:
         node_id = int(text, 0)
     except ValueError:

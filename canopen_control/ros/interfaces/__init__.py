@@ -67,7 +67,8 @@ class MissingInterface(CanopenError):
 def interface(name: str) -> Any:  # noqa: ANN401 - a generated class, or one of ours
     """Return the class of "package/msg/Name", created if necessary.
 
-    MissingInterface if this ROS does not have the interface; another CanopenError if none can be created for this ROS.
+    Raise MissingInterface if this ROS does not have the interface; another CanopenError if none can be created for this
+    ROS.
     """
     package, kind, short = parts_of(name)
     if package in PACKAGES:
@@ -160,7 +161,7 @@ def _factory() -> _Factory:
 
 
 def _check(factory: _Factory) -> None:
-    """Serialise and deserialise a message with our code and with ROS's own code; RuntimeError on a difference."""
+    """Serialise and deserialise a message with our code and with ROS's own code; raise RuntimeError on a difference."""
     serialization = importlib.import_module("rclpy.serialization")
     theirs_of, ours_of = factory.class_of(_PROBED), factory.class_of(_PROBE)
     stamp = factory.class_of("builtin_interfaces/msg/Time")(sec=-12345, nanosec=67890)

@@ -39,7 +39,7 @@ class Codecs:
         self._codecs: dict[str, Codec] = {}
 
     def encode(self, name: str, message: object) -> bytes:
-        """Return the CDR body of a message of type `name`; ValueError if a field has an unsuitable value."""
+        """Return the CDR body of a message of type `name`; raise ValueError if a field has an unsuitable value."""
         body = bytearray()
         try:
             self.codec(name)[0](message, body)
@@ -48,7 +48,7 @@ class Codecs:
         return bytes(body)
 
     def decode(self, name: str, body: bytes) -> Any:  # noqa: ANN401 - a message of the class of that name
-        """Return the message in a CDR body; ValueError if the body is invalid. Trailing bytes are ignored."""
+        """Return the message in a CDR body; raise ValueError if the body is invalid. Trailing bytes are ignored."""
         try:
             return self.codec(name)[1](memoryview(body), 0)[0]
         except (struct.error, IndexError) as error:

@@ -123,7 +123,7 @@ class Callbacks:
         return _symbol_address(self._library[name])
 
     def deserializer(self, name: str, layout: int) -> int:
-        """Return the address of a deserialiser for a new message type; RuntimeError if all `SLOTS` are in use."""
+        """Return the address of a deserialiser for a new message type; raise RuntimeError if all `SLOTS` are in use."""
         slot = len(self._names)
         if slot == SLOTS:
             raise RuntimeError(f"more than {SLOTS} types of messages in one process")
@@ -158,7 +158,7 @@ def _symbol_address(function: Any) -> int:  # noqa: ANN401 - as above
 
 
 def _find_end(cdr: ctypes.CDLL, position: Any) -> int:  # noqa: ANN401 - as above
-    """Return the offset of the end pointer in a Fast CDR object; RuntimeError unless it occurs exactly once."""
+    """Return the offset of the end pointer in a Fast CDR object; raise RuntimeError unless it occurs exactly once."""
     size, words = 16, 128
     raw = keep(ctypes.create_string_buffer(size))
     buffer, array = keep(ctypes.create_string_buffer(64)), keep(ctypes.create_string_buffer(words * 8))
@@ -224,7 +224,7 @@ class Registry:
                 del self._structures[structure_name]
 
     def get(self, name: str) -> Structure:
-        """Return a structure by full name; LookupError if neither a definition nor an installed package has it.
+        """Return a structure by full name; raise LookupError if neither a definition nor an installed package has it.
 
         ValueError names an invalid line of a definition.
         """

@@ -113,7 +113,7 @@ class Api(Generic[H, P]):
             self.method(name, effect)(request)
 
     def of(self, request: type[Request[Any]]) -> Method:
-        """Return the method of a request type; KeyError for an undeclared type."""
+        """Return the method of a request type; raise KeyError for an undeclared type."""
         return self.methods[self._names[request]]
 
     def key_of(self, push: type[P]) -> str:

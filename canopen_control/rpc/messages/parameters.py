@@ -38,7 +38,7 @@ def plain_value(value: object) -> PlainValue:
 
 
 def number_of(value: Scalar) -> float:
-    """Convert a double in a message, which may be `.nan` or `.inf`, to a float; ValueError for a bool or text."""
+    """Convert a double in a message, which may be `.nan` or `.inf`, to a float; raise ValueError for a bool or text."""
     if isinstance(value, bool):
         raise ValueError(f"{value} is not a number")
     return _SPECIAL[value] if isinstance(value, str) and value in _SPECIAL else float(value)
@@ -53,7 +53,7 @@ class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def plain(self) -> PlainValue:
-        """Python value of the parameter, with nan and infinite doubles; ValueError for an invalid double."""
+        """Python value of the parameter, with nan and infinite doubles; raise ValueError for an invalid double."""
         element = KINDS.get(self.kind)
         if self.kind == "double" and not isinstance(self.value, list | None):
             return number_of(self.value)

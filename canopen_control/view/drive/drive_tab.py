@@ -115,7 +115,7 @@ class JobForm:
         self.inputs |= {name: _input(declared[name]) for name in names}
 
     def options(self, **others: object) -> Any:  # noqa: ANN401 - of the job's own type
-        """Return the options from the inputs and from `others`; ConfigError if an input is invalid."""
+        """Return the options from the inputs and from `others`; raise ConfigError if an input is invalid."""
         declared = self._job.declared
         values = {
             name: bool(widget.value) if declared[name].is_switch else declared[name].value_of(str(widget.value or ""))

@@ -314,13 +314,13 @@ def _file_words(file: ParameterSet) -> str:
 
 
 def program_of(data: bytes, name: str) -> bytes:
-    """Return an uploaded program; ConfigError if the file is empty, or is an EDS or DCF."""
+    """Return an uploaded program; raise ConfigError if the file is empty, or is an EDS or DCF."""
     refuse_no_program(data, name)
     return data
 
 
 def uploaded(data: bytes, name: str) -> ParameterSet:
-    """Parse an uploaded DCF; ConfigError or EdsError if the file is invalid."""
+    """Parse an uploaded DCF; raise ConfigError or EdsError if the file is invalid."""
     if not data:
         raise ConfigError(f"{name} is empty")
     return parse_backup(data, name)

@@ -272,7 +272,7 @@ class ScopeTab:
 
 
 def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
-    """Parse a saved capture; ConfigError if the file is invalid or contains none of the shown signals."""
+    """Parse a saved capture; raise ConfigError if the file is invalid or contains none of the shown signals."""
     try:
         overlay = parse_csv(data.decode("utf-8-sig"), name)
     except (UnicodeDecodeError, csv.Error):

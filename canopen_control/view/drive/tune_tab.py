@@ -163,7 +163,7 @@ class TuneTab:
     # ------------------------------------------------------------------------------------ what the user does
 
     def _plan(self) -> jobs.TunePlan:
-        """Return the plan of a run from the inputs; ConfigError if an input is invalid or exceeds a limit."""
+        """Return the plan of a run from the inputs; raise ConfigError if an input is invalid or exceeds a limit."""
         options = self._form.options(axis=int(self._axis.value))
         request = jobs.request_of(
             TuneTest[str(self._test.value)],
