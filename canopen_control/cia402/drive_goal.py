@@ -183,7 +183,7 @@ class QuickStopExit:
     def command(self, enable: bool, statusword: int, standstill: bool, may_enable: bool) -> Command:
         """Return the command to send to a drive in QUICK_STOP_ACTIVE.
 
-        `enable` tells that enabling is requested, `may_enable` that it is permitted at once, `standstill` that the
+        `enable` is True if enabling is requested, `may_enable` if it is permitted at once, `standstill` if the
         motor is known to be at standstill.
         """
         # CiA 402-2, table 22, transition 16: optional, and only with 0x605A = 5 to 8
@@ -386,7 +386,7 @@ class ModeRequest:
     def update(self, display: int | None, enabled: bool, now: int) -> DriveEvent | None:
         """Process the latest 0x6061 (None: not received); return a confirmation or timeout event, else None.
 
-        `enabled` tells that the drive is in OPERATION_ENABLED.
+        `enabled` is True if the drive is in OPERATION_ENABLED.
         """
         self.display = display
         mode = self.mode

@@ -93,7 +93,7 @@ class TransitionTimedOut:
     """Timeout of a transition: the drive did not change from `state` to `target` in time.
 
     `transition` is the number of the transition that `command` requests, or 1 for a drive that should enter SWITCH ON
-    DISABLED by itself; None without a transition. `gave_up` tells that enabling was abandoned and the goal is DISABLED;
+    DISABLED by itself; None without a transition. `gave_up` is True if enabling was abandoned and the goal is DISABLED;
     otherwise the command is repeated.
     """
 
@@ -136,7 +136,7 @@ class ModeConfirmed:
 class ModeTimedOut:
     """Requested `mode` that 0x6061 did not show in time; `restored` is the mode requested now, or None.
 
-    `enabled` tells that the drive is in OPERATION_ENABLED. An EnableLost follows if the drive was to be enabled, unless
+    `enabled` is True if the drive is in OPERATION_ENABLED. An EnableLost follows if the drive was to be enabled, unless
     it continues in the restored mode.
     """
 

@@ -157,7 +157,7 @@ class HomingSequence:
         self._events: list[HomingEvent] = []
 
     def start(self, method: int) -> None:
-        """Start homing with `method`, the value in 0x6098, unless a homing is in progress."""
+        """Start homing with `method`, the value in 0x6098, unless homing is in progress."""
         if self._phase is _Phase.IDLE:
             self.method, self.homed = method, False
             self._phase = _Phase.PREPARE
@@ -190,7 +190,7 @@ class HomingSequence:
     def update(self, statusword: int | None, ready: bool, now: int) -> int:
         """Return bit 4 of the controlword to send.
 
-        Call once per cycle; this method never raises an exception. `ready` tells that the drive is enabled in mode HM;
+        Call once per cycle; this method never raises an exception. `ready` is True if the drive is enabled in mode HM;
         without this homing fails.
         """
         if self._phase is _Phase.IDLE:

@@ -208,9 +208,9 @@ class SetPointHandshake:
     ) -> int:
         """Return bits 4, 5, 6 and 9 of the controlword to send.
 
-        Call once per cycle; this method never raises an exception. `ready` tells that the drive is enabled in mode PP;
+        Call once per cycle; this method never raises an exception. `ready` is True if the drive is enabled in mode PP;
         without this a set-point is abandoned. While `halted` the drive keeps its target and bit 10 means standstill, so
-        that nothing is evaluated and no timeout runs. `under_way` tells that the axis is moving far from its target, so
+        that nothing is evaluated and no timeout runs. `under_way` is True if the axis is moving far from its target, so
         that bit 10, which flickers in some drives (yarp-devices, issue 245), is ignored.
         """
         if self.phase is SetPointPhase.IDLE and self._next is None:

@@ -255,7 +255,7 @@ class ScopeOptions:
 class Job:
     """Declaration of a job: command, description, example for the input line, and tab on the page.
 
-    `options` is a dataclass, of which the fields in `without` do not apply. `can_end` tells whether the job may be
+    `options` is a dataclass, of which the fields in `without` do not apply. `can_end` is True if the job may be
     cancelled.
     """
 
@@ -312,7 +312,7 @@ JOBS: Final = {job.name: job for job in (JOG, SCOPE, TUNE, BACKUP, DIFF, RESTORE
 class JobRun:
     """Progress and result of a job, written by the job's thread and read by the pages.
 
-    `doing` names the current part of the work. `sentence` is the result; `good` tells whether the job succeeded, None
+    `doing` names the current part of the work. `sentence` is the result; `good` is True if the job succeeded, None
     while it runs. Further results are `lines`, `table`, `file` (name and bytes) and `document` (for programs).
     `transfers` are those of the job's session, None if an end must not cancel them.
     """

@@ -200,7 +200,7 @@ def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DEL
 # quarter of a cycle, as the value with the least residual: ignoring one cycle of dead time would change the inertia by
 # a quarter. Samples around standstill are left out, since there Coulomb friction is any torque up to C. Friction cannot
 # be negative: if the fit would make a coefficient negative, as noise does on an axis without friction, the coefficient
-# is 0 and the others are fitted without it. Units: u in per mille of the rated torque (or N m), w in rad/s, so J in
+# is 0 and the others are fitted without it. Units: u in per mille of the rated torque (or Nm), w in rad/s, so J in
 # per mille s^2/rad (or kg m^2).
 
 

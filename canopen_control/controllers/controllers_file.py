@@ -231,7 +231,7 @@ def _pairs(node: Node) -> dict[str, tuple[Node, Node]]:
 
 
 def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None:
-    """Collect the parameter blocks of all layouts by controller name; warn of blocks without a controller."""
+    """Collect the parameter blocks of all layouts by controller name; warn about blocks without a controller."""
     for key, value in node.pairs():
         above, _, name = key.text.rstrip("/").rpartition("/")
         inner = value.get(PARAMETERS)

@@ -75,7 +75,7 @@ class PhaseTrigger(enum.Enum):
     DRIVE_LEFT = "the drive has left OPERATION_ENABLED by itself, or does not enter it"
     NODE_LOST = "the node was lost"
     MAY_MOVE = "the drive may move in the requested mode"
-    MUST_REST = "the drive may not move, or a homing or a mode change needs standstill"
+    MUST_REST = "the drive may not move, or homing or a mode change needs standstill"
     HOMING_RUNS = "homing has started"
     HOMING_ENDED = "homing has ended"
     TARGET_AT_STANDSTILL = "the target has reached zero"

@@ -62,7 +62,7 @@ class UnitMismatch:
 def unit_mismatch(axis: AxisProcessData, speed: float, raw: int, *, rising: bool) -> UnitMismatch | None:
     """Compare a motion in counts/s with the drive's velocity; None if consistent or if no unit explains the ratio.
 
-    `rising` tells that the motion is between two samples of a drive that may still accelerate.
+    `rising` is True if the motion is between two samples of a drive that may still accelerate.
     """
     reported = raw * axis.scale.vel_from_dev * axis.scale.pos_to_dev
     if not speed or not reported or 1.0 / _FAR < abs(speed / reported) < _FAR:
@@ -157,7 +157,7 @@ class Feedback:
         self._raw_position = self._raw_velocity = self._raw_effort = None
 
     def restart(self) -> None:
-        """Restart at the drive's raw position after a homing."""
+        """Restart at the drive's raw position after homing."""
         self._axis.unwrap = PositionUnwrapper()
         self._position_values = self._raw_position = None
         self._derived_at = -_DERIVE_NS

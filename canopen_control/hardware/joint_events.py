@@ -335,12 +335,12 @@ class MotionWatch:
 # Homing of one axis, from the request to the return to the previous mode (CiA 402-2, mode HM).
 #
 # The method is checked against the drive's list before anything is written. Homing may enable the drive, because a user
-# requested the motion; afterwards mode and power are restored. Bit 4 is 0 at every exit, and only a homing whose
+# requested the motion; afterwards mode and power are restored. Bit 4 is 0 at every exit, and only a homing run whose
 # success was observed makes the axis homed. The joint calls `step` in every cycle and applies the result.
 
 
 class HomingPhase(enum.Enum):
-    """Phase of a homing; each value is a description in words."""
+    """Phase of homing; each value is a description in words."""
 
     METHOD = "the method is being written, and the speeds are being limited"
     KNOWN = "method and speeds are set; the drive can be enabled in mode HM"
@@ -400,7 +400,7 @@ class JointHoming:
     def step(self, enable_requested: bool, may_home: bool, now: int) -> int:
         """Run one cycle of the homing; return the mode-specific bits of the controlword.
 
-        `enable_requested` tells that the axis is enabled or being enabled, `may_home` that its statechart permits
+        `enable_requested` is True if the axis is enabled or being enabled, `may_home` if its statechart permits
         homing.
         """
         machine = self._machine
@@ -469,7 +469,7 @@ class HomePosition:
         """Start homing; raise DriveError if homing is in progress already, or if the drive does not list the method."""
         node = self._axis.node
         if self.homing is not None:
-            raise DriveError(f"{node.label}: a homing is already in progress; wait for its end")
+            raise DriveError(f"{node.label}: homing is already in progress; wait for its end")
         timeout = round(node.config.motion.homing_timeout_seconds * 1e9)
         methods = self._parameters.homing_methods
         bound = self._parameters.bound_homing

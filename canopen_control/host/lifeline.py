@@ -85,7 +85,7 @@ class LivenessReport:
         return self._fd is not None
 
     def beat(self) -> None:
-        """Send a report, from any thread; the first report tells the starter that the child is ready."""
+        """Send a report, from any thread; the first report informs the starter that the child is ready."""
         if self._fd is not None:
             with contextlib.suppress(OSError):
                 os.write(self._fd, READY_WORD + b"\n")

@@ -243,7 +243,7 @@ class _Reader:
         )
 
     def _substitutes(self, paths: dict[str, Path], nodes: dict[str, tuple[NodeConfig, Node]]) -> Iterator[str]:
-        """Yield a sentence about each bundled file that is used instead of a missing one; warn of unused namesakes."""
+        """Yield a sentence about each bundled file used instead of a missing one; warn about unused namesakes."""
         if self._path.resolve().is_relative_to(data_path("config", "").resolve()):
             return  # bundled robots use bundled files
         for path, folders in self._sources.bundled.items():

@@ -160,7 +160,7 @@ def _check_own_target(motion: MotionKeys, node: Node, kind: str, number: int | N
 
 
 def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: bool) -> Node:
-    """Merge `defaults` into a node, and warn of values that differ between the two methods of merging."""
+    """Merge `defaults` into a node, and warn about values that differ between the two methods of merging."""
     if defaults is None:
         return node
     own_first, defaults_first = node.merged_over(defaults), _peer_merged(node, defaults)

@@ -264,7 +264,7 @@ def _of_axes(layouts: Sequence[PlannedPdo], motors: MotorMap | None) -> tuple[Pl
 
 
 def _warn_of_two_motors(builder: PlanBuilder) -> None:
-    """Warn of a drive with two motors in the subindices of one object set, and name the key for such drives."""
+    """Warn about a drive with two motors in the subindices of one object set, and name the key for such drives."""
     motors = per_motor(builder.od)
     if not motors or any((builder.node.motion.own_target(name) or (0,))[0] in motors for name in _INTERFACES):
         return
@@ -295,7 +295,7 @@ def _check_identity(builder: PlanBuilder) -> None:
 
 
 def _warn_of_another_node(builder: PlanBuilder) -> None:
-    """Warn of a DCF that was saved for another node, if COB-IDs or the node id of that node are written."""
+    """Warn about a DCF that was saved for another node, if COB-IDs or the node id of that node are written."""
     titles = {title.lower(): texts for title, texts in builder.od.sections.items()}
     section = next((titles[name] for name in COMMISSIONING if name in titles), {})
     text = next((value for key, value in section.items() if key.lower() == "nodeid"), "")

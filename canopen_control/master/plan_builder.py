@@ -178,7 +178,7 @@ def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:
 
 
 def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
-    """Warn of a requested interpolation period that differs from the SYNC period."""
+    """Warn about a requested interpolation period that differs from the SYNC period."""
     value, exponent = builder.requested_value(index, 1), builder.requested_value(index, 2)
     value = builder.default(index, 1) if value is None else value
     exponent = builder.signed_default(index, 2) if exponent is None else exponent

@@ -175,7 +175,7 @@ def _with(keys: SignalKeys, signal: Signal) -> Signal:
 
 
 def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
-    """Plan the values of outputs after the loss of the master; warn of outputs that would keep their values."""
+    """Plan the values of outputs after the loss of the master; warn about outputs that would keep their values."""
     live = _mapped_signals(builder, "rpdo")
     outputs = [safe_output for safe_output in safe_outputs(signals, builder.od) if safe_output.output in live]
     keeping = [output for output in outputs if not _plan_safe(builder, output)]
@@ -187,7 +187,7 @@ def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
 
 
 def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
-    """Warn of outputs of a node that does not detect the loss of the master."""
+    """Warn about outputs of a node that does not detect the loss of the master."""
     live = _mapped_signals(builder, "rpdo")
     if any(safe_output.output in live for safe_output in safe_outputs(signals, builder.od)):
         builder.warn(
@@ -497,7 +497,7 @@ def _check_fixed(builder: PlanBuilder, planned: _Requested, pdo: PdoConfig) -> N
 
 
 def _check_fixed_mapping(builder: PlanBuilder, planned: _Requested, objects: tuple[MappedObject, ...]) -> None:
-    """Warn of a mapping or transmission type that is read-only in the EDS and has a different value there."""
+    """Warn about a mapping or transmission type that is read-only in the EDS and has a different value there."""
     mapping = {0: len(objects), **{slot: mapping_entry(entry) for slot, entry in enumerate(objects, 1)}}
     differs = any(builder.default(planned.mapping, subindex) != value for subindex, value in mapping.items())
     for subindex, value in mapping.items():

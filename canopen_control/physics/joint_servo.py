@@ -1,7 +1,7 @@
 """Control loops of a servo drive on a joint of the world: encoder, position loop, velocity loop, current limit.
 
 The loops run once per step of the world, measure the joint only through its encoder, and output a torque for the step.
-Angles are in rad and torques in N m at the joint (m and N for a prismatic joint); the drive's counts and per mille are
+Angles are in rad and torques in Nm at the joint (m and N for a prismatic joint); the drive's counts and per mille are
 converted here, with the mounting direction of the motor.
 """
 
@@ -57,7 +57,7 @@ class ServoLoop:
     def tune(self, gains: ServoGains | None = None, counts: float = 1.0, per_mille: float = 1.0) -> None:
         """Set the loop gains of the drive; None restores the gains derived from the settings.
 
-        `counts` are counts of the drive per rad, `per_mille` is the torque of one per mille in N m. The state of the
+        `counts` are counts of the drive per rad, `per_mille` is the torque of one per mille in Nm. The state of the
         integrators is kept.
         """
         scale = counts * per_mille
@@ -131,7 +131,7 @@ class JointWorld(Protocol):
     def set_lock(self, place: JointPlace, locked: bool) -> None: ...
 
     def set_friction(self, place: JointPlace, torque: float) -> None:
-        """Change the friction of a joint, in N m."""
+        """Change the friction of a joint, in Nm."""
 
 
 class JointPlant:
@@ -149,7 +149,7 @@ class JointPlant:
         self.rated_torque = place.motor.rated_torque
         self._scale = settings.scale_pos_to_dev
         self._sign = math.copysign(1.0, self._scale)
-        self._per_mille = self._sign * self.rated_torque / 1000.0  # N m per per mille
+        self._per_mille = self._sign * self.rated_torque / 1000.0  # Nm per per mille
         self._peak = place.motor.peak_torque
         self.owner: AxisOwner | None = None
         self.busy = False  # whether its timers are being processed
@@ -271,7 +271,7 @@ class JointPlant:
         self._world.efforts[self.place.dof] = newtons + self._external * self._per_mille
 
     def _loop_torque(self, owner: AxisOwner, clock: int, limit: float) -> float:
-        """Return the torque in N m of the loop that serves the owner's demand."""
+        """Return the torque in Nm of the loop that serves the owner's demand."""
         position, velocity = owner.demand.at(clock)
         angle, speed = float(self._world.angles[self.place.qpos]), velocity / self._scale
         if owner.velocity_mode:

@@ -32,7 +32,7 @@ _FRICTION, _DAMPING = 0.02, 0.001  # fraction of the rated torque
 
 @dataclass(frozen=True)
 class EstimatedMotor:
-    """Complete motor data of a joint, referred to the joint side of the gear, in N m, kg m2 and N m s (N, kg, N s)."""
+    """Complete motor data of a joint, referred to the joint side of the gear, in Nm, kg m2 and Nm s (N, kg, N s)."""
 
     rated_torque: float
     peak_torque: float
@@ -45,7 +45,7 @@ class EstimatedMotor:
 
 @dataclass(frozen=True)
 class Described:
-    """Values of a joint in the robot description, in N m, N m s and rad/s (N, N s, m/s if prismatic)."""
+    """Values of a joint in the robot description, in Nm, Nm s and rad/s (N, N s, m/s if prismatic)."""
 
     effort: float = math.inf
     friction: float | None = None

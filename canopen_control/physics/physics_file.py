@@ -47,7 +47,7 @@ class PhysicsError(ConfigError):
 
 @dataclass(frozen=True)
 class AxisSettings:
-    """Motor of one axis, referred to the joint side of the gear, in N m, kg m2 and rad (N, kg and m if prismatic).
+    """Motor of one axis, referred to the joint side of the gear, in Nm, kg m2 and rad (N, kg and m if prismatic).
 
     `scale_pos_to_dev` is the number of counts of the drive per rad, as in bus.yml, negative if the motor is mounted
     mirrored. `encoder` is the number of counts per motor revolution (per m for a linear motor), `rotor_inertia` the

@@ -317,7 +317,7 @@ class PhysicsWorld:
         place.hold(self.model, self.data, locked)
 
     def set_friction(self, place: JointPlace, torque: float) -> None:
-        """Set the friction of a joint in N m."""
+        """Set the friction of a joint in Nm."""
         self.model.dof_frictionloss[place.dof] = torque
 
     def wake(self) -> None:

@@ -285,7 +285,7 @@ class EffortLoop(Protocol):
 
 
 class JointMotor:
-    """Motor of one simulated joint, in rad, rad/s and N m (m, m/s and N if prismatic).
+    """Motor of one simulated joint, in rad, rad/s and Nm (m, m/s and N if prismatic).
 
     A target applies from the next step on. `loops`, by commanded interface, replace the servo; the peak torque of the
     motor limits them too.

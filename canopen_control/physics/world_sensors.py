@@ -3,7 +3,7 @@
 An IMU measures the orientation of its link in the world, and angular velocities and accelerations, including gravity,
 along the axes of the link. A pose is the pose of its link in the world. A range finder measures along the x axis of its
 link and returns -1 if nothing is in range. A force-torque sensor measures the load from the parent link, in the axes of
-its own link. Units are rad/s, m/s2, m, N, N m and tesla; `noise` is the standard deviation of every value except those
+its own link. Units are rad/s, m/s2, m, N, Nm and tesla; `noise` is the standard deviation of every value except those
 of an orientation.
 """
 

@@ -240,7 +240,7 @@ class PublisherWatch:
         self._reported = False
 
     def take(self, values: Sequence[float], now: float) -> None:
-        """Record a command, and warn of several publishers once when they begin to alternate; `now` is in s."""
+        """Record a command, and warn about several publishers once when they begin to alternate; `now` is in s."""
         last, before = self._last, self._before
         self._before, self._last = last, values
         if not len(values) == len(last) == len(before) or not _returns(values, last, before):

@@ -55,7 +55,7 @@ class SampleTopic(NamedTuple):
 
     `frame` is the field of the sample with the header's frame; a sample without this field has the controller's frame.
     No message is sent for a sample whose field `optional` is None. `latched` topics are published even without a
-    subscriber, for later subscribers. `bridge` and `bag` tell whether the topic exists in the bridge and in bags.
+    subscriber, for later subscribers. `bridge` and `bag` are True if the topic exists in the bridge and in bags.
     """
 
     kind: type[Sample]

@@ -105,7 +105,7 @@ def _joint(joint: str, place: tuple[float, float, float], axis: str, fastest: fl
         f'    <child link="{link}"/>',
         f'    <origin xyz="{x:g} {y:g} {z:g}"/>',
         f'    <axis xyz="{axis}"/>',
-        f'    <limit effort="10" velocity="{fastest:g}"/>  <!-- N m, rad/s -->',
+        f'    <limit effort="10" velocity="{fastest:g}"/>  <!-- Nm, rad/s -->',
         "  </joint>",
         f'  <link name="{link}">',
         "    <visual>",

@@ -194,7 +194,7 @@ def bars(title: str, labels: Sequence[str], counts: Sequence[int]) -> str:
     return _svg(title, height + _FOOT, parts)
 
 
-_UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "N m"}
+_UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "Nm"}
 _MOST_EVENTS: Final = 500
 _STYLE: Final = """
 :root{--bg:#fff;--fg:#1b1f24;--soft:#57606a;--grid:#d8dee4;--card:#f6f8fa;--cmd:#b35900;--act:#0a5fd0;--err:#a626a4;

@@ -64,7 +64,7 @@ class AxisPorts(Protocol):
         """Advance the axis to `now`."""
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
-        """Apply written objects; the flags tell whether controlword and set-point are among them."""
+        """Apply written objects; the flags are True if the controlword or the set-point is among them."""
 
     @property
     def set_point(self) -> int:

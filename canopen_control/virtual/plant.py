@@ -79,7 +79,7 @@ class AxisOwner(Protocol):
 class CoupledPlant(Plant, Protocol):
     """Plant in a world that moves all axes together and may read the demand of a drive at any time."""
 
-    rated_torque: float  # N m, or N
+    rated_torque: float  # Nm, or N
     follow_ns: int  # period at which the drive checks position and load, without a timer of its own
 
     def set_owner(self, owner: AxisOwner) -> None:

@@ -2,7 +2,7 @@
 
 The process prints a line for each bus when the nodes are on the bus, and then their events as sentences. SIGTERM and
 SIGINT end the process with exit code 0. When the parent process ends (the lifeline breaks), the process runs until its
-drives stand still by their own reaction to the missing master, for at most five seconds. The process waits for a
+drives come to standstill by themselves because the master is missing, for at most five seconds. The process waits for a
 channel that is only down; a missing channel is reopened within three seconds, otherwise the bus is abandoned.
 BusClosed ends the process when the last bus is abandoned.
 """

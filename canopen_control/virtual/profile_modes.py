@@ -89,7 +89,7 @@ class HomingMode(Mode):
         self.fails: InjectionPoint[bool] = InjectionPoint(False)
 
     def reset(self) -> None:
-        """Discard a homing in progress and the result bits; an earlier home position is kept."""
+        """Discard homing in progress and the result bits; an earlier home position is kept."""
         self._legs: list[_Leg] = []
         self._running = False
         self._attained = False
@@ -131,7 +131,7 @@ class HomingMode(Mode):
             self._begin(now)
 
     def unpowered_bits(self) -> int:
-        """Return bit 12 of the statusword after a homing without power, else 0."""
+        """Return bit 12 of the statusword after homing without power, else 0."""
         return BIT_12 if self._attained and self.model.homes_without_power else 0
 
     def _begin(self, now: int) -> None:
