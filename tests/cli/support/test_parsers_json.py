@@ -49,7 +49,8 @@ def test_of_verbs_that_change_something(mock_robot, capsys):
         "mode": None,
         "text": "",
     }
-    assert result(capsys, "command", FORWARD, "1", "1", "--once") == {"controller": FORWARD, "sent": 1, "once": True}
+    sent = {"controller": FORWARD, "sent": 1, "once": True, "idle": {}}
+    assert result(capsys, "command", FORWARD, "1", "1", "--once") == sent
     repeated = result(capsys, "command", FORWARD, "1", "1", "--for", "0.25")
     assert repeated["sent"] in range(2, 5)
     assert result(capsys, "controller", "switch", "--activate", BASE, "--deactivate", FORWARD) == [
