@@ -1,7 +1,7 @@
-"""Validate a robot's files, and report the load of its buses and its stopping times; nothing is opened.
+"""Validate a robot's files, and report the load of its buses and its stopping times; no bus is opened.
 
-A stop takes the detection time plus the ramp from the joint's highest speed; the slowest reason to stop is shown.
---json lists all reasons.
+The stopping time is the detection time plus the ramp from the joint's maximum speed. It is shown for the cause that
+takes longest; --json lists all causes.
 
 Exit codes: 0 success; 2 the files have errors, or wrong usage.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.run import add_file_arguments, add_kind_arguments, find_files
+from canopen_control.cli.run import add_controller_argument, add_file_arguments, find_files
 from canopen_control.cli.support.output import json_text, painted
 from canopen_control.od.issues import Severity
 from canopen_control.rpc.messages.declare import Document
@@ -95,9 +95,11 @@ class CheckDocument(Document, frozen=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    add_file_arguments(parser)
-    add_kind_arguments(parser)
-    parser.add_argument("--json", action="store_true", help="print findings and budgets as JSON")
+    add_file_arguments(parser, strict="exit with code 2 for warnings, too")
+    parser.add_argument("--real", action="store_true", help="check the files for real drives")
+    parser.add_argument("--mock", action="store_true", help="check the files for mock hardware: no drives and no bus")
+    add_controller_argument(parser, "check the files for these active controllers (repeatable; default: the first)")
+    parser.add_argument("--json", action="store_true", help="print findings, bus loads and stopping times as JSON")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -185,12 +185,16 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 _CHANNEL_HELP: Final = "channel of the drives: local:NAME (default), vcan0, can0, pcan:..."
+_STRICT_HELP: Final = "treat repeated and unknown keys of ros2_controllers.yaml as errors"
+_CONTROLLER_HELP: Final = "activate these controllers (repeatable; default: the first)"
 
 
-def add_file_arguments(parser: argparse.ArgumentParser, *, channel: str | None = _CHANNEL_HELP) -> None:
+def add_file_arguments(
+    parser: argparse.ArgumentParser, *, channel: str | None = _CHANNEL_HELP, strict: str = _STRICT_HELP
+) -> None:
     """Declare the options that select a robot's files, and how strictly they are read.
 
-    `channel` is the help of --can; None hides this option for a verb that refuses it.
+    `channel` is the help of --can; None hides this option for a verb that refuses it. `strict` is the help of --strict.
     """
     parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
     parser.add_argument("xacro", nargs="*", metavar="NAME:=VALUE", help="an argument of the robot's xacro")
@@ -212,16 +216,14 @@ def add_file_arguments(parser: argparse.ArgumentParser, *, channel: str | None =
         metavar="[BUS=]CHANNEL",
         help=argparse.SUPPRESS if channel is None else channel,
     )
-    parser.add_argument(
-        "--strict", action="store_true", help="treat repeated and unknown keys of ros2_controllers.yaml as errors"
-    )
+    parser.add_argument("--strict", action="store_true", help=strict)
     parser.add_argument(
         "--peer-merge", action="store_true", help="let `defaults` of bus.yml take precedence over the nodes' own keys"
     )
     parser.add_argument(
         "--allow-unsupervised",
         action="store_true",
-        help="accept drives that do not stop when this program ends, as `allow_unsupervised: true` in bus.yml does",
+        help="accept drives that do not stop when the master ends, as `allow_unsupervised: true` in bus.yml does",
     )
 
 
@@ -239,13 +241,13 @@ def find_files(args: argparse.Namespace) -> RobotFiles:
     )
 
 
-def add_controller_argument(parser: argparse.ArgumentParser) -> None:
-    """Declare --controller."""
+def add_controller_argument(parser: argparse.ArgumentParser, text: str = _CONTROLLER_HELP) -> None:
+    """Declare --controller with the help `text`."""
     parser.add_argument(
         "--controller",
         action=Names,
         metavar="NAME[,NAME..]",
-        help="activate these controllers (repeatable; default: the first)",
+        help=text,
     )
 
 
