@@ -42,7 +42,7 @@ EXTENDED_BIT: Final = 1 << 29  # bit of a COB-ID entry: 29-bit identifier; frame
 EXTENDED_FLAG: Final = 0x80000000  # linux/can.h CAN_EFF_FLAG: 29-bit identifier
 REMOTE_FLAG: Final = 0x40000000  # CAN_RTR_FLAG
 ERROR_FLAG: Final = 0x20000000  # CAN_ERR_FLAG: the identifier contains error classes
-BROADCAST: Final = 0  # node id for all nodes
+BROADCAST: Final = 0  # node-ID for all nodes
 MAX_NODE_ID: Final = 127
 FRAME_BITS: Final = 47
 """Length in bits of a frame with an 11-bit identifier and no data, including intermission, without stuff bits."""
@@ -103,7 +103,7 @@ class Service(enum.Enum):
     """Services of the predefined connection set; RPDO and TPDO are from the device's view."""
 
     NMT = 0x000
-    SYNC = 0x080  # the function code of EMCY, with node id 0
+    SYNC = 0x080  # the function code of EMCY, with node-ID 0
     EMCY = 0x081
     TIME = 0x100
     TPDO1 = 0x180
@@ -130,14 +130,14 @@ _SINGLE = {s.value: s for s in (Service.NMT, Service.SYNC, Service.TIME, Service
 
 
 def cob_id(service: Service, node_id: int = BROADCAST) -> int:
-    """Return the predefined COB-ID of `service` for a node; `node_id` is ignored for services without a node id."""
+    """Return the predefined COB-ID of `service` for a node; `node_id` is ignored for services without a node-ID."""
     if service in _SINGLE.values():
         return service.value
     return (service.value & ~1) + node_id
 
 
 def service_of(identifier: int) -> tuple[Service, int] | None:
-    """Return service and node id of a COB-ID in the predefined connection set; None for other COB-IDs."""
+    """Return service and node-ID of a COB-ID in the predefined connection set; None for other COB-IDs."""
     if (single := _SINGLE.get(identifier)) is not None:
         return single, BROADCAST
     service, node_id = _PER_NODE.get(identifier & 0x780), identifier & 0x7F

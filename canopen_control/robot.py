@@ -225,7 +225,7 @@ class Robot:
     def sdo_read(self, node: str | int, item: str | int, subindex: int = 0) -> Value:
         """Read an object by name or by index and subindex; return bytes if the object is not in the EDS.
 
-        `node` is a name or a node id, `item` is for example "Statusword" (a name in the EDS), "0x1018:01" or 0x6041.
+        `node` is a name or a node-ID, `item` is for example "Statusword" (a name in the EDS), "0x1018:01" or 0x6041.
         Raise RemoteProtocolError if the node aborts the transfer or does not answer.
         """
         from canopen_control.od.codec import decode

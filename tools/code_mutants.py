@@ -230,8 +230,8 @@ self.reactor.call_later(300_000_000, begin)
         Change(
             "controllers.mobile_base",
             "MobileBase._update_request",
-            "life.limit_ns and now - life.created > life.limit_ns",
-            "life.limit_ns < 0",
+            "timeout.limit_ns and now - timeout.created > timeout.limit_ns",
+            "timeout.limit_ns < 0",
         ),
         (_scenario("robby", "robby_commands"), _ROBBY),
         "controllers/test_mobile_base",

@@ -238,7 +238,7 @@ class EmcyMessage:
         return cls(node_id, data[0] | data[1] << 8, data[2], data[3:8])
 
     def encode(self, cob_id: int | None = None) -> CanFrame:
-        """Return the 8-byte frame; without `cob_id` its COB-ID is 0x080 + node id."""
+        """Return the 8-byte frame; without `cob_id` its COB-ID is 0x080 + node-ID."""
         head = bytes((self.error_code & 0xFF, self.error_code >> 8 & 0xFF, self.error_register & 0xFF))
         data = head + self.data[:MANUFACTURER_BYTES].ljust(MANUFACTURER_BYTES, b"\0")
         return CanFrame(EMCY_COB_ID + self.node_id if cob_id is None else cob_id, data)

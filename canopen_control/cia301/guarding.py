@@ -61,7 +61,7 @@ class GuardingMaster:
         self._events: Outbox[GuardingEvent] = Outbox(1024)
 
     def watch(self, node_id: int, guard_time_ns: int, life_time_factor: int, now: int) -> None:
-        """Start guarding `node_id`; raise LocalProtocolError for an invalid node id, or a time or factor of 0."""
+        """Start guarding `node_id`; raise LocalProtocolError for an invalid node-ID, or a time or factor of 0."""
         if not 1 <= node_id <= MAX_NODE_ID or guard_time_ns <= 0 or life_time_factor <= 0:
             msg = f"cannot guard node {node_id} every {guard_time_ns} ns with factor {life_time_factor}"
             raise LocalProtocolError(msg)

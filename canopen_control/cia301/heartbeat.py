@@ -19,7 +19,7 @@ from canopen_control.frame import MAX_NODE_ID, CanFrame
 
 def consumer_entry(node_id: int, ms: int) -> int:
     """Return the 0x1016 value that monitors `node_id` with `ms` (both 0: unused); LocalProtocolError out of range."""
-    # CiA 301, 7.5.2.19: node id in bits 16 to 23, time in bits 0 to 15
+    # CiA 301, 7.5.2.19: node-ID in bits 16 to 23, time in bits 0 to 15
     if not 0 <= node_id <= MAX_NODE_ID or not 0 <= ms <= 0xFFFF:
         msg = f"0x1016: node {node_id} with {ms} ms is out of range; at most node 127 and 65535 ms"
         raise LocalProtocolError(msg)
@@ -27,9 +27,9 @@ def consumer_entry(node_id: int, ms: int) -> int:
 
 
 def parse_consumer_entry(value: int) -> tuple[int, int]:
-    """Return the node id and the time in ms of a 0x1016 value.
+    """Return the node-ID and the time in ms of a 0x1016 value.
 
-    A node id of 0 or above 127, or a time of 0 ms, means an unused entry (CiA 301, 7.5.2.19).
+    A node-ID of 0 or above 127, or a time of 0 ms, means an unused entry (CiA 301, 7.5.2.19).
     """
     return value >> 16 & 0xFF, value & 0xFFFF
 

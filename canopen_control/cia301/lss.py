@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 MASTER_COB_ID = 0x7E5
 SLAVE_COB_ID = 0x7E4
-UNCONFIGURED = 0xFF  # value for "no node id" (CiA 305)
+UNCONFIGURED = 0xFF  # value for "no node-ID" (CiA 305)
 FAST_SCAN_START = 0x80  # bit number of the first fast scan request
 
 # Bit timing table 0 (CiA 305): index to bit/s; index 5 is reserved.
@@ -166,7 +166,7 @@ class LssMaster:
         return self._submit("switch one slave", _switch_selective("switch one slave", frames))
 
     def configure_node_id(self, node_id: int) -> LssRequest:
-        """Set the node id of the slave in configuration state: 1 to 127, or 255 for none."""
+        """Set the node-ID of the slave in configuration state: 1 to 127, or 255 for none."""
         if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
             msg = f"LSS: node id {node_id} is out of range, 1 to {MAX_NODE_ID} or {UNCONFIGURED}"
             raise LocalProtocolError(msg)
@@ -192,7 +192,7 @@ class LssMaster:
         return self._submit("activate bit timing", _report(lss_frame(LssCommand.ACTIVATE_BIT_TIMING, delay_ms)))
 
     def store(self) -> LssRequest:
-        """Store the node id and the bit timing in the slave in configuration state."""
+        """Store the node-ID and the bit timing in the slave in configuration state."""
         return self._with_error_code("store", LssCommand.STORE, 0)
 
     def inquire(self, part: str) -> LssRequest:
@@ -214,12 +214,12 @@ class LssMaster:
         return self._submit("identify", _exists(frames, LssCommand.IDENTIFIED))
 
     def identify_non_configured(self) -> LssRequest:
-        """Check whether slaves without a node id exist."""
+        """Check whether slaves without a node-ID exist."""
         frames = [lss_frame(LssCommand.IDENTIFY_NON_CONFIGURED)]
         return self._submit("identify non-configured", _exists(frames, LssCommand.IDENTIFIED_NON_CONFIGURED))
 
     def open_fast_scan(self) -> LssRequest:
-        """Send the first request of a fast scan: it detects slaves without a node id, and changes no state."""
+        """Send the first request of a fast scan: it detects slaves without a node-ID, and changes no state."""
         frames = [lss_frame(LssCommand.FAST_SCAN, tail=bytes((FAST_SCAN_START,)))]
         return self._submit("open fast scan", _exists(frames, LssCommand.IDENTIFIED))
 
@@ -231,7 +231,7 @@ class LssMaster:
         revision: int | None = None,
         serial: int | None = None,
     ) -> LssRequest:
-        """Find a slave without a node id and switch it to configuration state; the result is its identity or None.
+        """Find a slave without a node-ID and switch it to configuration state; the result is its identity or None.
 
         A known part is only confirmed, which saves 32 requests.
         """
@@ -371,7 +371,7 @@ OK, REFUSED, STORE_FAILED = 0, 1, 2
 
 @dataclass(frozen=True, slots=True)
 class LssNodeIdAssigned:
-    """Assignment of a node id to an unconfigured node, which must now initialise with it and send its boot-up."""
+    """Assignment of a node-ID to an unconfigured node, which must now initialise with it and send its boot-up."""
 
     node_id: int
 
@@ -388,13 +388,13 @@ class LssActivateBitTiming:
 
 
 class LssSlave:
-    """LSS slave of one node; `node_id` is the active node id (255: none), `pending_node_id` the next one (CiA 305).
+    """LSS slave of one node; `node_id` is the active node-ID (255: none), `pending_node_id` the next one (CiA 305).
 
     The slave is in the waiting state until the master switches all slaves, selects this slave by its identity, or finds
-    it by fast scan; then it is in the configuration state. An unconfigured node activates a new node id when it returns
+    it by fast scan; then it is in the configuration state. An unconfigured node activates a new node-ID when it returns
     to waiting, any other node at its next reset communication. Frames that are not 8 bytes long or have an unknown
     command are counted in `malformed`; frames that are not valid in the current state are counted in `ignored`. `store`
-    stores node id and bit rate (None: unchanged) and returns whether it succeeded; without `store` the service is
+    stores node-ID and bit rate (None: unchanged) and returns whether it succeeded; without `store` the service is
     refused as not supported. `bit_timings` are the supported indices of table 0.
     """
 
@@ -422,7 +422,7 @@ class LssSlave:
         self._events: Outbox[LssNodeIdAssigned | LssActivateBitTiming] = Outbox()
 
     def reset(self) -> None:
-        """Activate the pending node id and return to waiting (NMT reset communication)."""
+        """Activate the pending node-ID and return to waiting (NMT reset communication)."""
         self.node_id = self.pending_node_id
         self.mode = LssMode.WAITING
         self._selected = self._identified = self._scanned = 0
@@ -466,7 +466,7 @@ class LssSlave:
 
     def _leave_configuration(self) -> None:
         was_configuring, self.mode = self.mode is LssMode.CONFIGURATION, LssMode.WAITING
-        # CiA 305: an unconfigured node starts with its new node id when it leaves the configuration state
+        # CiA 305: an unconfigured node starts with its new node-ID when it leaves the configuration state
         if was_configuring and self.node_id == UNCONFIGURED != self.pending_node_id:
             self.node_id = self.pending_node_id
             self._events.put(LssNodeIdAssigned(self.node_id))
@@ -484,7 +484,7 @@ class LssSlave:
             self._answer(LssCommand.SWITCHED)
 
     def _configure_node_id(self, data: bytes) -> None:
-        # CiA 305: node id 1 to 127, or 255 for an unconfigured node
+        # CiA 305: node-ID 1 to 127, or 255 for an unconfigured node
         accepted = 1 <= data[1] <= MAX_NODE_ID or data[1] == UNCONFIGURED
         if accepted:
             self.pending_node_id = data[1]

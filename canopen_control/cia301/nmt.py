@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 NMT_COB_ID: Final = cob_id(Service.NMT)
-ERROR_CONTROL_COB_ID: Final = cob_id(Service.HEARTBEAT)  # plus node id
+ERROR_CONTROL_COB_ID: Final = cob_id(Service.HEARTBEAT)  # plus node-ID
 
 
 class NmtState(enum.IntEnum):
@@ -84,7 +84,7 @@ _CONFIGURABLE = _ALWAYS | {
 }
 
 SERVICES_BY_STATE: dict[NmtState, frozenset[CommunicationService]] = {
-    # A node without a node id stays here until LSS assigns one (CiA 305).
+    # A node without a node-ID stays here until LSS assigns one (CiA 305).
     NmtState.INITIALISING: frozenset({CommunicationService.BOOT_UP, CommunicationService.LSS}),
     NmtState.PRE_OPERATIONAL: frozenset(_CONFIGURABLE),
     NmtState.OPERATIONAL: frozenset(_CONFIGURABLE | {CommunicationService.PDO}),
@@ -119,7 +119,7 @@ def state_of_byte(value: int) -> NmtState | None:
 def nmt_frame(command: NmtCommand, node_id: int = BROADCAST) -> CanFrame:
     """Return the command frame for `node_id` (0: all nodes).
 
-    Raise LocalProtocolError for a node id outside 0 to 127.
+    Raise LocalProtocolError for a node-ID outside 0 to 127.
     """
     if not 0 <= node_id <= MAX_NODE_ID:
         msg = f"NMT {command.name}: node id {node_id} is out of range, 0 to {MAX_NODE_ID}"
@@ -128,8 +128,8 @@ def nmt_frame(command: NmtCommand, node_id: int = BROADCAST) -> CanFrame:
 
 
 def parse_nmt(frame: CanFrame) -> tuple[NmtCommand, int] | None:
-    """Return command and node id (0: all nodes), or None if `frame` is not an NMT command of CiA 301."""
-    # CiA 301, 7.2.8.3.1: two bytes, command specifier and node id
+    """Return command and node-ID (0: all nodes), or None if `frame` is not an NMT command of CiA 301."""
+    # CiA 301, 7.2.8.3.1: two bytes, command specifier and node-ID
     if frame.can_id != NMT_COB_ID or len(frame.data) != 2 or frame.data[1] > MAX_NODE_ID:
         return None
     command = _COMMANDS.get(frame.data[0])
@@ -207,7 +207,7 @@ class NmtSlave:
         parsed = parse_nmt(frame)
         if parsed is None:
             self.malformed += 1
-        # CiA 301, 7.2.8.3.1: node id 0 addresses all nodes
+        # CiA 301, 7.2.8.3.1: node-ID 0 addresses all nodes
         elif parsed[1] in (BROADCAST, self.node_id):
             self.command(parsed[0])
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-REQUEST_BASE: Final = cob_id(Service.SDO_CLIENT)  # plus node id
+REQUEST_BASE: Final = cob_id(Service.SDO_CLIENT)  # plus node-ID
 ANSWER_BASE: Final = cob_id(Service.SDO_SERVER)
 
 COMMAND_MASK: Final = 0xE0  # ccs and scs: the three upper bits

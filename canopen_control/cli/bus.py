@@ -359,7 +359,7 @@ _REQUESTS: dict[str, Callable[[argparse.Namespace], Request[Done]]] = {
 
 
 def _label(spec: ChannelSpec, word: str) -> str:
-    """Return the label of the bus member for a node name, node id or label; raise ConfigError if no member matches."""
+    """Return the label of the bus member for a node name, node-ID or label; raise ConfigError if no member matches."""
     status = ask_hub(spec.name, hub.GetHubStatus())
     labels = [member.label for member in status.members]
     present = {*labels, *status.cut, *status.bus_off, *status.delays_ms}  # a disconnected member may have left
@@ -379,7 +379,7 @@ def _named(label: str, nodes: Sequence[KnownNode]) -> str:
     return label if name is None else f"{name} ({label})"
 
 
-_DRIVE = "drive {}"  # the label of a virtual drive, by its node id
+_DRIVE = "drive {}"  # the label of a virtual drive, by its node-ID
 
 
 def _bitrate(text: str) -> int:

@@ -1,6 +1,6 @@
 """Copy all parameters of a drive to a replacement of the same product, and verify that both are equal.
 
-The new drive keeps its node id, bit rate, identity and encoder calibration. COB-IDs that depend on the node id are
+The new drive keeps its node-ID, bit rate, identity and encoder calibration. COB-IDs that depend on the node-ID are
 adapted to the new one. Everything else is as for `restore`: only differences are written, everything is read back,
 after a refused value the previous values are restored, and nothing is stored without --store. If the old drive has
 failed, `restore` its backup.

@@ -8,7 +8,7 @@ of a running device with `fault`:
 --status shows inputs and outputs of running devices. A device of CiA 401, 404, 406, 410, 418 or 419 has the signals of
 its profile (the guide on devices lists them); with any other file it is a plain node that boots and answers.
 
-Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or no device answers --status; 2 wrong
+Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node-ID is taken, or no device answers --status; 2 wrong
 usage, or errors in files.
 """
 

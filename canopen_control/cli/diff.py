@@ -1,7 +1,7 @@
 """Compare the parameters of two nodes, two DCF files, or a file with a node.
 
 When comparing a file with a node, only the objects in the file are read; no EDS is needed, since the file is a complete
-DCF. COB-IDs that depend on the node id are compared without it. Differences in product, revision or software version
+DCF. COB-IDs that depend on the node-ID are compared without it. Differences in product, revision or software version
 are printed to standard error and do not count as parameter differences.
 
 Exit codes, as of the program diff: 0 equal; 1 different, or a node did not answer; 2 wrong usage.

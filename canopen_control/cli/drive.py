@@ -24,7 +24,7 @@ backlash, and a base with two wheels on a floor. The drives may also be in proce
 doubled ones, ripple, phase of RPDO against SYNC); with --json as JSON, one drive a line. Devices other than drives use
 the same verb, also available as `device`.
 
-Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or no drive answers --status; 2 wrong
+Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node-ID is taken, or no drive answers --status; 2 wrong
 usage, or errors in files.
 """
 
@@ -217,7 +217,7 @@ def _print_status(args: argparse.Namespace) -> int:
 
 
 def parse_node_ids(text: str) -> list[int]:
-    """Return the node ids in a text such as ``3``, ``2,3`` or ``1-64``; raise ConfigError if the text is invalid."""
+    """Return the node-IDs in a text such as ``3``, ``2,3`` or ``1-64``; raise ConfigError if the text is invalid."""
     if text.strip() == _NO_NODE_ID:
         return [int(_NO_NODE_ID)]
     node_ids: list[int] = []

@@ -2,7 +2,7 @@
 
 `fault list` explains every fault and how a correct master reacts to it. `fault NODE NAME on|off` switches one. `fault
 NODE` lists the active faults. `fault NODE SIGNAL=VALUE[,SIGNAL=VALUE]` sets inputs of a virtual device that is not a
-drive, in their units: `di0=1`, `position=3.14`. NODE is a node or a joint of a running robot, by name; or a node id,
+drive, in their units: `di0=1`, `position=3.14`. NODE is a node or a joint of a running robot, by name; or a node-ID,
 with --can CHANNEL if no robot runs. The command goes to the drive's own control socket: it needs no master, and works
 while the bus is disturbed. To disturb the bus itself use `bus fault`.
 

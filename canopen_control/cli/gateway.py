@@ -2,7 +2,7 @@
 
 It serves the nodes of a running robot, or with --can all nodes of a bare bus. Commands come from standard input, from a
 Unix socket that only you can open (--unix), or from a TCP port of this computer (--tcp), which every user of it can
-reach. One client is served at a time. NMT commands, writes that may move a drive, and changes of node ids are refused
+reach. One client is served at a time. NMT commands, writes that may move a drive, and changes of node-IDs are refused
 without --allow-motion. The robot runs, and stops, as it does without a gateway.
 
 Exit codes: 0 after the end of the input or Ctrl-C; 1 the robot or the bus is gone, the address is in use, or the input

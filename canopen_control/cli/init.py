@@ -172,7 +172,7 @@ def _from_files(args: argparse.Namespace) -> list[Device]:
 
 
 def _ids(text: str) -> list[int]:
-    """Return the node ids in a text such as `3` or `2,3`; raise ConfigError if one is not from 1 to 127."""
+    """Return the node-IDs in a text such as `3` or `2,3`; raise ConfigError if one is not from 1 to 127."""
     ids = []
     for word in text.split(","):
         try:

@@ -1,14 +1,14 @@
-"""Assign node ids and bit rates to nodes on a bare bus (CiA 305).
+"""Assign node-IDs and bit rates to nodes on a bare bus (CiA 305).
 
 First exactly one slave must be in configuration mode: `switch configuration` with its four identity numbers, or without
-them if it is the only slave on the bus; or `fast-scan`, which finds one without a node id. `node-id`, `bit-timing`,
+them if it is the only slave on the bus; or `fast-scan`, which finds one without a node-ID. `node-id`, `bit-timing`,
 `store` and `inquire` then address it, and `switch waiting` ends the configuration mode.
 
-A new node id takes effect after `switch waiting` if the slave had none, otherwise after `nmt reset-comm`. A new bit
+A new node-ID takes effect after `switch waiting` if the slave had none, otherwise after `nmt reset-comm`. A new bit
 rate takes effect after `activate`, for all slaves in configuration mode; change the bit rate of this computer's
 interface too. Both are lost at the next power-on without `store`.
 
-`find` searches for slaves without a node id in two ways, each for 0.1 s: with the service `identify non-configured`,
+`find` searches for slaves without a node-ID in two ways, each for 0.1 s: with the service `identify non-configured`,
 and with the first request of a fast scan, because some slaves answer only this request. It changes no slave.
 
 Exit codes: 0 success; 1 no slave answered or it refused; 2 wrong usage.

@@ -1,6 +1,6 @@
 """Start, stop or reset nodes, and check that they reach the commanded state.
 
-NODE is a node of a running robot (name or node id in bus.yml), with --can any node of a bare bus (node id), or all. An
+NODE is a node of a running robot (name or node-ID in bus.yml), with --can any node of a bare bus (node-ID), or all. An
 NMT command has no answer: heartbeats and boot-ups show its effect. A running robot takes a node that leaves OPERATIONAL
 out of its process data, and boots it again with `start`; then `axis fault-reset` and `axis enable` let it move.
 

@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _of_file(args: argparse.Namespace) -> tuple[ObjectDictionary, int]:
-    """Return the object dictionary of --eds and the node id, which is 1 if NODE is not a number."""
+    """Return the object dictionary of --eds and the node-ID, which is 1 if NODE is not a number."""
     node_id = None
     with contextlib.suppress(ValueError):
         int(args.node, 0)

@@ -3,7 +3,7 @@
 A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402; a malfunction is a fault. `quirk
 list` explains every quirk, its strength and its source. `quirk NODE NAME on|off` switches one, for all axes of the
 drive or for one of them: NAME, NAME=VALUE, NAME@AXIS or NAME=VALUE@AXIS. `quirk NODE` lists the active quirks. NODE is
-a node or a joint of a running robot, by name; or a node id, with --can CHANNEL if no robot runs. A drive has quirks
+a node or a joint of a running robot, by name; or a node-ID, with --can CHANNEL if no robot runs. A drive has quirks
 from its start with `drive --quirk`.
 
 Exit codes: 0 done; 1 the drive refused it, or does not answer; 2 wrong usage, no such node or quirk.

@@ -186,7 +186,7 @@ def _sentence(channel: str, played: PlayReport, lost: int) -> str:
 
 
 def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
-    """Return the node ids of the COB-IDs of frames, by the predefined connection set (CiA 301)."""
+    """Return the node-IDs of the COB-IDs of frames, by the predefined connection set (CiA 301)."""
     node_ids = set()
     for _, frame in frames:
         service, node_id = service_of(frame.can_id) or (None, 0)
@@ -211,7 +211,7 @@ def _refuse_used_bus(recording: Source, channel: str) -> None:
 
 
 def _listen(channel: str) -> tuple[set[int], bool]:
-    """Listen for `LISTEN_S`; return the node ids that send, and whether a master sends NMT commands or SYNC."""
+    """Listen for `LISTEN_S`; return the node-IDs that send, and whether a master sends NMT commands or SYNC."""
     from canopen_control.trace.listen import batches
 
     nodes, has_master = set(), False

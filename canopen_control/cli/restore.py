@@ -7,7 +7,7 @@ stored without --store. The previous values are kept on the disk before anything
 killed half-way the same command continues it, and the next one prints how to restore the previous values.
 
 The following are refused: another product, an axis with torque, a node that a running robot controls, and a drive whose
-node id and serial number both differ from the file (--any-node). Node id and bit rate are never written, and the
+node-ID and serial number both differ from the file (--any-node). Node-ID and bit rate are never written, and the
 calibration of another drive only with --include-protected.
 
 Exit codes: 0 the node has all values; 1 it refused a value, or did not answer; 2 wrong usage or wrong file.

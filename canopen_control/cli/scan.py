@@ -1,8 +1,8 @@
 """List the devices on a bus, their matching EDS, and differences to bus.yml.
 
-0x1000, 0x1018 and 0x1008 are read from every node id; nothing is written. With --can it scans a bare bus, and compares
+0x1000, 0x1018 and 0x1008 are read from every node-ID; nothing is written. With --can it scans a bare bus, and compares
 it with a robot's bus.yml if you give --config. Without --can it scans the bus of the running robot: the robot reads
-from its own nodes, all other node ids are read directly on the bus.
+from its own nodes, all other node-IDs are read directly on the bus.
 
 Exit codes: 0 success; 1 no device answered, or a node of bus.yml is missing or is a different device; 2 wrong usage.
 """
@@ -186,7 +186,7 @@ def _survey_bus(channel: str, timeout: float) -> ScanResult:
 
 
 class _Servers:
-    """Listener that collects the node ids of the SDO answers on the bus, however late they are."""
+    """Listener that collects the node-IDs of the SDO answers on the bus, however late they are."""
 
     def __init__(self) -> None:
         self.node_ids: set[int] = set()
@@ -199,7 +199,7 @@ class _Servers:
 
 
 def _read_identities(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
-    """Read 0x1000 of all node ids, then further objects of the nodes that respond; return the nodes found.
+    """Read 0x1000 of all node-IDs, then further objects of the nodes that respond; return the nodes found.
 
     A node whose answer comes too late is present: it is read again, with a longer timeout.
     """

@@ -1,6 +1,6 @@
 """Read and write objects of a node, and transfer files.
 
-The node belongs to a running robot (name or node id in bus.yml); with --can it is any node of a bare bus (node id). The
+The node belongs to a running robot (name or node-ID in bus.yml); with --can it is any node of a bare bus (node-ID). The
 object is INDEX[:SUB] in hexadecimal, or its name in the EDS. The running robot uses the EDS of each node; --eds gives
 another one. `read` explains a value as `trace` does, and reads every subindex if you give an index only.
 

@@ -339,7 +339,7 @@ def _unsupervised(state: Snapshot) -> list[str]:
 
 
 def _marked(name: str, node: NodeReading) -> str:
-    """Return name and node id of a node for the table, with "!" if the drive is unsupervised."""
+    """Return name and node-ID of a node for the table, with "!" if the drive is unsupervised."""
     return f"{name} ({node.node_id})" + (" !" if node.unsupervised else "")
 
 

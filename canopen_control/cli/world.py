@@ -226,7 +226,7 @@ def _numbers(text: str, count: int, names: str) -> list[float]:
 
 
 def _drive(can: str | None) -> tuple[str, int]:
-    """Return channel and node id of a virtual drive in the world; every drive reports the whole world."""
+    """Return channel and node-ID of a virtual drive in the world; every drive reports the whole world."""
     nodes = known_nodes(can)
     sockets = list_sockets("drive")
     for node in nodes:

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 
 # Selection of the objects in a backup: which objects are parameters, which belong to one device only, and which depend
-# on the node id.
+# on the node-ID.
 #
 # An EDS does not define which objects are volatile. A parameter is readable and writable (rw, rww, rwr) and none of:
 #
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 # - commands and process values, by CiA 301, CiA 302 and CiA 402, or by the manufacturer; outputs of the device profile;
 # - counts of records and arrays, except those of PDO mappings; DOMAINs.
 #
-# Protected parameters belong to one device: node id and bit rate, and the calibration to the device's own encoder.
+# Protected parameters belong to one device: node-ID and bit rate, and the calibration to the device's own encoder.
 
 
 _MAPPINGS: Final = tuple(range(first, first + COUNT) for first in MAPPING.values())
@@ -72,7 +72,7 @@ _VENDOR_OWN: Final = {0x286: dict.fromkeys((0x2704, 0x2705, 0x2706), "is the nod
 _MANUFACTURER: Final = range(0x2000, 0x6000)
 _OWN_NAMES: Final = re.compile(r"node[ _-]?id\b|baud|bit[ _-]?rate|serial[ _-]?(number|no\b|nr\b)", re.IGNORECASE)
 _EMCY: Final = (0x1014, 0)
-_NODE_BITS: Final = 0x7F  # node id in an identifier of the predefined connection set (CiA 301, 7.3.3)
+_NODE_BITS: Final = 0x7F  # node-ID in an identifier of the predefined connection set (CiA 301, 7.3.3)
 _IDENTIFIER: Final = 0x1FFF_FFFF
 
 
@@ -88,7 +88,7 @@ def parameters_of(od: ObjectDictionary) -> list[Entry]:
 def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = False) -> str:
     """Return why a parameter must not be written to another device, or "" if it may be written.
 
-    With `same_device` calibration data may be written; node id, bit rate and serial number never.
+    With `same_device` calibration data may be written; node-ID, bit rate and serial number never.
     """
     index = axis_of(entry.index)[0]
     own = _VENDOR_OWN.get(_vendor(od), {}).get(index, "")
@@ -112,7 +112,7 @@ def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value
 
 
 def follows_node_id(entry: Entry, value: Value, node_id: int) -> bool:
-    """Whether a value depends on the node id, so that a node with another id needs another value.
+    """Whether a value depends on the node-ID, so that a node with another id needs another value.
 
     True for values that the EDS writes with $NODEID, and for COB-IDs of the predefined connection set of this node.
     """
@@ -177,7 +177,7 @@ class ParameterSet:
 
     @property
     def relative(self) -> frozenset[Address]:
-        """Addresses whose values depend on the node id."""
+        """Addresses whose values depend on the node-ID."""
         return frozenset(
             address for address, value in self.values.items() if follows_node_id(self.od[address], value, self.node_id)
         )
@@ -352,7 +352,7 @@ def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
 
 # Comparison of the parameters of two nodes, two files, or a node and a file.
 #
-# Values that depend on the node id are compared without it: a COB-ID of 0x185 on node 5 and of 0x186 on node 6 are the
+# Values that depend on the node-ID are compared without it: a COB-ID of 0x185 on node 5 and of 0x186 on node 6 are the
 # same parameter. A parameter that only one side has is a difference too, unless the node gave a reason for refusing it.
 
 
@@ -396,7 +396,7 @@ def _name(side: ParameterSet, entry: Entry) -> str:
 
 
 def parameter_text(side: ParameterSet, address: Address) -> str:
-    """Format a value for users, relative to $NODEID if it depends on the node id, else as in `value_text`."""
+    """Format a value for users, relative to $NODEID if it depends on the node-ID, else as in `value_text`."""
     value, entry = side.values[address], side.od[address]
     if isinstance(value, int) and address in side.relative:
         return f"$NODEID+0x{value - side.node_id:X}"

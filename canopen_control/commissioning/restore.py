@@ -494,7 +494,7 @@ class RestoreReport:
 
 
 def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
-    """Raise ConfigError if neither the node id nor the serial number of a backup matches the node."""
+    """Raise ConfigError if neither the node-ID nor the serial number of a backup matches the node."""
     if file.node_id == session.node_id:
         return
     serial = session.identity().serial_number

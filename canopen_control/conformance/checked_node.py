@@ -77,7 +77,7 @@ class CheckedNode:
         self._unbooted = 0  # resets without a boot-up message
         self.last_seen_ns: dict[
             int, int
-        ] = {}  # node ids with a boot-up or heartbeat, and the time of the last one in ns
+        ] = {}  # node-IDs with a boot-up or heartbeat, and the time of the last one in ns
         self.rates: dict[int, int] = {}  # highest number of frames per second, by identifier
         self._second, self._counts = 0, Counter[int]()
         self._client = SdoClient(node_id, timeout_ns=round(timeout_s * 1e9))

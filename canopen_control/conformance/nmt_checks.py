@@ -277,7 +277,7 @@ def _heartbeats_after_boot(node: CheckedNode) -> None:
 
 
 def other_node_id(node: CheckedNode) -> int:
-    """Return a node id other than the device's, for the heartbeats that a check sends."""
+    """Return a node-ID other than the device's, for the heartbeats that a check sends."""
     return 126 if node.node_id != 126 else 125
 
 

@@ -179,7 +179,7 @@ _LATE_S = 5.0  # timeout for a device that answers late
 
 
 def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
-    """Return why the device does not respond: late start, another node id, absence, or a flooded bus."""
+    """Return why the device does not respond: late start, another node-ID, absence, or a flooded bus."""
     node.listen(1.0)  # discard answers to earlier requests
     begin = node.reactor.now()
     if node.exchange(REQUEST + node.node_id, upload_request(0x1000), ANSWER + node.node_id, _LATE_S) is not None:

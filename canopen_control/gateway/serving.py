@@ -92,7 +92,7 @@ class GatewayNetwork(Protocol):
         """Write data to an object of a node by SDO download."""
 
     def nmt(self, command: NmtCommand, node_id: int) -> None:
-        """Send an NMT command to a node; node id 0 addresses all nodes."""
+        """Send an NMT command to a node; node-ID 0 addresses all nodes."""
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
         """Run an LSS service and return its result; `scan_s` is the time in s to wait for each Fastscan response."""

@@ -103,7 +103,7 @@ class Sources:
         return next((file for file in readable if file.read_bytes() != bundled.read_bytes()), None)
 
     def dictionary(self, path: Path, node_id: int | None) -> ObjectDictionary:
-        """Return the object dictionary of a file for a node id (None: the file's own node id).
+        """Return the object dictionary of a file for a node-ID (None: the file's own node-ID).
 
         Raise EdsError if invalid.
         """
@@ -142,7 +142,7 @@ _SECTIONS = ("options", "master", "defaults", "nodes")
 _TIME_COB_ID = 0x100  # predefined (CiA 301, 7.3.3)
 _SYNCHRONOUS: Final = (*range(241), 252)  # transmission types that wait for SYNC (CiA 301, 7.5.2.35 and 7.5.2.37)
 _NAMED_PDOS: Final = 4
-_IGNORED_ID = 255  # node id of a node that ros2_canopen's generator leaves out
+_IGNORED_ID = 255  # node-ID of a node that ros2_canopen's generator leaves out
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class BusConfig:
 
     The dictionary of a device with several motors in one object set is the view of its axes. `period_line` is the line
     of sync_period, 0 without that key; `sections` are the YAML nodes by name. `unreadable` are the nodes with errors in
-    their keys, with their node ids (0: unreadable). `substitutes` are sentences about bundled files in use.
+    their keys, with their node-IDs (0: unreadable). `substitutes` are sentences about bundled files in use.
     """
 
     path: str

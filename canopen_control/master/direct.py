@@ -61,7 +61,7 @@ class Core(FrameListener, Protocol):
 class DirectBus:
     """Port of a bus, with blocking calls for SDO, NMT and LSS services.
 
-    `states` are the last NMT states shown by boot-ups, heartbeats or guarding answers, by node id. `timeout_s` is the
+    `states` are the last NMT states shown by boot-ups, heartbeats or guarding answers, by node-ID. `timeout_s` is the
     timeout of an SDO answer. `listeners` receive every frame. Every call raises BusError when the bus is lost.
     """
 

@@ -25,7 +25,7 @@ _NEVER: Final = 1 << 62
 _ACTS: Final = frozenset({"stop", "stop_latched", "stop_released", "stopping", "stopped", "recovered"})
 #: prefixes of the kinds of events that occur without a user's action
 _MACHINES: Final = ("bus_", "emcy")
-#: numbers and data bytes in a text, except hexadecimal codes and node ids
+#: numbers and data bytes in a text, except hexadecimal codes and node-IDs
 _NUMBER: Final = re.compile(r"(?<!node )(?<![\w.])(?:[0-9a-f]{2}(?: [0-9a-f]{2})+|\d+(?:\.\d+)?)(?!\w)")
 
 

@@ -416,7 +416,7 @@ class RosKeys:
 class NodeConfig:
     """Keys of a node in bus.yml with `defaults` merged in; `line` is the line of the node in the file.
 
-    `required` is set if the robot waits for the node. If `node_id` is missing, the node id of the EDS or DCF is used.
+    `required` is set if the robot waits for the node. If `node_id` is missing, the node-ID of the EDS or DCF is used.
     """
 
     identity: IdentityKeys = part()  # noqa: RUF009 - makes a field

@@ -34,15 +34,15 @@ if TYPE_CHECKING:
 #
 # A port never receives the frames that were sent through it, so each of these frames is from another program. The
 # frames of half a second are reported in one event with the identifiers, and again only after a minute without such
-# frames. An SDO request or an NMT command may be from a tool; SYNC, RPDOs, and heartbeats with this master's node id or
-# another customary node id of masters are from another master.
+# frames. An SDO request or an NMT command may be from a tool; SYNC, RPDOs, and heartbeats with this master's node-ID or
+# another customary node-ID of masters are from another master.
 
 
 _GATHER_NS: Final = 500_000_000
 _FORGET_NS: Final = 60_000_000_000
 _EXAMPLES: Final = 4
 _SYNCS: Final = 20  # of the kernel; half as many more in that time are from another producer
-_CUSTOMARY: Final = (1, 127)  # customary node ids of masters
+_CUSTOMARY: Final = (1, 127)  # customary node-IDs of masters
 _COMMANDS: Final = {int(command): command.name.lower().replace("_", " ") for command in NmtCommand}
 
 

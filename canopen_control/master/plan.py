@@ -295,7 +295,7 @@ def _check_identity(builder: PlanBuilder) -> None:
 
 
 def _warn_of_another_node(builder: PlanBuilder) -> None:
-    """Warn about a DCF that was saved for another node, if COB-IDs or the node id of that node are written."""
+    """Warn about a DCF that was saved for another node, if COB-IDs or the node-ID of that node are written."""
     titles = {title.lower(): texts for title, texts in builder.od.sections.items()}
     section = next((titles[name] for name in COMMISSIONING if name in titles), {})
     text = next((value for key, value in section.items() if key.lower() == "nodeid"), "")
@@ -316,7 +316,7 @@ def _warn_of_another_node(builder: PlanBuilder) -> None:
 
 
 def _is_of_node(write: PlannedWrite, node_id: int) -> bool:
-    """Whether a write gives a PDO a COB-ID of a node, or an object its node id (0x2000 in maxon's DCFs)."""
+    """Whether a write gives a PDO a COB-ID of a node, or an object its node-ID (0x2000 in maxon's DCFs)."""
     value = int.from_bytes(write.data, "little")
     if is_cob_id(*write.address):
         return not value & INVALID_BIT and value & 0x7F == node_id

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
 
 
-# Events of a node apart from its boot: EMCY messages, missing process data, a second node with the same node id.
+# Events of a node apart from its boot: EMCY messages, missing process data, a second node with the same node-ID.
 #
 # Every text names the node, and the consequence or the remedy. The active errors of EMCY messages are recorded even if
 # a message is not reported; a flood of messages is reported as one summary.
@@ -71,7 +71,7 @@ class NodeLog:
     def report(
         self, now: int, kind: str, text: str, level: Level = Level.INFO, details: FaultEvent | None = None
     ) -> None:
-        """Report an event of the node; the text is prefixed with node id and name."""
+        """Report an event of the node; the text is prefixed with node-ID and name."""
         self._report(Event(now, kind, self._name, f"{self.label}: {text}", level, details))
 
     @property
@@ -146,7 +146,7 @@ class NodeLog:
         self.report(now, f"pdo_{kind}", text, Level.WARNING)
 
     def heartbeat(self, now: int, since: int | None = None) -> None:
-        """Record a heartbeat, and report a rate that indicates two nodes with the same node id."""
+        """Record a heartbeat, and report a rate that indicates two nodes with the same node-ID."""
         if self._duplicates.heartbeat(now, since):
             self._report_duplicate("its heartbeats are twice as frequent as configured", now)
 
@@ -155,7 +155,7 @@ class NodeLog:
         self._duplicates.reset()
 
     def boot_up(self, now: int, since: int | None = None) -> None:
-        """Clear earlier errors after a boot-up; report two nodes with one node id, and endless boot-ups."""
+        """Clear earlier errors after a boot-up; report two nodes with one node-ID, and endless boot-ups."""
         self.errors.forget()
         self.astray.clear()
         was_stuck = self._duplicates.stuck
@@ -506,7 +506,7 @@ class RemoteNode:
             self.begin_boot(now, reset=False)
 
     def _toggled(self, now: int) -> None:
-        """Handle a wrong toggle bit in a guarding response, which indicates a restart or a duplicate node id."""
+        """Handle a wrong toggle bit in a guarding response, which indicates a restart or a duplicate node-ID."""
         text = "its guarding toggle bit is wrong: it has restarted, or a second node has its id"
         if self.ready:
             self._drop(now, f"{self.label}: {text}; booting it again", Level.ERROR, kind="guarding_toggle")

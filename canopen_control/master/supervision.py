@@ -1,4 +1,4 @@
-"""Supervision of a node in addition to its heartbeat: overdue PDOs, duplicate node ids and EMCY floods.
+"""Supervision of a node in addition to its heartbeat: overdue PDOs, duplicate node-IDs and EMCY floods.
 
 The monitors only report: they return what is to be reported, once per occasion, and allocate no memory in normal
 operation.
@@ -129,7 +129,7 @@ class EmcyGate:
 
 
 class DuplicateWatch:
-    """Detector of two devices with the same node id: heartbeats at twice the rate, or two boot-ups at once.
+    """Detector of two devices with the same node-ID: heartbeats at twice the rate, or two boot-ups at once.
 
     Boot-ups at equal intervals, like a heartbeat, are neither restarts nor a second device: they set `stuck`. A frame
     was received between `since`, when the receive queue was last empty, and `now`: frames that a late process reads
@@ -158,7 +158,7 @@ class DuplicateWatch:
         self.stuck = False
 
     def heartbeat(self, now: int, since: int | None = None) -> bool:
-        """Record a heartbeat; return True if its rate is new evidence of two devices with the node id."""
+        """Record a heartbeat; return True if its rate is new evidence of two devices with the node-ID."""
         self.stuck, self._alike = False, 0
         self._age_resets(now)
         if not self._period:
@@ -166,7 +166,7 @@ class DuplicateWatch:
         late = (since is not None and now - since >= self._period) or self._was_held(now)
         if late or now - self._window >= _WINDOW_PERIODS * self._period:
             self._window, self._count = now, 0
-        # CiA 301, 7.2.8.3.2.2: one heartbeat per producer time; more come from a second device with the node id
+        # CiA 301, 7.2.8.3.2.2: one heartbeat per producer time; more come from a second device with the node-ID
         self._count += not late
         return self._count >= _DOUBLE and self._is_new(now)
 
@@ -195,7 +195,7 @@ class DuplicateWatch:
             self._resets = 0
 
     def boot_up(self, now: int, since: int | None = None) -> bool:
-        """Record a boot-up; return True if its interval is new evidence of two devices with the node id."""
+        """Record a boot-up; return True if its interval is new evidence of two devices with the node-ID."""
         self._age_resets(now)
         expected = self._resets > 0
         self._resets -= expected

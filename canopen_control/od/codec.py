@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 # Limits of an entry (LowLimit, HighLimit). Some values of CiA 301 are not quantities: an identifier below flag bits
-# (COB-IDs), a node id above a time (0x1016), a signature (0x1010, 0x1011). A limit that excludes a value every device
+# (COB-IDs), a node-ID above a time (0x1016), a signature (0x1010, 0x1011). A limit that excludes a value every device
 # must accept there, such as 65535 for 0x1016, is an error of the file: the check of the file reports it, and it is not
 # applied.
 

@@ -178,7 +178,7 @@ def configured(
 ) -> ObjectDictionary:
     """Return a copy with `values` as ParameterValues; raise ValueError for an unknown address or a wrong type.
 
-    `relative` contains the addresses of values that depend on the node id.
+    `relative` contains the addresses of values that depend on the node-ID.
     """
     entries = dict(od.entries)
     for (index, subindex), value in values.items():

@@ -142,7 +142,7 @@ def _where(entry: Entry) -> str:
 
 
 def _check_limits(entry: Entry, node_id: int, report: Report) -> None:
-    """Report values outside the limits; `node_id` is added to relative values that were read without a node id."""
+    """Report values outside the limits; `node_id` is added to relative values that were read without a node-ID."""
     low, high = (
         None if limit is None else limit + node_id * relative
         for limit, relative in ((entry.low, entry.low_relative), (entry.high, entry.high_relative))
@@ -346,7 +346,7 @@ class _Direction(NamedTuple):
     name: str
     communication: int
     mapping: int
-    cob_id: int  # COB-ID of the first PDO, without the node id
+    cob_id: int  # COB-ID of the first PDO, without the node-ID
 
 
 _RPDO = _Direction("RPDO", 0x1400, 0x1600, 0x200)
@@ -450,7 +450,7 @@ def forget_files() -> None:
 
 
 def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
-    """Read the file at `path`; `node_id` (1 to 127) replaces $NODEID and overrides the node id in the file.
+    """Read the file at `path`; `node_id` (1 to 127) replaces $NODEID and overrides the node-ID in the file.
 
     EdsError is raised if the file cannot be read or is not a CANopen EDS.
     """

@@ -570,7 +570,7 @@ _HIGHEST_KBITS = 10_000  # a larger Baudrate is in bit/s, a smaller Baudrate in 
 
 
 def read_device(sections: Sections, node_id: int | None, report: Report) -> ObjectDictionary:
-    """Return a dictionary with the device sections but no objects; `node_id` overrides the node id in the file."""
+    """Return a dictionary with the device sections but no objects; `node_id` overrides the node-ID in the file."""
     od = ObjectDictionary(node_id=node_id)
     info = sections.get("deviceinfo")
     if info is None:

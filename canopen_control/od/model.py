@@ -124,7 +124,7 @@ class Entry:
     """One subindex of an object.
 
     `default` is the DefaultValue and `parameter_value` the ParameterValue of a DCF, None if absent. A `relative` value
-    is written with $NODEID in the file; the node id is added to it if the dictionary has one.
+    is written with $NODEID in the file; the node-ID is added to it if the dictionary has one.
     """
 
     index: int
@@ -208,7 +208,7 @@ class DeviceInfo:
 
 @dataclass(frozen=True, slots=True)
 class Commissioning:
-    """Content of the section [DeviceComissioning] of a DCF, without node id and bit rate."""
+    """Content of the section [DeviceComissioning] of a DCF, without node-ID and bit rate."""
 
     node_name: str = ""
     network_number: int | None = None

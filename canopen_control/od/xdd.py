@@ -307,7 +307,7 @@ def _of_parameter(parameter: _Element) -> dict[str, str]:
 
 
 def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
-    """Return the text of an XDD, or with `configured` of an XDC with node id, bit rate and parameter values."""
+    """Return the text of an XDD, or with `configured` of an XDC with node-ID, bit rate and parameter values."""
     device = od.device
     identity = (
         ("vendorName", device.vendor_name),
@@ -348,7 +348,7 @@ def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
 
 
 def _network_lines(od: ObjectDictionary, *, configured: bool) -> list[str]:
-    """Return the lines for the device features; with `configured`, also for node id, bit rate and network."""
+    """Return the lines for the device features; with `configured`, also for node-ID, bit rate and network."""
     device, commissioning = od.device, od.commissioning
     features = {
         "granularity": device.granularity,

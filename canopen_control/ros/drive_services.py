@@ -178,7 +178,7 @@ class DriveServices(Endpoint):
 
 
 class MasterServices(Endpoint):
-    """Services `/master/sdo_read` and `/master/sdo_write`, which access a node by its node ID."""
+    """Services `/master/sdo_read` and `/master/sdo_write`, which access a node by its node-ID."""
 
     def __init__(self, ros: NodeContext) -> None:
         self._ros = ros

@@ -191,7 +191,7 @@ class NodeSdo:
 
 
 def master_handlers(ros: NodeContext) -> list[tuple[str, str, Handler]]:
-    """Return name, type and handler of the SDO services of ros2_canopen's master, by node ID and data type."""
+    """Return name, type and handler of the SDO services of ros2_canopen's master, by node-ID and data type."""
 
     def read(request: RosMessage, response: RosMessage, reply: Reply) -> None:
         of_datatype(request.canopen_datatype)

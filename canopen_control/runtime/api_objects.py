@@ -68,7 +68,7 @@ def refuse_unsupervised(node: RemoteNode, index: int, subindex: int, data: bytes
     if node.is_taken_out or not (reaction or index in (_GUARD_TIME, _LIFE_TIME_FACTOR, _CONSUMER)):
         return
     planned = next((write.data for write in reversed(node.plan.writes) if write.address == (index, subindex)), b"")
-    if index == _CONSUMER:  # bits 0 to 15 are the time, bits 16 to 22 the node id
+    if index == _CONSUMER:  # bits 0 to 15 are the time, bits 16 to 22 the node-ID
         lost = any(planned[:2]) and (planned[2:3] != data[2:3] or not any(data[:2]))
     else:
         lost = any(planned) and not any(data)

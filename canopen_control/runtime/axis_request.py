@@ -73,7 +73,7 @@ def reached(joint: JointDrive, action: Action) -> bool:
 
 
 def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
-    """Return the node with this name or node id; raise UnknownName if it does not exist."""
+    """Return the node with this name or node-ID; raise UnknownName if it does not exist."""
     for node in nodes.values():
         if name in (node.name, str(node.node_id)):
             return node

@@ -532,7 +532,7 @@ class RobotCore:
         ProbeReading(axes_of(self.nodes, self.joints.values(), name)[0].axis, done)
 
     def node(self, name: str) -> RemoteNode:
-        """Return the node with this name or node id; raise UnknownName if it does not exist."""
+        """Return the node with this name or node-ID; raise UnknownName if it does not exist."""
         return find_node(self.nodes, name)
 
     def bus_of(self, node: RemoteNode) -> RobotBus:

@@ -118,7 +118,7 @@ def simulated_epoch(robot: RobotCore) -> float | None:
 
 
 def nodes_message(robot: RobotCore) -> NodeListing:
-    """Return bus, node id, EDS and ROS settings of each node, for clients that access the bus directly."""
+    """Return bus, node-ID, EDS and ROS settings of each node, for clients that access the bus directly."""
     return NodeListing(
         {name: BusPlace(bus.channel, bus.config.master.node_id) for name, bus in robot.buses.items()},
         [

@@ -185,7 +185,7 @@ def _named(addresses: Sequence[Address]) -> str:
 _CONSUMER, _PRODUCER, _GUARD_TIME, _LIFE_TIME = 0x1016, 0x1017, 0x100C, 0x100D
 _PERIOD_MS: Final = 100  # as in the bus.yml of a new robot
 _LIFE: Final = 5
-_ENTRY: Final = MAX_NODE_ID << 16 | _LIFE * _PERIOD_MS  # CiA 301, 7.5.2.19: node id and time
+_ENTRY: Final = MAX_NODE_ID << 16 | _LIFE * _PERIOD_MS  # CiA 301, 7.5.2.19: node-ID and time
 
 
 def supervision_of(od: ObjectDictionary) -> Supervision:

@@ -42,7 +42,7 @@ _KINDS: Final = {
     Profile.CHARGER: "charger",
     Profile.ENERGY: "energy",
 }
-"""Beginning of the name of a node that is not a drive, followed by the node id."""
+"""Beginning of the name of a node that is not a drive, followed by the node-ID."""
 FASTEST_MEASURED: Final = 30.0
 """Maximum speed in rad/s of a joint that an encoder measures; a guess that is written to the files."""
 _MASTERS: Final = (1, *range(127, 1, -1))
@@ -50,7 +50,7 @@ _MASTERS: Final = (1, *range(127, 1, -1))
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """Planned device with node id and EDS; `remark` is the result of a scan, for a comment.
+    """Planned device with node-ID and EDS; `remark` is the result of a scan, for a comment.
 
     `like` is the personality of the manufacturer, if named by the user.
     """

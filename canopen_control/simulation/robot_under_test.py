@@ -192,7 +192,7 @@ class SimulatedDrive:
 class RobotUnderTest:
     """Runtime, buses and drives with one virtual clock, idle until `start`.
 
-    `core` is the runtime, `drives` contains the drives by node id, `wires` the buses by name. `started_ns` is the time
+    `core` is the runtime, `drives` contains the drives by node-ID, `wires` the buses by name. `started_ns` is the time
     at which the robot's process was last started, `up` whether it runs, `errors` the exceptions raised in its program.
     With `reports_virtual_time` clients are informed that the robot's time is simulated. `floor` is the physics world of
     the drives, from the file `world`. If `time` is given, several robots share it, and their creator sets `floor`.

@@ -103,7 +103,7 @@ KINDS: Final = {
 class ScenarioEvent:
     """Event of a schedule, `at_ns` after the start; `for_ns` None means unlimited or instantaneous.
 
-    `kind` is a key of KINDS. `target` is a node id, `master`, or a controller; `name` is the name of a fault, a quirk
+    `kind` is a key of KINDS. `target` is a node-ID, `master`, or a controller; `name` is the name of a fault, a quirk
     or an action, `world` a disturbance of the physics world. `times` are the times in s of the points of a trajectory,
     whose values are concatenated; empty for one point. `when` is a state machine and a state, such as "axis power
     BRAKING": the event waits until its node, or any node, is in this state.

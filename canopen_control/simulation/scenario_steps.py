@@ -10,7 +10,7 @@
       - {at: 8s, payload: {mass: 12}}                        # with physics only
 
 `for` is the simulated time; `seed` determines wake-up delays of processes and frequency errors of oscillators. `do` is
-one of the kinds of `scenario_events`, `target` its node id, `master` or controller. A step with `when`, such as `when:
+one of the kinds of `scenario_events`, `target` its node-ID, `master` or controller. A step with `when`, such as `when:
 axis power BRAKING`, waits from its time on until its node, or any node, is in this state. Scenarios of `drive` are
 valid too.
 """

@@ -145,7 +145,7 @@ class ObservedNode:
 
 
 class WireView:
-    """State of one bus; `nodes` are by node ID.
+    """State of one bus; `nodes` are by node-ID.
 
     `master_at` is the time of the master's last heartbeat, `sync_at` the time of the last SYNC.
     """

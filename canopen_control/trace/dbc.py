@@ -193,7 +193,7 @@ def _choices(signal: _Signal) -> OrderedDict[int, str | NamedSignalValue]:
 
 
 def _senders(network: NetworkDescription) -> dict[int, str]:
-    """Return DBC names of the nodes by node id, where 0 is the master."""
+    """Return DBC names of the nodes by node-ID, where 0 is the master."""
     names = {0: _MASTER}
     for node_id, node in sorted(network.nodes.items()):
         names[node_id] = _unused(_identifier(node.name or f"node_{node_id}"), set(names.values()))

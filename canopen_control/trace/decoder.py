@@ -286,7 +286,7 @@ class DecodedFrame:
 
 @dataclass(slots=True)
 class _Decoded:
-    """Description of a frame by its handler; a `node_id` replaces the node id from the identifier."""
+    """Description of a frame by its handler; a `node_id` replaces the node-ID from the identifier."""
 
     text: str
     values: tuple[SignalValue, ...] = ()

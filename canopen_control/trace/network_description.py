@@ -202,8 +202,8 @@ def _read(path: str, node_id: int, notes: list[str]) -> ObjectDictionary | None:
         return None
 
 
-# Description from EDS files alone: the node ids, the files, and their default PDOs. Nothing is sent, so nodes cannot be
-# identified. The user therefore names the node of a file: ``3=FILE``, a DCF with a node id, or one file for all nodes.
+# Description from EDS files alone: the node-IDs, the files, and their default PDOs. Nothing is sent, so nodes cannot be
+# identified. The user therefore names the node of a file: ``3=FILE``, a DCF with a node-ID, or one file for all nodes.
 
 
 _NODE_IDS = range(1, 128)
@@ -212,7 +212,7 @@ _NODE_IDS = range(1, 128)
 def network_of_eds(channel: str, options: Iterable[str], find: Callable[[str], Path] = Path) -> NetworkDescription:
     """Return a description from options ``NODE=FILE``, ``FILE`` and ``FOLDER``; ``FILE`` has the lowest precedence.
 
-    `find` returns the path of a file. Raise EdsError for an invalid file, ConfigError for a folder without node ids.
+    `find` returns the path of a file. Raise EdsError for an invalid file, ConfigError for a folder without node-IDs.
     """
     everybody: dict[int, NodeDescription] = {}
     named: dict[int, NodeDescription] = {}
@@ -236,7 +236,7 @@ def _one(node_id: int, path: Path, option: str) -> NodeDescription:
 
 
 def _all(path: Path) -> Iterator[NodeDescription]:
-    """Yield the same description for every node id, or only for the node id of a DCF."""
+    """Yield the same description for every node-ID, or only for the node-ID of a DCF."""
     parsed = read_eds(path).od
     if parsed.node_id is not None:
         yield NodeDescription(path.stem, parsed.node_id, parsed, pdos_by_default(parsed), str(path))

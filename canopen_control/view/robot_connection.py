@@ -46,7 +46,7 @@ Pose = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class NodeAddress:
-    """Node with CAN channel and node ID, which identify a virtual drive's socket."""
+    """Node with CAN channel and node-ID, which identify a virtual drive's socket."""
 
     name: str
     channel: str

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Port
 
 
-# Check on the bus whether node ids are free, before virtual drives use them.
+# Check on the bus whether node-IDs are free, before virtual drives use them.
 #
 # The request is an upload of 0x1000, which every node has; a node that answers, or sends a heartbeat, uses the node-ID.
 

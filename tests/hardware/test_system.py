@@ -24,7 +24,7 @@ def make(count=2):
             state=object(),
             at_standstill=True,
             resume=True,
-            power=SimpleNamespace(state=AxisPhase.OFF),
+            statechart=SimpleNamespace(state=AxisPhase.OFF),
             group=group,
             enabled=0,
             enable_requested=False,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-_TAKEN: Final = (0, 1, 2, 3)  # node ids of the robot, and the broadcast services
+_TAKEN: Final = (0, 1, 2, 3)  # node-IDs of the robot, and the broadcast services
 _PERIOD_S: Final = 0.01
 _draw = random.Random(2)
 

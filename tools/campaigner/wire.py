@@ -56,9 +56,9 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """A bus: `fields` by identifier, `nodes` {node id: name}, `scales` {node id: device units per rad/s}.
+    """A bus: `fields` by identifier, `nodes` {node-ID: name}, `scales` {node-ID: device units per rad/s}.
 
-    `decelerations` {node id: device units/s^2}, the gentler of ramp and quick stop.
+    `decelerations` {node-ID: device units/s^2}, the gentler of ramp and quick stop.
     """
 
     fields: dict[int, tuple[Field, ...]]
@@ -73,7 +73,7 @@ class Wire:
         return max(abs(speed * self.scales[node]) / self.decelerations[node] for node in self.nodes)
 
     def values(self, identifier: int, data: bytes) -> list[tuple[int, int, int]]:
-        """Return the values in a frame: node id, object, value."""
+        """Return the values in a frame: node-ID, object, value."""
         found = []
         for field in self.fields.get(identifier, ()):
             value = field.value(data)

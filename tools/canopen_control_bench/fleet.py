@@ -61,7 +61,7 @@ _FORWARD = """
 def write_fleet(
     folder: Path, count: int, period_us: int, *, base: bool = False, rate: int | None = None, buses: int = 1
 ) -> Path:
-    """Write a robot with `count` drives, with node ids from 2 on each bus, and return its folder.
+    """Write a robot with `count` drives, with node-IDs from 2 on each bus, and return its folder.
 
     `base` has a diff drive controller on all of them, the first half left, the others a forward controller; `rate` is
     the controllers' (default: they run in every cycle, however fast it is); the drives are shared out among `buses`.

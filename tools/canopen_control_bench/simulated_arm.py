@@ -46,7 +46,7 @@ _SETTLE_MS: Final = 150
 
 
 class SimulatedArm(RobotObserver):
-    """The arm of a folder, enabled: `robot` is the runtime, `drives` are the devices by node id, `bus` is their wire.
+    """The arm of a folder, enabled: `robot` is the runtime, `drives` are the devices by node-ID, `bus` is their wire.
 
     `late` says for each cycle by how much the host wakes late, `batch_ns` how often the adapter hands frames over.
     `own_sync`: the host sends SYNC, else somebody does whose clock is `ppm` slow: a node, or a kernel with 0. `model`

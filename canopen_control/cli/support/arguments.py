@@ -97,7 +97,7 @@ class Names(argparse.Action):
 
 
 def one_name(text: str) -> str:
-    """Return a name or a node id; refuse a list of names, with the form that works."""
+    """Return a name or a node-ID; refuse a list of names, with the form that works."""
     if "," in text:
         raise argparse.ArgumentTypeError(f"{text!r}: give one name here, and repeat the command for each of the others")
     return text

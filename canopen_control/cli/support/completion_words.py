@@ -114,7 +114,7 @@ def _controllers(line: argparse.Namespace) -> Candidates:
 
 def _nodes(line: argparse.Namespace) -> Candidates:
     if getattr(line, "can", None) is not None:
-        return []  # a bare bus has node ids, and no names
+        return []  # a bare bus has node-IDs, and no names
     return [(node.name, f"node {node.node_id}") for node in _ask(line, GetNodes()).nodes]
 
 

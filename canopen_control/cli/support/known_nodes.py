@@ -1,4 +1,4 @@
-"""Nodes of running robots by the names that users type (node name, joint name or node id), and their virtual drives.
+"""Nodes of running robots by the names that users type (node name, joint name or node-ID), and their virtual drives.
 
 For verbs that access the buses and virtual drives of a robot directly. A robot that does not answer is skipped, because
 these verbs must work while a robot hangs.
@@ -26,7 +26,7 @@ _TIMEOUT_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class KnownNode:
-    """Node of a running robot, with its channel, node id, name and joints."""
+    """Node of a running robot, with its channel, node-ID, name and joints."""
 
     robot: str
     channel: str
@@ -39,7 +39,7 @@ class KnownNode:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Names that select the node: node name, node id and joint names."""
+        """Names that select the node: node name, node-ID and joint names."""
         return (self.name, str(self.node_id), *self.joints)
 
 
@@ -69,7 +69,7 @@ def _nodes_of(robot: str) -> list[KnownNode]:
 
 
 def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
-    """Return the node selected by `word` (node name, node id or joint), or None; raise ConfigError if ambiguous."""
+    """Return the node selected by `word` (node name, node-ID or joint), or None; raise ConfigError if ambiguous."""
     matching = [node for node in nodes if word in node.words]
     if len(matching) > 1:
         places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in matching)
@@ -81,7 +81,7 @@ def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
 
 
 def drive_of(word: str, can: str | None) -> tuple[str, int]:
-    """Return the channel and node id of the drive that a user names; ConfigError lists the valid names."""
+    """Return the channel and node-ID of the drive that a user names; ConfigError lists the valid names."""
     nodes, silent = ask_nodes(can)
     node = find_node(word, nodes)
     if node is not None:
@@ -134,7 +134,7 @@ def connect_to(channel: str, node_id: int) -> DriveClient:
 
 
 def _running_drives(bus: str) -> str:
-    """Return a text with the node ids of the virtual drives on a bus, or on all buses if the bus has none."""
+    """Return a text with the node-IDs of the virtual drives on a bus, or on all buses if the bus has none."""
     drives: dict[str, list[int]] = {}
     for other, _, number in (name.rpartition("-") for name in list_sockets("drive")):
         if number.isdecimal():

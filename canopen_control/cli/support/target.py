@@ -48,7 +48,7 @@ ROBOT_TIMEOUTS = {
     NmtCommand.RESET_NODE: RESET_TIMEOUT_S,
     NmtCommand.RESET_COMMUNICATION: RESET_TIMEOUT_S,
 }
-_ADDRESS = re.compile(r"(?:0[xX](?!00)[0-9A-Fa-f]{4}|[0-9][0-9A-Fa-f]{3})(?::.*)?")  # a node id has at most 3 digits
+_ADDRESS = re.compile(r"(?:0[xX](?!00)[0-9A-Fa-f]{4}|[0-9][0-9A-Fa-f]{3})(?::.*)?")  # a node-ID has at most 3 digits
 LABEL = "canopen-control"  # label of a verb as a member of a bus
 
 
@@ -67,7 +67,7 @@ class Target(abc.ABC):
 
     @abc.abstractmethod
     def session(self, word: str) -> NodeSession:
-        """Return the session with the node selected by `word` (name or node id).
+        """Return the session with the node selected by `word` (name or node-ID).
 
         Raise ConfigError if it does not exist.
         """
@@ -160,7 +160,7 @@ class RobotTarget(Target):
 
     @property
     def sessions(self) -> list[NodeSession]:
-        """Sessions with all nodes of the robot, in order of node id."""
+        """Sessions with all nodes of the robot, in order of node-ID."""
         return [self._with(place) for place in sorted(self.listing.nodes, key=lambda node: node.node_id)]
 
     def session(self, word: str) -> NodeSession:
@@ -210,7 +210,7 @@ class BusTarget(Target):
         self.bus.close()
 
     def session(self, word: str) -> NodeSession:
-        """Return the session with a node id; raise ConfigError if it is invalid or a running robot has the node."""
+        """Return the session with a node-ID; raise ConfigError if it is invalid or a running robot has the node."""
         node_id = parse_node_id(word)
         name, listing = self.owner or ("", NodeListing())
         if any(node_id == node.node_id for node in listing.nodes):
@@ -276,7 +276,7 @@ class BusTransfers(Transfers):
 
 
 def parse_node_id(text: str) -> int:
-    """Return the node id in a text, decimal or 0x; raise ConfigError if it is not from 1 to 127."""
+    """Return the node-ID in a text, decimal or 0x; raise ConfigError if it is not from 1 to 127."""
     try:
         node_id = int(text, 0)
     except ValueError:

@@ -29,7 +29,7 @@ from canopen_control.rpc.messages.trajectory import (
 
 MAX_OBJECT: Final = 400_000  # maximum size in bytes of an object in an answer, and in `sdo_data`
 
-NodeName = str | int  # name or node id
+NodeName = str | int  # name or node-ID
 Seconds = Annotated[float, msgspec.Meta(gt=0, le=60)]
 
 
@@ -64,7 +64,7 @@ class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BusPlace(msgspec.Struct, frozen=True):
-    """Channel of a bus, and the node id of its master."""
+    """Channel of a bus, and the node-ID of its master."""
 
     channel: str
     node_id: int | None = None

@@ -10,7 +10,7 @@ container, with a `DriveTabContext`:
   a thread, with a `NodeSession` whose SDO requests go through the robot; `node_jobs.begin(JobRun(job, title), work)`
   starts a job of `commissioning.jobs`. A node runs one job at a time, which continues if the page is closed;
   `JobForm(job)` creates the inputs of its options. A tab must not block the event loop, because STOP would be delayed.
-- `context.node` is the name of the node, `context.place` has its node id, EDS and joints.
+- `context.node` is the name of the node, `context.place` has its node-ID, EDS and joints.
 
 `show(content)` is called a few times a second while the tab is visible, `leave()` when the tab is hidden; reading and
 driving must end then. Tabs contain no logic: the meaning of an object, or whether a file fits, is decided in
