@@ -94,8 +94,12 @@ def _can_go(joint: JointDrive) -> bool:
 
 
 _SUPERVISE_NS: Final = 100_000_000
-ENABLE_AFTER_LOSS: Final = "canopen-control axis fault-reset all, then canopen-control axis enable all"
+FAULT_RESET: Final = "canopen-control axis fault-reset all"
+_ENABLE: Final = "canopen-control axis enable all"
+ENABLE_AFTER_LOSS: Final = f"{FAULT_RESET}, then {_ENABLE}"
 """Advice after an NMT stop: by 0x6007 of CiA 402-2, an enabled drive that leaves OPERATIONAL may enter a fault."""
+FAULT_RESET_IF_NEEDED: Final = f"{FAULT_RESET} if it is in fault"
+"""Advice about a node that is absent: by 0x6007, a drive that lost its master too may return in a fault."""
 
 #: plugin names that select this component, including those of other stacks
 PLUGINS: Final[tuple[str, ...]] = (
@@ -322,9 +326,10 @@ def _then(cause: JointDrive, *, resumable: bool) -> str:
         return f"; to continue: canopen-control nmt start {cause.node.name}, then {ENABLE_AFTER_LOSS}"
     if resumable:
         return "; they are enabled again when the node has returned (recovery: enable)"
-    first = "canopen-control axis fault-reset all, then " if cause.machine.fault else ""
-    when = "" if cause.node.ready else f" when {cause.node.config.name} has returned"
-    return f"; to continue{when}: {first}canopen-control axis enable all"
+    if not cause.node.ready:
+        return f"; to continue when {cause.node.config.name} has returned: {FAULT_RESET_IF_NEEDED}, then {_ENABLE}"
+    first = f"{FAULT_RESET}, then " if cause.machine.fault else ""
+    return f"; to continue: {first}{_ENABLE}"
 
 
 def _group(

@@ -17,7 +17,7 @@ from canopen_control.controllers.base import EnableStatus
 from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.interfaces import TARGET
-from canopen_control.hardware.system import ENABLE_AFTER_LOSS
+from canopen_control.hardware.system import ENABLE_AFTER_LOSS, FAULT_RESET_IF_NEEDED
 from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.observer import RobotObserver
 
@@ -222,7 +222,12 @@ def _remedy(joints: Sequence[JointDrive], of: str = _ALL) -> str:
     if any(node.is_taken_out for node in absent):
         return f"{return_hint(absent)}, then {ENABLE_AFTER_LOSS}"
     if absent:
-        later = f"then {enable}" if any(not joint.enable_requested for joint in joints) else "they are enabled then"
+        if all(joint.enable_requested for joint in joints):
+            later = "they are enabled then"
+        elif _ended(absent):  # a drive that starts anew has no fault
+            later = f"then {enable}"
+        else:
+            later = f"then {FAULT_RESET_IF_NEEDED}, then {enable}"
         return f"{return_hint(absent)}{'; ' if _ended(absent) else ', '}{later}"
     return f"{reset}, then {enable}" if any(joint.machine.fault for joint in joints) else enable
 
