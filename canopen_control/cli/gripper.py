@@ -1,7 +1,7 @@
 """Move the joint of a gripper action controller to a position, and wait until it arrives or stalls.
 
-If this program ends before the gripper does, by Ctrl-C or otherwise, the joint holds its current position. After a
-success the joint keeps its goal, or with `allow_stalling` its grip.
+If this program ends before the gripper does, by Ctrl-C or otherwise, or is suspended (Ctrl-Z), the joint holds its
+current position. After a success the joint keeps its goal, or with `allow_stalling` its grip.
 
 Exit codes: 0 the goal was reached or gripped; 1 refused, or ended early; 2 wrong usage, or no robot runs.
 """
@@ -16,6 +16,7 @@ from canopen_control.cli.support.commands import find_controller
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.client import RobotClient
+from canopen_control.client.robot_client import HEARTBEAT_S
 from canopen_control.rpc.messages.gripper import MoveGripper
 
 if TYPE_CHECKING:
@@ -53,8 +54,10 @@ def run(args: argparse.Namespace) -> int:
             max_effort=args.max_effort,
             max_velocity=args.max_velocity,
             source="gripper",
+            heartbeat=HEARTBEAT_S,
         )
-        result = robot.ask(request, _TIMEOUT_S)
+        with robot.heartbeats():
+            result = robot.ask(request, _TIMEOUT_S)
     succeeded = result.state == "succeeded"
     position = "" if result.position is None else f" ({controller.joints[0]} is at {result.position:.4g})"
     if args.json:

@@ -19,13 +19,13 @@ sample already defines the frame of its child.
 from __future__ import annotations
 
 import math
-import time
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from geometry_msgs.msg import TransformStamped, Twist, TwistStamped
 
 from canopen_control.ros.conversions import located_frames, odometry_pose, positions_of, seconds_of, transform_of
-from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples, PublisherWatch, success_of
+from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples, success_of
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.rcl import REFERENCE, SYSTEM_DEFAULT, TF, TF_STATIC
 from canopen_control.ros.sample_publisher import time_message
@@ -71,7 +71,6 @@ class TwistSubscription:
         quality: object = SYSTEM_DEFAULT,
     ) -> None:
         self._ros, self._topic, self._deliver, self._auto = ros, topic, on_message, kind == AUTO
-        self._watch = PublisherWatch(ros, topic)
         self._subscription: object = None
         self._quality = quality
         self._type, self._next = "", 0.0
@@ -98,11 +97,6 @@ class TwistSubscription:
         if self._subscription is not None:
             self._ros.unsubscribe(self._subscription)
 
-    def _on_message(self, message: Twist | TwistStamped) -> None:
-        twist = message.twist if isinstance(message, TwistStamped) else message
-        self._watch.take((twist.linear.x, twist.linear.y, twist.angular.z), time.monotonic())
-        self._deliver(message)
-
     def _change(self, name: str) -> None:
         """Unsubscribe from the old type; the next check subscribes to the new one."""
         if self._subscription is None:
@@ -112,7 +106,7 @@ class TwistSubscription:
             self._subscription, self._type = None, ""
 
     def _subscribe(self, name: str) -> None:
-        self._subscription = self._ros.subscribe(_TYPES[name], self._topic, self._on_message, self._quality)
+        self._subscription = self._ros.subscribe(_TYPES[name], self._topic, self._deliver, self._quality)
         self._type = name
 
 
@@ -126,8 +120,9 @@ class TwistCommands(Endpoint):
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
         topic, quality = f"{controller.name}/{controller.topic}", _QUALITIES.get(controller.topic, SYSTEM_DEFAULT)
-        self._main = TwistSubscription(ros, topic, self._on_message, first="TwistStamped", quality=quality)
-        self._unstamped = ros.subscribe(Twist, f"{topic}_unstamped", self._on_message, quality)
+        receive, unstamped = partial(self._send, topic), f"{topic}_unstamped"
+        self._main = TwistSubscription(ros, topic, receive, first="TwistStamped", quality=quality)
+        self._unstamped = ros.subscribe(Twist, unstamped, partial(self._send, unstamped), quality)
 
     def on_controller(self, controller: ControllerReading) -> None:
         self._controller = controller
@@ -139,8 +134,8 @@ class TwistCommands(Endpoint):
         self._main.close()
         self._ros.unsubscribe(self._unstamped)
 
-    def _on_message(self, message: Twist | TwistStamped) -> None:
-        send_twist(self._ros, self._controller, message)
+    def _send(self, topic: str, message: Twist | TwistStamped) -> None:
+        send_twist(self._ros, self._controller, topic, message)
 
 
 class OdometrySetting(Endpoint):
@@ -183,8 +178,11 @@ class OdometryReset(Endpoint):
         self._ros.ask(SetOdometry(controller=self._controller, x=0.0, y=0.0, heading=0.0), fill)
 
 
-def send_twist(ros: NodeContext, controller: ControllerReading, message: Twist | TwistStamped) -> None:
-    """Send a finite twist to an active base controller; other twists are dropped with a warning."""
+def send_twist(ros: NodeContext, controller: ControllerReading, topic: str, message: Twist | TwistStamped) -> None:
+    """Send a finite twist of `topic` to an active base controller; other twists are dropped with a warning.
+
+    A base is commanded on several topics, so their publishers are watched together.
+    """
     twist, stamp = message, None
     if isinstance(message, TwistStamped):
         sent_at = message.header.stamp
@@ -198,6 +196,7 @@ def send_twist(ros: NodeContext, controller: ControllerReading, message: Twist |
         text = ", ".join(f"{axis} {value:g}" for axis, value in fields.items() if axis != "linear.y" or lateral)
         ros.warn(key, f"{name}: a twist is not finite: {text}; it was dropped")
     else:
+        ros.watch_publishers(name, topic, tuple(fields.values()))
         linear, angular = fields["linear.x"], fields["angular.z"]
         ros.command(
             TwistController(
@@ -235,7 +234,7 @@ class SharedTwist(Endpoint):
         bases = [controller for controller in self._ros.controllers.values() if controller.is_base]
         active = [base for base in bases if base.active] or bases
         if len(active) == 1:
-            send_twist(self._ros, active[0], message)
+            send_twist(self._ros, active[0], self._topic, message)
             return
         names = ", ".join(base.name for base in active)
         several = f"several base controllers ({names}); publish to the twist topic of one of them"

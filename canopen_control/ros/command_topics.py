@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from typing import TYPE_CHECKING, Any
 
 from std_msgs.msg import Float64MultiArray
 
 from canopen_control.ros.conversions import command_refusal
-from canopen_control.ros.endpoint import COMMANDER, Endpoint, PublisherWatch, success_of
+from canopen_control.ros.endpoint import COMMANDER, Endpoint, success_of
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.rcl import REFERENCE, SYSTEM_DEFAULT
 from canopen_control.rpc.messages.robot import CommandByName, CommandController, SetFeedForward, SetMeasuredStates
@@ -33,7 +32,6 @@ class ForwardCommands(Endpoint):
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller, topic = ros, controller, f"{controller.name}/commands"
-        self._watch = PublisherWatch(ros, topic)
         self._subscription = ros.subscribe(Float64MultiArray, topic, self._on_message, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
@@ -43,12 +41,12 @@ class ForwardCommands(Endpoint):
         self._ros.unsubscribe(self._subscription)
 
     def _on_message(self, message: Float64MultiArray) -> None:
-        values = list(message.data)
+        values, topic = list(message.data), f"{self._controller.name}/commands"
         refusal = command_refusal(values, self._controller)
         if refusal is not None:
-            self._ros.warn(f"{self._controller.name}/commands", refusal)
+            self._ros.warn(topic, refusal)
             return
-        self._watch.take(values, time.monotonic())
+        self._ros.watch_publishers(topic, topic, values)
         self._ros.command(
             CommandController(controller=self._controller.name, values=values, source=COMMANDER, dead_man=True)
         )
@@ -152,7 +150,6 @@ class PidReferences(Endpoint):
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/{self.topic}"
-        self._watch = PublisherWatch(ros, self._topic)
         self._subscription: object = None
         self.on_controller(controller)
 
@@ -178,7 +175,7 @@ class PidReferences(Endpoint):
         except ValueError as error:
             self._ros.warn(self._topic, f"{self._topic}: {error}; the message was dropped")
             return
-        self._watch.take(values, time.monotonic())
+        self._ros.watch_publishers(self._topic, self._topic, values)
         self._hand_over(values)
 
     def _hand_over(self, values: list[float]) -> None:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import ctypes
 import os
 import re
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
@@ -225,22 +226,23 @@ _CALM_S: Final = 10.0  # time without one after which an alternation is reported
 
 
 class PublisherWatch:
-    """Detection of publishers that command one controller alternately on the same topic.
+    """Detection of publishers that command one controller alternately, on one topic or on several topics.
 
     The EventsExecutor of rclpy does not pass on who has published a message. So the values decide: they repeatedly
-    change and return to the values before, while the topic has several publishers. Publishers of the same values, or
+    change and return to the values before, while the topics have several publishers. Publishers of the same values, or
     of which only one is active, are normal.
     """
 
-    def __init__(self, ros: NodeContext, topic: str) -> None:
-        self._ros, self._topic = ros, topic
+    def __init__(self) -> None:
+        self._topics: dict[str, tuple[NodeContext, float]] = {}  # subscriber and time of the last message, by topic
         self._last: Sequence[float] = ()
         self._before: Sequence[float] = ()
         self._returns, self._return_at = 0, -_CALM_S
         self._reported = False
 
-    def take(self, values: Sequence[float], now: float) -> None:
+    def take(self, ros: NodeContext, topic: str, values: Sequence[float], now: float) -> None:
         """Record a command, and warn about several publishers once when they begin to alternate; `now` is in s."""
+        self._topics[topic] = (ros, now)
         last, before = self._last, self._before
         self._before, self._last = last, values
         if not len(values) == len(last) == len(before) or not _returns(values, last, before):
@@ -250,13 +252,14 @@ class PublisherWatch:
         self._reported = self._reported and since <= _CALM_S
         if self._reported or self._returns < _RETURNS:
             return
-        infos = self._ros.node.get_publishers_info_by_topic(self._topic)
+        topics = {name: context for name, (context, at) in self._topics.items() if now - at <= _GAP_S}
+        infos = [info for name, each in topics.items() for info in each.node.get_publishers_info_by_topic(name)]
         if len(infos) > 1:
             self._reported = True
             nodes = dict.fromkeys(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
             names = " and ".join(nodes) if len(nodes) > 1 else f"{len(infos)} publishers of {next(iter(nodes))}"
-            text = f"{self._topic}: {names} publish alternately, so the motion jerks; each newer command applies"
-            self._ros.warn(f"{self._topic} publishers", f"{text}; end all but one of them")
+            text = f"{' and '.join(topics)}: {names} publish alternately, so the motion jerks; each newer command"
+            ros.warn(f"{topic} publishers", f"{text} applies; end all but one of them")
 
 
 def _returns(values: Sequence[float], last: Sequence[float], before: Sequence[float]) -> bool:
@@ -309,6 +312,7 @@ class SessionPort(Protocol):
 
     robot: str
     controllers: dict[str, ControllerReading]
+    publishers: dict[str, PublisherWatch]
 
     def command(self, request: CommandController | TwistController) -> None:
         """Send a command, replacing a waiting command to the same controller; from any thread."""
@@ -354,6 +358,7 @@ class NodeContext:
         self.command, self.hand_over, self.connect = session.command, session.hand_over, session.connect
         self.watch_process_data, self.call, self.ask = session.watch_process_data, session.call, session.ask
         self.unix, self.frame, self.leave_out = session.unix, session.frame, session.leave_out
+        self._publishers = session.publishers
 
     @property
     def controllers(self) -> dict[str, ControllerReading]:
@@ -362,6 +367,14 @@ class NodeContext:
     def warn(self, key: str, text: str) -> None:
         """Log a warning of this node, at most once per second and key; from any thread."""
         self._session.warn_of(self.node, key, text)
+
+    def watch_publishers(self, commanded: str, topic: str, values: Sequence[float]) -> None:
+        """Record a command to `commanded`, and warn about publishers that alternate; on the thread of ROS callbacks.
+
+        Topics with the same `commanded` are watched together.
+        """
+        watch = self._publishers.setdefault(commanded, PublisherWatch())
+        watch.take(self, topic, values, time.monotonic())
 
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
         """Create a subscription; an exception in the callback is logged as a warning."""

@@ -25,7 +25,7 @@ from canopen_control.ros.controller_nodes import ControllerNodes
 from canopen_control.ros.diagnostics import Diagnostics, Events, Rosout
 from canopen_control.ros.drive_services import DriveServices, DriveTargets, MasterServices
 from canopen_control.ros.drive_topics import DriveTopics
-from canopen_control.ros.endpoint import Endpoint, NodeContext, Refusals, Throttle
+from canopen_control.ros.endpoint import Endpoint, NodeContext, PublisherWatch, Refusals, Throttle
 from canopen_control.ros.interfaces import MissingInterface, interface
 from canopen_control.ros.manager_services import STATES, ControllerManagerServices, LifecycleServices
 from canopen_control.ros.nodes import RosNode, nodes_of
@@ -329,6 +329,7 @@ class RosSession:
         self.node, self._reactor, self._client, self._on_end = node, reactor, client, on_end
         self.robot = client.robot
         self.controllers: dict[str, ControllerReading] = {}
+        self.publishers: dict[str, PublisherWatch] = {}  # by what is commanded
         self._endpoints: dict[str, list[Endpoint]] = {}
         self._common: list[Endpoint] = []
         self._published: dict[str, str] = {}

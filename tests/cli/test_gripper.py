@@ -1,8 +1,12 @@
+import threading
+
 import pytest
 from support.lockstep import lockstep
 
 from canopen_control import Robot
 from canopen_control.cli.main import main
+from canopen_control.client import RobotClient
+from canopen_control.rpc.messages.gripper import MoveGripper
 
 GRIPPER = """<robot name="cell"><link name="base"/><link name="tip"/>
 <joint name="finger" type="prismatic"><parent link="base"/><child link="tip"/>
@@ -31,6 +35,20 @@ def test_it_waits_until_the_gripper_is_there(cell, capsys):
     assert cell.status().commander == "gripper"
 
 
+def test_a_suspended_one_loses_its_goal_since_it_promises_heartbeats(cell, monkeypatch):
+    """Of a goal whose heartbeats are missing, `test_api_trajectories` tests the end."""
+    promised, ask = [], RobotClient.ask
+
+    def spy(self, request, *timeout):
+        if isinstance(request, MoveGripper):
+            promised.append((request.heartbeat, "heartbeats" in [thread.name for thread in threading.enumerate()]))
+        return ask(self, request, *timeout)
+
+    monkeypatch.setattr(RobotClient, "ask", spy)
+    assert main(["gripper", "0.04"]) == 0
+    assert promised == [(2.0, True)]
+
+
 @pytest.mark.parametrize("cell", ["true"], indirect=True)
 def test_a_stall_that_is_not_allowed_is_exit_code_1(cell, capsys):
     assert main(["gripper", "0.04", "--controller", "gripper"]) == 1
@@ -49,7 +67,7 @@ def test_what_the_controller_refuses_is_one_sentence(cell, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["0.01", "--controller", "griper"], "no controller 'griper' is loaded; there are gripper"),
+        (["0.01", "--controller", "griper"], "no controller 'griper' is loaded; available: gripper"),
         (["0.01", "--name", "nobody"], "no robot 'nobody' is running"),
     ],
 )

@@ -13,7 +13,7 @@ from support.endpoints import Ros, interface, publisher_of
 from support.ros import eventually
 
 from canopen_control.ros import base_topics, sample_publisher
-from canopen_control.ros.base_topics import OdometryReset, OdometrySetting, TwistCommands
+from canopen_control.ros.base_topics import OdometryReset, OdometrySetting, SharedTwist, TwistCommands
 from canopen_control.rpc.messages.robot import SetOdometry
 from canopen_control.rpc.messages.samples import OdometrySample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample
@@ -194,3 +194,19 @@ def test_odometry_is_set_by_a_service_in_the_plane_alone(monkeypatch):
     assert response.message == "base moves only in the plane; z, pitch must be 0"
     endpoint.close()
     assert given.left == ["base/set_odometry"]
+
+
+def test_the_publishers_on_all_topics_of_a_base_are_watched_together():
+    given = Ros()
+    given.controllers = {"base": reading(("linear.x", "angular.z"))}
+    commands, shared = TwistCommands(given, given.controllers["base"]), SharedTwist(given, "cmd_vel", "Twist")
+    message = Twist()
+    message.linear.x = 0.5
+    for topic in ("cmd_vel", "base/cmd_vel", "base/cmd_vel_unstamped"):
+        given.publish(topic, message)
+    message.linear.x = math.nan
+    given.publish("cmd_vel", message)
+    watched = [("base", topic, (0.5, 0.0, 0.0)) for topic in ("cmd_vel", "base/cmd_vel", "base/cmd_vel_unstamped")]
+    assert given.watched == watched
+    commands.close()
+    shared.close()

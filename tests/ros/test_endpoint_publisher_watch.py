@@ -22,10 +22,30 @@ def warnings(commands, names=NAMES, *, seconds=0.05):
         namespace, _, own = name.rpartition("/")
         infos.append(SimpleNamespace(node_namespace=namespace or "/", node_name=own))
     node = SimpleNamespace(get_publishers_info_by_topic=lambda topic: infos if topic == TOPIC else [])
-    watch = PublisherWatch(SimpleNamespace(node=node, warn=lambda _key, text: told.append(text)), TOPIC)
+    context, watch = SimpleNamespace(node=node, warn=lambda _key, text: told.append(text)), PublisherWatch()
     for turn, values in enumerate(commands):
-        watch.take(values, 100 + turn * seconds)
+        watch.take(context, TOPIC, values, 100 + turn * seconds)
     return told
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_publishers_on_two_topics_of_one_controller_are_named(moved):
+    """Teleop on `/cmd_vel` and a program on `~/cmd_vel`; a topic that is quiet does not count."""
+    of = {"cmd_vel": "teleop", "base/cmd_vel": "program"}
+    told, watch = [], PublisherWatch()
+    node = SimpleNamespace(
+        get_publishers_info_by_topic=lambda topic: [SimpleNamespace(node_namespace="/", node_name=of[topic])]
+    )
+    context = SimpleNamespace(node=node, warn=lambda _key, text: told.append(text))
+    if moved:
+        watch.take(context, "cmd_vel", (1.0,), 90.0)
+    for turn in range(20):
+        topic = "base/cmd_vel" if moved or turn % 2 else "cmd_vel"
+        watch.take(context, topic, (float(turn % 2),), 100 + turn * 0.05)
+    assert told == ([] if moved else [
+        "cmd_vel and base/cmd_vel: /teleop and /program publish alternately, so the motion jerks; each newer command "
+        "applies; end all but one of them"
+    ])  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,7 @@ class Ros:
     def __init__(self):
         self.node, self.asked, self.told, self.clients, self.commanded = self, [], [], [], []
         self.subscriptions, self.services, self.publishers, self.left, self.lacking = {}, {}, [], [], []
+        self.watched = []
 
     def subscribe(self, kind, topic, callback, quality):
         self.subscriptions[topic] = (kind, callback, quality)
@@ -90,6 +91,9 @@ class Ros:
 
     def ask(self, request, answer):
         self.asked.append((request, answer))
+
+    def watch_publishers(self, commanded, topic, values):
+        self.watched.append((commanded, topic, values))
 
     def warn(self, _key, text):
         self.told.append(text)
