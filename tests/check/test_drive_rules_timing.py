@@ -9,7 +9,7 @@ from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.robot_files import find_robot
 
-RPDO_TYPE = "      transmission: 0x01          # all axes take their set-points at the same SYNC\n"
+RPDO_TYPE = "      transmission: 0x01          # all axes apply their set-points at the same SYNC\n"
 TPDO_2 = '    2:\n      enabled: true\n      cob_id: "auto"\n      transmission: 0x01\n'
 
 
