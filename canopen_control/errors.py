@@ -217,7 +217,7 @@ class SdoAbort(RemoteProtocolError):
 class SdoTimeout(RemoteProtocolError):
     """SDO request without a response; `seconds` is the total timeout of all attempts."""
 
-    hint = "is the node powered and its node id right?"
+    hint = "is the node powered and its node-ID right?"
 
     def __init__(self, node_id: int, index: int, subindex: int, seconds: float, name: str = "") -> None:
         self.index, self.subindex, self.seconds, self.name = index, subindex, seconds, name

@@ -25,7 +25,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "lost",
     },
     "`master`": {
-        "node_id": "node id of the master, whose heartbeat the drives monitor",
+        "node_id": "node-ID of the master, whose heartbeat the drives monitor",
         "channel": "channel of the bus (`can0`, `local:NAME`, ...); `--can` takes precedence",
         "baudrate": "bit rate in kbit/s, used by `check` for the bus load, and compared by the preflight",
         "sync_period": "period of SYNC in us, which is the cycle of the robot; 0: no SYNC, the cycle is the "
@@ -46,7 +46,7 @@ BUS_YML: dict[str, dict[str, str]] = {
     },
     "A node, and `defaults` of all": {
         "dcf": "EDS or DCF file of the device",
-        "node_id": "node id of the device, 1 to 127",
+        "node_id": "node-ID of the device, 1 to 127",
         "dcf_path": "folder that is searched for the file first",
         "vendor_id": "vendor id that 0x1018:01 must contain; 0: any; absent: the vendor id of the EDS",
         "product_code": "product code that 0x1018:02 must contain; 0: any; absent: the product code of the EDS",

@@ -190,7 +190,7 @@ self.reactor.call_later(300_000_000, begin)
     ),
     Mutant(
         "another_is_watched",
-        "0x1016 watches another node id than the master's",
+        "0x1016 watches another node-ID than the master's",
         Change(
             "master.plan",
             "_plan_consumer",

@@ -156,7 +156,7 @@ class HeartbeatConsumer:
     def watch(self, node_id: int, timeout_ns: int) -> None:
         """Monitor `node_id` with `timeout_ns` (0x1016) from its next heartbeat on; 0 ends monitoring."""
         if not 1 <= node_id <= MAX_NODE_ID or timeout_ns < 0:
-            msg = f"cannot watch node {node_id} with {timeout_ns} ns; node ids are 1 to {MAX_NODE_ID}"
+            msg = f"cannot watch node {node_id} with {timeout_ns} ns; node-IDs are 1 to {MAX_NODE_ID}"
             raise LocalProtocolError(msg)
         node = self._nodes.setdefault(node_id, _Node())
         node.timeout_ns, node.deadline_ns, node.missed = timeout_ns, None, False

@@ -168,9 +168,9 @@ class LssMaster:
     def configure_node_id(self, node_id: int) -> LssRequest:
         """Set the node-ID of the slave in configuration state: 1 to 127, or 255 for none."""
         if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
-            msg = f"LSS: node id {node_id} is out of range, 1 to {MAX_NODE_ID} or {UNCONFIGURED}"
+            msg = f"LSS: node-ID {node_id} is out of range, 1 to {MAX_NODE_ID} or {UNCONFIGURED}"
             raise LocalProtocolError(msg)
-        return self._with_error_code(f"configure node id {node_id}", LssCommand.CONFIGURE_NODE_ID, node_id)
+        return self._with_error_code(f"configure node-ID {node_id}", LssCommand.CONFIGURE_NODE_ID, node_id)
 
     def configure_bit_timing(self, index: int, table: int = 0) -> LssRequest:
         """Set the bit timing of the slave in configuration state; `index` is a key of `lss.BIT_TIMINGS` for table 0."""

@@ -122,7 +122,7 @@ def nmt_frame(command: NmtCommand, node_id: int = BROADCAST) -> CanFrame:
     Raise LocalProtocolError for a node-ID outside 0 to 127.
     """
     if not 0 <= node_id <= MAX_NODE_ID:
-        msg = f"NMT {command.name}: node id {node_id} is out of range, 0 to {MAX_NODE_ID}"
+        msg = f"NMT {command.name}: node-ID {node_id} is out of range, 0 to {MAX_NODE_ID}"
         raise LocalProtocolError(msg)
     return CanFrame(NMT_COB_ID, bytes((command, node_id)))
 

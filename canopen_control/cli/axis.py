@@ -26,7 +26,7 @@ HOMING_S = 3600.0  # the robot's own limit (homing_timeout_seconds) comes first
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("action", choices=ACTIONS)
-    parser.add_argument("node", type=one_name, metavar="NODE", help="name or node id in bus.yml, or all")
+    parser.add_argument("node", type=one_name, metavar="NODE", help="name or node-ID in bus.yml, or all")
     parser.add_argument(
         "mode",
         nargs="?",

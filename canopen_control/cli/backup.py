@@ -1,9 +1,9 @@
 """Save the parameters of a node as a DCF file.
 
-The file holds all read/write objects except commands and live values, each as ParameterValue, with identity, software
-version and date. `diff` compares it, `restore` writes it back, and a bus.yml can name it as `dcf`. Everything is read
-twice; values that differ between reads, and objects the node refuses, are omitted and listed. Nothing is written to the
-node, so this works while a robot runs. On a bare bus (--can) give the EDS.
+The file contains all read/write objects except commands and live values, each as a ParameterValue, with identity,
+software version and date. `diff` compares it, `restore` writes it back, and a bus.yml can name it as `dcf`. Everything
+is read twice; values that differ between reads, and objects the node refuses, are omitted and listed. Nothing is
+written to the node, so this works while a robot runs. On a bare bus (--can), --eds is needed.
 
 Exit codes: 0 success; 1 the node did not answer, or the disk is full; 2 wrong usage.
 """

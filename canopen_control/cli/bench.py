@@ -1,13 +1,13 @@
-"""Benchmark this machine against comparable packages in the same run.
+"""Compare the speed of this package on this computer with similar packages, measured in the same run.
 
 Every figure is a ratio to a comparison that ran right before or after it, or is compared with a limit. The comparisons
 are the `canopen` package and python-can on the same bus, and calculated times of a bus. Absolute figures need an idle
-machine; the table shows whether it was idle. --quick judges ratios, and counts that must be zero.
+computer; the table shows whether it was idle. --quick judges only ratios, and counts that must be zero.
 
     canopen-control bench                   the cycle
     canopen-control bench all --check       every family; exit code 1 if a figure misses its target
-    canopen-control bench --quick --check   what CI checks: ratios and counts, some two minutes
-    canopen-control bench --quick --check simulated   of these the families that may run in parallel
+    canopen-control bench --quick --check   what CI checks: ratios and counts, in about two minutes
+    canopen-control bench --quick --check simulated   only those families that may run in parallel
 
 Exit codes: 0 success; 1 with --check a figure misses its target; 2 wrong usage.
 """

@@ -175,7 +175,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     up.add_argument("--sample-point", type=float, metavar="0.875")
     down = actions.add_parser("down", help="take a CAN interface down")
     down.add_argument("interface", metavar="INTERFACE")
-    _add_faults(actions.add_parser("fault", help="inject and clear faults of a local bus"))
+    _add_faults(actions.add_parser("fault", help="inject and clear faults on a local bus"))
 
 
 def _add_faults(parser: argparse.ArgumentParser) -> None:
@@ -198,7 +198,7 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
     faults.add_parser("clear", help="clear all faults; the bit rate stays")
 
 
-_LABEL_HELP = "a node's name, node id or joint; master; or a label that `bus status` shows"
+_LABEL_HELP = "a node's name, node-ID or joint; master; or a label that `bus status` shows"
 _ON_ONE = {
     "cut": "cut the cable of WHO, in both directions",
     "uncut": "reconnect the cable of WHO",

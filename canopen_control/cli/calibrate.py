@@ -3,12 +3,12 @@
 The base of a running robot drives squares by its odometry, counter-clockwise and clockwise, and stops at each corner.
 Its true end positions show how unequal the wheels are and how far apart they are. In a simulation (drives with a `base`
 in their plant file, or physics) the true pose is known and no input is needed. A real base is measured by you: put it
-at its start, press Enter, and type its end position as X Y, in metres ahead and to the left of that start. --ends FILE
-holds these answers instead, one per line, in this order.
+at its start, press Enter, and type its end position as X Y, in metres ahead and to the left of that start. With
+--ends FILE these positions are read from a file instead, one per line, in this order.
 
-The values go to a copy of ros2_controllers.yaml and into the running controller, which then drives again with them. The
-controller's own limits apply. STOP, a fault, Ctrl-C or the end of this process ends the calibration: the base stops and
-the controller has its previous values again.
+The values are written to a copy of ros2_controllers.yaml and to the running controller, which then drives again with
+them. The controller's own limits apply. STOP, a fault, Ctrl-C or the end of this process ends the calibration: the base
+stops and the controller has its previous values again.
 
 Exit codes: 0 the error was reduced or was zero; 1 stopped, or no improvement; 2 wrong usage, no robot runs, or
 implausible end positions.
@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--passes", type=_passes, default=1, metavar="N", help="number of corrections (default: 1)")
     parser.add_argument(
-        "--ends", metavar="FILE", help="file of measured end positions, instead of questions: X Y a line, in m"
+        "--ends", metavar="FILE", help="file with the measured end positions, instead of questions: X Y per line, in m"
     )
 
 

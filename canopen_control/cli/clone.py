@@ -1,9 +1,9 @@
 """Copy all parameters of a drive to a replacement of the same product, and verify that both are equal.
 
 The new drive keeps its node-ID, bit rate, identity and encoder calibration. COB-IDs that depend on the node-ID are
-adapted to the new one. Everything else is as for `restore`: only differences are written, everything is read back,
-after a refused value the previous values are restored, and nothing is stored without --store. If the old drive has
-failed, `restore` its backup.
+adapted to the new one. Everything else works as in `restore`: only differences are written, everything is read
+back, after a refused value the previous values are restored, and nothing is stored without --store. If the old drive
+has failed, use `restore` with its backup.
 
 Exit codes: 0 both are equal; 1 the new drive refused a value, or a drive did not answer; 2 wrong usage.
 """

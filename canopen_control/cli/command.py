@@ -1,10 +1,10 @@
-"""Send values to a controller at 10 Hz until Ctrl-C, then zero; position joints hold their current position.
+"""Send values to a controller at 10 Hz until Ctrl-C, then send zeros; position joints hold their current position.
 
 Outputs of a GPIO command controller can be named, as in `io/lamp=1`; the others keep their values. When the command
-ends, they go to their safe values.
+ends, the named outputs go to their safe values.
 
-Exit codes: 0 sent; 1 the robot refused it or stopped, or a joint does not follow; 2 wrong usage, no robot runs, or no
-such controller.
+Exit codes: 0 sent; 1 the robot refused the command or stopped, or a joint does not follow; 2 wrong usage, no robot
+runs, or no such controller.
 """
 
 from __future__ import annotations

@@ -4,13 +4,14 @@ Without --configure, --store and --motion the checks change no value; some send 
 With --configure they write parameters, and start, stop and reset the node; with --store they store parameters; with
 --motion they switch on the power stage of a drive and turn the shaft: --speed and --distance bound each motion (by
 default 1 % of 0x607F and half a revolution), and the shaft returns to its start. You confirm each of the three once, or
-give --yes. At the end the parameters that the EDS lists are compared and restored. Nodes of a running robot are
+use --yes. At the end the parameters that the EDS lists are compared and restored. Nodes of a running robot are
 refused; with one of the three options, nodes that are OPERATIONAL as well.
 
 With --master a virtual device joins the bus and checks the master that boots it, this package or another master. It
 serves the master for 8 s, then goes through its faults, in 80 to 120 s: FAULT, loss of the power stage,
 PRE-OPERATIONAL, a flood of EMCY, resets with SDO answers that are missing, late or refused, a lost heartbeat, silence.
-Let the master enable the drive before the run, and again only between two faults. Ctrl-C ends the run with its report.
+Have the master enable the drive before the run, and again only between two faults. Ctrl-C ends the run and prints its
+report.
 
 Exit codes: 0 no mandatory check failed; 1 a mandatory check failed; 2 wrong usage, or nothing could be tested.
 """
@@ -64,15 +65,15 @@ _QUESTIONS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("node", nargs="?", metavar="NODE", help="node id of the device to check")
+    parser.add_argument("node", nargs="?", metavar="NODE", help="node-ID of the device to check")
     parser.add_argument("--can", required=True, metavar="CHANNEL", help="channel of the bus (can0, local:NAME, ...)")
     parser.add_argument(
         "--eds",
         metavar="FILE",
-        help="EDS of the device; without it fewer checks are made (--master: TMCM-1270)",
+        help="EDS of the device; without it, fewer checks are run (--master: TMCM-1270)",
     )
-    parser.add_argument("--master", action="store_true", help="check the master on the bus, as a virtual device")
-    parser.add_argument("--node-id", metavar="N", help="with --master: node id of the virtual device")
+    parser.add_argument("--master", action="store_true", help="act as a virtual device and check the master on the bus")
+    parser.add_argument("--node-id", metavar="N", help="with --master: node-ID of the virtual device")
     parser.add_argument(
         "--for",
         dest="duration",
@@ -106,7 +107,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--junit", metavar="FILE", help="write a JUnit XML report")
     parser.add_argument("--html", metavar="FILE", help="write a page with the verdict per clause and a summary")
-    parser.add_argument("--against", metavar="OLD.json", help="show what differs from an older run's --json")
+    parser.add_argument(
+        "--against", metavar="OLD.json", help="show the differences from the --json output of an older run"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -147,13 +150,13 @@ def _check_options(args: argparse.Namespace) -> None:
     """Raise ConfigError for an option that does not apply to the check of a device, or to --master."""
     if not args.master:
         if args.node is None:
-            raise ConfigError("give the node id of the device to check, or --master to check the master on the bus")
+            raise ConfigError("give the node-ID of the device to check, or --master to check the master on the bus")
         for name, value in (("--node-id", args.node_id), ("--for", args.duration)):
             if value is not None:
                 raise ConfigError(f"{name} requires --master; add --master, or omit {name}")
         return
     if args.node is not None:
-        raise ConfigError(f"--master takes its node id from --node-id; write --node-id {args.node}")
+        raise ConfigError(f"--master takes its node-ID from --node-id; write --node-id {args.node}")
     if args.node_id is None:
         raise ConfigError("--master needs --node-id: a node that the master boots and that is not on the bus")
     for option in ("configure", "store", "motion"):

@@ -1,6 +1,6 @@
 """Run a robot on virtual drives with a live table; a short demo motion runs until another client sends a command.
 
-This motion starts without a request, so `demo` refuses every bus that real drives can be on.
+This motion starts without a request, so `demo` refuses any bus to which real drives may be connected.
 
 Exit codes: 0 success; 1 the boot or the run failed; 2 wrong usage or configuration, or a bus of real drives.
 """

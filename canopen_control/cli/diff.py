@@ -1,10 +1,10 @@
 """Compare the parameters of two nodes, two DCF files, or a file with a node.
 
 When comparing a file with a node, only the objects in the file are read; no EDS is needed, since the file is a complete
-DCF. COB-IDs that depend on the node-ID are compared without it. Differences in product, revision or software version
-are printed to standard error and do not count as parameter differences.
+DCF. COB-IDs that depend on the node-ID are compared without it. Differences in product, revision or software
+version are printed to standard error and do not count as parameter differences.
 
-Exit codes, as of the program diff: 0 equal; 1 different, or a node did not answer; 2 wrong usage.
+Exit codes, as in the program diff: 0 equal; 1 different, or a node did not answer; 2 wrong usage.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ EXAMPLE = """canopen-control diff left_drive right_drive
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     for name in ("a", "b"):
-        parser.add_argument(name, metavar="FILE|NODE", help="a DCF file, or a node by name or node id")
+        parser.add_argument(name, metavar="FILE|NODE", help="a DCF file, or a node by name or node-ID")
     add_session_arguments(parser, node=False)
 
 

@@ -1,7 +1,7 @@
 """Run virtual drives, or any device that has an EDS, until Ctrl-C.
 
-It prints one line when the drives are on the bus, then their events. --store FILE holds what 0x1010 and LSS store.
---scenario is a YAML timeline of faults and quirks:
+It prints one line when the drives are on the bus, then their events. --store FILE keeps what is stored through 0x1010
+and LSS. --scenario is a YAML timeline of faults and quirks:
 
     steps:
       - {at: 5s, node: 3, fault: heartbeat_lost}
@@ -114,7 +114,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--node-id",
         metavar="N[,N|-N]",
-        help="node ids, 1 to 127; several as 2,3 or 1-64, in one process; 255: no node id until LSS assigns one",
+        help="node-IDs, 1 to 127; several as 2,3 or 1-64, in one process; 255: no node-ID until LSS assigns one",
     )
     parser.add_argument(
         "--eds",
@@ -141,7 +141,7 @@ def _add_behaviour(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="F[@T]",
-        help="inject a fault, at the start or T seconds later (repeatable)",
+        help="inject a fault at the start, or T seconds later (repeatable)",
     )
     parser.add_argument(
         "--quirk",
@@ -167,7 +167,7 @@ def _add_behaviour(parser: argparse.ArgumentParser) -> None:
         "--serial",
         type=whole,
         metavar="N",
-        help="serial number 0x1018:04 (default: the node id, or the process id without one)",
+        help="serial number 0x1018:04 (default: the node-ID, or the process id without one)",
     )
 
 
@@ -228,10 +228,10 @@ def parse_node_ids(text: str) -> list[int]:
         first, last = int(match[1]), int(match[2] or match[1])
         if not 1 <= first <= last <= _LAST_NODE_ID:
             hint = f"; {_NO_NODE_ID} is only allowed alone: one process per drive" if _NO_NODE_ID in text else ""
-            raise ConfigError(f"--node-id {text!r}: node ids are 1 to {_LAST_NODE_ID}, rising{hint}")
+            raise ConfigError(f"--node-id {text!r}: node-IDs are 1 to {_LAST_NODE_ID}, rising{hint}")
         node_ids += range(first, last + 1)
     if len(set(node_ids)) != len(node_ids):
-        raise ConfigError(f"--node-id {text!r}: a node id is given twice")
+        raise ConfigError(f"--node-id {text!r}: a node-ID is given twice")
     return node_ids
 
 

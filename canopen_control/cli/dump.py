@@ -1,8 +1,8 @@
 """Print all current object values of a node, as a table, as CSV, or as a DCF.
 
 Every readable object is read once, one after the other; DOMAINs and objects that ObjFlags exclude from scanning are
-left out. The DCF has a ParameterValue for each writable object, also for live values; to write values back later, make
-a `backup`. A node of a running robot is read through that robot, slowly enough not to delay it.
+left out. The DCF has a ParameterValue for each writable object, including live values; to write values back later,
+use a `backup` instead. A node of a running robot is read through that robot, slowly enough not to delay it.
 
 Exit codes: 0 success; 1 the node does not answer or no object could be read; 2 wrong usage, a file that cannot be
 written.

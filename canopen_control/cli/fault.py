@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "what",
         type=one_name,
         metavar="list|NODE",
-        help="list: explain all faults; otherwise a node, a joint or a node id",
+        help="list: explain all faults; otherwise a node, a joint or a node-ID",
     )
     parser.add_argument(
         "name",

@@ -2,9 +2,9 @@
 
 It writes bus.yml, a URDF with <ros2_control> and ros2_controllers.yaml, with comments, and copies the EDS. `check`
 accepts it, and `demo NAME` moves it at once on virtual drives. Values missing from the EDS (counts per revolution, gear
-ratio, dimensions) are filled with guesses and marked as such (`guesses` in bus.yml, which `check` names). What prevents
-a run, such as a drive that would not stop when the master is lost, is marked in bus.yml as a PROBLEM, and printed.
-Before you use real drives, run `preflight`.
+ratio, dimensions) are filled with guesses and marked as such (`guesses` in bus.yml, which `check` lists). Problems that
+prevent a run, such as a drive that would not stop when the master is lost, are marked in bus.yml as PROBLEM and
+printed. Before you use real drives, run `preflight`.
 
 Exit codes: 0 success, the files are written; 1 the disk is full, nothing is written; 2 wrong usage, not an EDS, or no
 robot can be built from it.
@@ -57,12 +57,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "that follows it)",
     )
     parser.add_argument(
-        "--node-id", metavar="N[,N..]", action="append", default=[], help="node ids of the devices with that EDS"
+        "--node-id", metavar="N[,N..]", action="append", default=[], help="node-IDs of the devices with that EDS"
     )
     parser.add_argument(
         "--can",
         metavar="CHANNEL",
-        help="instead: use the devices on this channel, with the matching EDS, given or bundled",
+        help="instead of --eds and --node-id: use the devices on this channel, each with the matching EDS",
     )
     parser.add_argument(
         "--like",
@@ -163,7 +163,7 @@ def _from_files(args: argparse.Namespace) -> list[Device]:
         )
     if len(args.eds) not in (1, len(args.node_id)):
         raise ConfigError(
-            f"{len(args.eds)} --eds and {len(args.node_id)} --node-id: give each EDS the node ids of its devices, "
+            f"{len(args.eds)} --eds and {len(args.node_id)} --node-id: give each EDS the node-IDs of its devices, "
             "as in --eds A.eds --node-id 2,3 --eds B.eds --node-id 4"
         )
     files = args.eds * len(args.node_id) if len(args.eds) == 1 else args.eds
@@ -180,7 +180,7 @@ def _ids(text: str) -> list[int]:
         except ValueError:
             node_id = 0
         if node_id not in _NODE_IDS:
-            raise ConfigError(f"--node-id {text}: {word.strip()!r} is not a node id; they are 1 to 127, such as 2,3")
+            raise ConfigError(f"--node-id {text}: {word.strip()!r} is not a node-ID; they are 1 to 127, such as 2,3")
         ids.append(node_id)
     return ids
 
@@ -196,7 +196,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
     from canopen_control.cli.scan import match_files, survey_channel
 
     if args.node_id:
-        raise ConfigError("--can finds the node ids itself; omit --node-id")
+        raise ConfigError("--can finds the node-IDs itself; omit --node-id")
     files = [find_eds(name) for name in args.eds]
     bundled = [find_eds(name) for name in data_names("eds") if name.lower().endswith(".eds")]
     survey = survey_channel(args.can, args.timeout)

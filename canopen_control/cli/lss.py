@@ -1,12 +1,12 @@
 """Assign node-IDs and bit rates to nodes on a bare bus (CiA 305).
 
-First exactly one slave must be in configuration mode: `switch configuration` with its four identity numbers, or without
-them if it is the only slave on the bus; or `fast-scan`, which finds one without a node-ID. `node-id`, `bit-timing`,
-`store` and `inquire` then address it, and `switch waiting` ends the configuration mode.
+First put exactly one slave into configuration mode: use `switch configuration` with its four identity numbers (without
+them if it is the only slave on the bus), or `fast-scan`, which finds a slave without a node-ID. `node-id`,
+`bit-timing`, `store` and `inquire` then address it, and `switch waiting` ends the configuration mode.
 
 A new node-ID takes effect after `switch waiting` if the slave had none, otherwise after `nmt reset-comm`. A new bit
 rate takes effect after `activate`, for all slaves in configuration mode; change the bit rate of this computer's
-interface too. Both are lost at the next power-on without `store`.
+interface too. Without `store` both are lost at the next power-on.
 
 `find` searches for slaves without a node-ID in two ways, each for 0.1 s: with the service `identify non-configured`,
 and with the first request of a fast scan, because some slaves answer only this request. It changes no slave.
@@ -63,19 +63,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     switch = actions.add_parser("switch", help="switch all slaves, or the slave with an identity, to a mode")
     switch.add_argument("mode", choices=[mode.name.lower() for mode in LssMode])
-    inquire = actions.add_parser("inquire", help="print identity and node id of the slave in configuration mode")
+    inquire = actions.add_parser("inquire", help="print identity and node-ID of the slave in configuration mode")
     inquire.add_argument("part", nargs="?", choices=(*PARTS, NODE_ID), help="print only this part")
-    node_id = actions.add_parser("node-id", help="assign a node id to the slave in configuration mode")
-    node_id.add_argument("node_id", type=_number, metavar="N", help="node id, 1 to 127, or 255 for none")
+    node_id = actions.add_parser("node-id", help="assign a node-ID to the slave in configuration mode")
+    node_id.add_argument("node_id", type=_number, metavar="N", help="node-ID, 1 to 127, or 255 for none")
     timing = actions.add_parser("bit-timing", help="assign a bit rate to the slave in configuration mode")
     timing.add_argument("bitrate", metavar="BITRATE", help=f"bit/s: {_rates()}, or {AUTO}")
-    store = actions.add_parser("store", help="store node id and bit rate of the slave in configuration mode")
+    store = actions.add_parser("store", help="store node-ID and bit rate of the slave in configuration mode")
     activate = actions.add_parser("activate", help="switch all slaves in configuration mode to their new bit rate")
     activate.add_argument(
         "delay_ms", type=_number, metavar="DELAY_MS", help="delay in ms before the change, and silence after the change"
     )
-    scan = actions.add_parser("fast-scan", help="find a slave without a node id, switch it to configuration mode")
-    find = actions.add_parser("find", help="report whether there are slaves without a node id")
+    scan = actions.add_parser("fast-scan", help="find a slave without a node-ID, switch it to configuration mode")
+    find = actions.add_parser("find", help="report whether there are slaves without a node-ID")
     for part in PARTS:
         switch.add_argument(
             f"--{part}", type=_number, metavar="N", help="identity of the slave to switch; give all four"
@@ -148,10 +148,10 @@ def _inquire(args: argparse.Namespace, bus: DirectBus) -> int:
 
 def _node_id(args: argparse.Namespace, bus: DirectBus) -> int:
     if not 1 <= args.node_id <= 127 and args.node_id != UNCONFIGURED:
-        raise ConfigError(f"node id {args.node_id}: valid are 1 to 127, and {UNCONFIGURED} for none")
+        raise ConfigError(f"node-ID {args.node_id}: valid are 1 to 127, and {UNCONFIGURED} for none")
     bus.lss(lambda master: master.configure_node_id(args.node_id))
     text = (
-        f"node id {args.node_id}: accepted; it takes effect after `lss switch waiting` if the slave had none, "
+        f"node-ID {args.node_id}: accepted; it takes effect after `lss switch waiting` if the slave had none, "
         "otherwise after `nmt reset-comm`; `lss store` keeps it for the next power-on"
     )
     print_result(args, {"node_id": args.node_id}, text)
@@ -201,7 +201,7 @@ def _find(args: argparse.Namespace, bus: DirectBus) -> int:
     )
     for name, ask in services:
         if bus.lss(ask, scan_s=FIND_S):
-            text = f"there are slaves without a node id (they answer to {name}); find one of them: canopen-control lss"
+            text = f"there are slaves without a node-ID (they answer to {name}); find one of them: canopen-control lss"
             print_result(args, {"unconfigured": True, "service": name}, f"{text} fast-scan --can {args.can}")
             return 0
     tried = " or ".join(name for name, _ in services)
@@ -210,7 +210,7 @@ def _find(args: argparse.Namespace, bus: DirectBus) -> int:
 
 def _none_answers(args: argparse.Namespace, request: str) -> str:
     advice = f"for a slave that has one: canopen-control lss switch configuration --can {args.can}"
-    return f"LSS: no slave without a node id answers on {args.can} {request}; {advice}"
+    return f"LSS: no slave without a node-ID answers on {args.can} {request}; {advice}"
 
 
 def _identity(identity: LssIdentity) -> str:

@@ -1,8 +1,9 @@
 """Start, stop or reset nodes, and check that they reach the commanded state.
 
-NODE is a node of a running robot (name or node-ID in bus.yml), with --can any node of a bare bus (node-ID), or all. An
-NMT command has no answer: heartbeats and boot-ups show its effect. A running robot takes a node that leaves OPERATIONAL
-out of its process data, and boots it again with `start`; then `axis fault-reset` and `axis enable` let it move.
+NODE is a node of a running robot (name or node-ID in bus.yml) or, with --can, any node on a bare bus (node-ID); or all.
+An NMT command has no answer: heartbeats and boot-ups show its effect. A running robot takes a node that leaves
+OPERATIONAL out of its process data, and boots it again with `start`; then `axis fault-reset` and `axis enable` let it
+move.
 
 Exit codes: 0 confirmed, or sent to nodes without heartbeat; 1 a node shows another state; 2 wrong usage.
 """
@@ -43,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("command", choices=COMMAND_NAMES)
     parser.add_argument(
-        "node", type=one_name, metavar="NODE", help="name or node id, on a bare bus the node id; or all"
+        "node", type=one_name, metavar="NODE", help="name or node-ID, on a bare bus the node-ID; or all"
     )
     parser.add_argument(
         "--wait",

@@ -1,8 +1,8 @@
 """List the object dictionary of a node: names, units, defaults, and current values.
 
-WHAT is an address (0x6081, 0x1018:01), a pattern (0x60*, *velocity*) or a part of a name; several select all of them.
---live reads each object, explains its value, and marks values that differ from the default with *. Without it the node
-is not read, and with --eds no node is needed.
+WHAT is an address (0x6081, 0x1018:01), a pattern (0x60*, *velocity*) or a part of a name; several arguments select all
+objects that match any of them. --live reads each object, explains its value, and marks values that differ from the
+default with *. Without it the node is not read, and with --eds no node is needed.
 
 Exit codes: 0 success; 1 the node does not answer, or --changed found nothing; 2 wrong usage, no such object.
 """

@@ -53,8 +53,10 @@ class ComparedPlan(PlanDocument, frozen=True):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
-    parser.add_argument("--bus", metavar="FILE", help="a bus.yml without its robot")
-    parser.add_argument("--node", action=Names, metavar="N[,N..]", help="only these nodes, by id or name (repeatable)")
+    parser.add_argument("--bus", metavar="FILE", help="a bus.yml alone, without a robot folder")
+    parser.add_argument(
+        "--node", action=Names, metavar="N[,N..]", help="only these nodes, by node-ID or name (repeatable)"
+    )
     parser.add_argument(
         "--against",
         action="append",
@@ -63,7 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="read the nodes on this channel and show only the differences",
     )
     parser.add_argument(
-        "--peer-merge", action="store_true", help="let `defaults` of bus.yml take precedence over the nodes' own keys"
+        "--peer-merge",
+        action="store_true",
+        help="let `defaults` of bus.yml take precedence over the nodes' own keys, as ros2_canopen does",
     )
     parser.add_argument(
         "--allow-unsupervised", action="store_true", help="accept drives that do not stop when the master is lost"

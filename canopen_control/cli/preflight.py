@@ -107,7 +107,7 @@ def node_steps(bus: BusConfig, channel: str) -> Iterator[PreflightStep]:
             if node.node_id in present:
                 yield from _known_node(direct, bus, node.name, node.node_id)
             else:
-                text = f"node {node.node_id} ({node.name}) does not answer; check power, node id and bit rate"
+                text = f"node {node.node_id} ({node.name}) does not answer; check power, node-ID and bit rate"
                 yield PreflightStep("node", False, text)
         for node_id in sorted(present - {node.node_id for node in bus.nodes.values()}):
             yield PreflightStep("node", None, f"node {node_id} answers, but is not in bus.yml")

@@ -3,8 +3,8 @@
 A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402; a malfunction is a fault. `quirk
 list` explains every quirk, its strength and its source. `quirk NODE NAME on|off` switches one, for all axes of the
 drive or for one of them: NAME, NAME=VALUE, NAME@AXIS or NAME=VALUE@AXIS. `quirk NODE` lists the active quirks. NODE is
-a node or a joint of a running robot, by name; or a node-ID, with --can CHANNEL if no robot runs. A drive has quirks
-from its start with `drive --quirk`.
+a node or a joint of a running robot, by name; or a node-ID, with --can CHANNEL if no robot runs. To give a drive quirks
+from its start, use `drive --quirk`.
 
 Exit codes: 0 done; 1 the drive refused it, or does not answer; 2 wrong usage, no such node or quirk.
 """
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "what",
         type=one_name,
         metavar="list|NODE",
-        help="list: explain all quirks; otherwise a node, a joint or a node id",
+        help="list: explain all quirks; otherwise a node, a joint or a node-ID",
     )
     parser.add_argument(
         "name", nargs="?", metavar="NAME", help="name of the quirk; without a name the active quirks are listed"

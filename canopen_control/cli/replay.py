@@ -1,7 +1,7 @@
-"""Play a recording into a bus with its original timing; without --can, print it as `trace` does.
+"""Replay a recording onto a bus with its original timing; without --can, print it as `trace` does.
 
-The bus is checked before anything is sent: nothing is played if a master or a node of the recording is active, since
-two senders of one identifier destroy each other's frames, and a recorded controlword moves a real motor.
+The bus is checked before anything is sent: nothing is replayed if a master or a node from the recording is active,
+since two senders of one identifier destroy each other's frames, and a recorded controlword moves a real motor.
 
 --page shows a flight recording instead: it is served as a robot with the name NAME_replay, so that `view`, `status
 --watch` and `monitor` can show it, until Ctrl-C. Nothing moves. It is refused while a robot runs and ends when one
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
     )
-    parser.add_argument("--can", metavar="CHANNEL", help="play it into this channel (local:NAME, vcan0, can0, ...)")
+    parser.add_argument("--can", metavar="CHANNEL", help="replay it onto this channel (local:NAME, vcan0, can0, ...)")
     parser.add_argument(
         "--speed",
         type=number("speed from 0.001 to 1000", lambda value: 0.001 <= value <= 1000),
@@ -67,9 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--page",
         action="store_true",
-        help="serve the recording as a robot, for view and monitor; ROBOT gives its description",
+        help="serve the recording as a robot, for view and monitor; ROBOT provides the description",
     )
-    parser.add_argument("--force", action="store_true", help="play even if a master or its nodes are active")
+    parser.add_argument("--force", action="store_true", help="replay even if a master or the recorded nodes are active")
     add_network_arguments(parser)
     add_view_arguments(parser)
 

@@ -1,8 +1,8 @@
 """Write one HTML page about a run or a recording: first fault, states, plots, events, boot, jitter, bus load.
 
 FILE is a flight recording (.zip) or a recording of frames (.log, .asc, .blf, .trc; with object names from --config or
---eds). Without FILE the newest flight recording is used, of the robot --name or of any robot. With --for the running
-robot is watched for S seconds. The page needs no network and no other file.
+--eds). Without FILE, the newest flight recording of the robot --name, or of any robot, is used. With --for, the running
+robot is observed for S seconds. The page needs no network and no other file.
 
 Exit codes: 0 written; 1 the robot does not answer, or the disk is full; 2 wrong usage, or no recording.
 """
@@ -41,8 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="FILE.html", help="page to write (default: next to FILE, or ROBOT.html here)"
     )
     parser.add_argument("--list", action="store_true", help="list the flight recordings, the newest last")
-    parser.add_argument("--json", action="store_true", help="print the same facts as JSON, write no page")
-    add_duration(parser, "watch the running robot for S seconds", former="--duration", dest="duration", read=_watching)
+    parser.add_argument("--json", action="store_true", help="print the same facts as JSON instead of writing a page")
+    add_duration(
+        parser, "observe the running robot for S seconds", former="--duration", dest="duration", read=_watching
+    )
     add_robot_name(parser)
     parser.add_argument(
         "--config", metavar="ROBOT", help="use the names in this robot's files for a recording of frames"

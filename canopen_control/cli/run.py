@@ -1,6 +1,7 @@
 """Boot a robot, run its controllers, and stop it properly.
 
-The drives are virtual unless you name real ones. Ctrl-C ramps the joints to zero, disables the drives and ends the run.
+The drives are virtual unless you select real drives with --real. Ctrl-C ramps all joints down to a standstill, disables
+the drives and ends the run.
 
 Exit codes: 0 success; 1 the boot or the run failed; 2 wrong usage or configuration.
 """
@@ -111,27 +112,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--physics",
         action="store_true",
-        help="let the virtual drives move the robot on a floor, with weight, friction and slip (needs the "
+        help="make the virtual drives move the robot on a floor, with weight, friction and slip (needs the "
         "extra [physics])",
     )
     parser.add_argument(
         "--world",
         metavar="FILE",
-        help="with physics: file of the objects on the floor and timed events (YAML), or of static shapes (SDF world); "
-        "without ROBOT: run the robots that the file names",
+        help="with --physics: YAML file with the objects on the floor and timed events, or an SDF world with static "
+        "shapes; without ROBOT: run the robots listed in the file",
     )
     parser.add_argument("--say-name", action="store_true", help="prefix each output line with the robot's name")
     parser.add_argument("--view", action="store_true", help="serve a web page of the robot on this computer")
     parser.add_argument("--teleop", action="store_true", help="with --view: add buttons that drive while they are held")
     _add_timing_arguments(parser)
     parser.add_argument(
-        "--full-speed", action="store_true", help="with --real: do not limit speeds even though no preflight has passed"
+        "--full-speed", action="store_true", help="with --real: do not limit speeds even if no preflight has passed"
     )
     parser.add_argument(
         "--no-flight-recorder",
         dest="flight_recorder",
         action="store_false",
-        help="do not keep the last minute of frames and events, which a fault writes to a file",
+        help="do not record the last minute of frames and events, which is otherwise saved to a file after a fault",
     )
     parser.add_argument(
         "--plant",
@@ -141,11 +142,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--spawn",
         action="store_true",
-        help="start drives, hub, recorder and ROS bridge as new interpreters instead of forks of this process",
+        help="start all child processes (drives, software bus, flight recorder, ROS bridge) as new interpreters "
+        "instead of forks of this process",
     )
     add_duration(
         parser,
-        "stop S seconds after the controllers have started, or after the boot while STOP is latched",
+        "stop S seconds after the controllers have started (or after the boot, if STOP is latched)",
         former="--duration",
         dest="duration",
     )
@@ -156,8 +158,8 @@ def _add_timing_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--kernel-sync",
         action="store_true",
-        help="on SocketCAN: let the kernel send SYNC, on time even if this process is late; the cycle "
-        "follows that SYNC",
+        help="on SocketCAN: make the kernel send SYNC, so that it is punctual even if this process is late; the "
+        "cycle is synchronised to it",
     )
     parser.add_argument(
         "--realtime",
@@ -166,7 +168,7 @@ def _add_timing_arguments(parser: argparse.ArgumentParser) -> None:
         const=DEFAULT_PRIORITY,
         metavar="PRIORITY",
         help=f"run with SCHED_FIFO (default priority {DEFAULT_PRIORITY}), lock memory, disable CPU idle states; "
-        "fails if not permitted",
+        "the run fails if this is not permitted",
     )
     parser.add_argument("--cpu", type=int, metavar="N", help="pin the robot's cycle thread to this CPU")
 
@@ -175,11 +177,13 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options that select a robot and its channel."""
     add_file_arguments(parser)
     add_kind_arguments(parser)
-    parser.add_argument("--no-drives", action="store_true", help="start no virtual drives; they are running already")
+    parser.add_argument(
+        "--no-drives", action="store_true", help="do not start virtual drives, because they are already running"
+    )
     parser.add_argument(
         "--like",
         metavar="NAME|FILE",
-        help="let the virtual drives behave like the drives of a manufacturer, see drive --like",
+        help="make the virtual drives behave like the drives of a manufacturer; see `drive --help`",
     )
     add_new_name(parser, "name of this robot for its clients (default: name of the folder)")
 
@@ -197,7 +201,7 @@ def add_file_arguments(
     `channel` is the help of --can; None hides this option for a verb that refuses it. `strict` is the help of --strict.
     """
     parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
-    parser.add_argument("xacro", nargs="*", metavar="NAME:=VALUE", help="an argument of the robot's xacro")
+    parser.add_argument("xacro", nargs="*", metavar="NAME:=VALUE", help="an argument for the robot's xacro file")
     parser.add_argument("--bus", metavar="FILE", help="bus.yml, instead of the file in the folder")
     parser.add_argument(
         "--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the file in the folder"
@@ -206,8 +210,8 @@ def add_file_arguments(
     parser.add_argument(
         "--launch",
         metavar="FILE",
-        help="a ROS launch file (XML, YAML or Python). It is parsed, not executed: its arguments and any files "
-        "that the robot folder lacks are taken from it",
+        help="a ROS launch file (XML, YAML or Python). It is parsed, not executed; it provides arguments, and files "
+        "that are missing from the robot folder",
     )
     parser.add_argument(
         "--can",
@@ -218,7 +222,9 @@ def add_file_arguments(
     )
     parser.add_argument("--strict", action="store_true", help=strict)
     parser.add_argument(
-        "--peer-merge", action="store_true", help="let `defaults` of bus.yml take precedence over the nodes' own keys"
+        "--peer-merge",
+        action="store_true",
+        help="let `defaults` of bus.yml take precedence over the nodes' own keys, as ros2_canopen does",
     )
     parser.add_argument(
         "--allow-unsupervised",
@@ -257,7 +263,7 @@ def add_ros_arguments(parser: argparse.ArgumentParser) -> None:
         "--ros-args",
         nargs=argparse.REMAINDER,
         metavar="...",
-        help="with --ros, as the last option: parameters, remappings and files for the bridge, as for any ROS program",
+        help="must be last: ROS arguments for the bridge, such as parameters and remappings (needs --ros)",
     )
 
 

@@ -116,7 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--config", metavar="ROBOT", help="compare with this bus.yml: a folder, a bundled name, a ROS package or a file"
     )
     parser.add_argument(
-        "--eds-dir", metavar="DIR", action="append", default=[], help="folder of EDS files to match (repeatable)"
+        "--eds-dir", metavar="DIR", action="append", default=[], help="folder with EDS files to match (repeatable)"
     )
     parser.add_argument(
         "--timeout", type=timeout_seconds, default=0.2, metavar="S", help="timeout of each answer in s (default: 0.2)"
@@ -207,7 +207,7 @@ def _read_identities(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, Found
     bus.listeners.append(servers)
     requests = [(node_id, *_OBJECTS[0]) for node_id in node_ids]
     device_types: dict[tuple[int, int, int], bytes | CanopenError] = {}
-    with Progress(f"reading on {bus.port.channel}", "node ids") as progress:
+    with Progress(f"reading on {bus.port.channel}", "node-IDs") as progress:
         for start in range(0, len(requests), PARALLEL):
             progress.at(start, len(requests))
             device_types |= bus.read_many(requests[start : start + PARALLEL])

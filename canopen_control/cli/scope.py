@@ -5,7 +5,7 @@ of a joint of a running robot. In a running robot objects in TPDOs are sampled w
 polled by SDO, one at a time and slowly. On a bare bus (--can, --eds) all objects are polled. A capture begins at once,
 or with --trigger: SIGNAL:rising:LEVEL, falling, above, below, with the signals counted from 1; or fault, which watches
 the statusword of all nodes. It can wait for a trigger for days. --overlay draws an earlier capture (CSV) underneath the
-new one, --cursors prints dt, dv and RMS between two times. Nothing is written to a node.
+new one; --cursors prints dt, dv and RMS between two times. Nothing is written to a node.
 
 Exit codes: 0 success; 1 nothing was captured, or the node is gone; 2 wrong usage, no such object.
 """

@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     upload = actions.add_parser("upload", help="read an object into a file, by block transfer if the node supports it")
     download = actions.add_parser("download", help="write a file into an object, by block transfer if it is large")
     for action in (read, write, upload, download):
-        action.add_argument("node", type=one_name, metavar="NODE", help="name or node id; on a bare bus the node id")
+        action.add_argument("node", type=one_name, metavar="NODE", help="name or node-ID; on a bare bus the node-ID")
         action.add_argument("object", metavar="INDEX[:SUB]", help="address in hexadecimal, or a name in the EDS")
     write.add_argument("value", metavar="VALUE", help="by type: a decimal or 0x number, a text, or hexadecimal bytes")
     for action in (upload, download):

@@ -1,4 +1,4 @@
-"""Stop the robot and end its runtime.
+"""Stop the robot as `stop` does, then end its runtime.
 
 Exit codes: 0 the runtime has ended; 1 no answer; 2 wrong usage, or no robot runs.
 """

@@ -1,8 +1,8 @@
 """Run a whole robot in virtual time, in one process: hours in minutes, with the same result for the same seed.
 
-Runtime, master, buses and virtual drives are the classes of `run` and `drive`. Each has a clock of its own that is a
-few ppm off and wakes late, as a process does. The bus arbitrates frames, which take their transmission time. The seed
-chooses commands, switches and faults (--faults). With --scenario FILE you choose them:
+Runtime, master, buses and virtual drives use the same classes as `run` and `drive`. Each process has its own clock,
+which is a few ppm off, and wakes up late, as a real process does. The bus arbitrates frames, which take their
+transmission time. The seed chooses commands, switches and faults (--faults). With --scenario FILE you choose them:
 
     for: 20s
     seed: 7
@@ -18,17 +18,17 @@ Dask cluster at --dask. --aim M adds M schedules that inject faults in states no
 failing schedule is reduced to a minimal one and written to --out: as a scenario with the command that replays it and a
 recording of its frames, next to a summary as JUnit and HTML.
 
---recording FILE plays a recording of a robot instead, with its commands and its bus faults; --out FILE.yml saves it as
-a scenario. FILE is a flight recording, or the frames of the robot's only bus (faults only). --record FILE.zip writes
+--recording FILE replays a recording of a robot instead, with its commands and its bus faults; --out FILE.yml saves it
+as a scenario. FILE is a flight recording, or the frames of the robot's only bus (faults only). --record FILE.zip writes
 such a recording of a simulation, for `report`, `trace` and `replay --page`.
 
 With --physics the virtual drives move the robot on a floor, as in a run (extra [physics]); --world FILE describes what
-is on the floor. --world FILE without a robot simulates the robots that the file names, in one world.
+is on the floor. --world FILE without a robot simulates the robots listed in the file, in one world.
 
---speed 1 runs in real time in this one process, for a debugger. With --serve programs reach the robot by its socket, as
-they reach a running one (status, command, view, ...). With --ros ROS programs reach it by its topics, and it publishes
-/clock. It then runs in real time unless --speed is higher, and nothing is randomised unless --seed, --faults or
---scenario is given.
+--speed 1 runs in real time in this one process, for a debugger. With --serve, programs can connect to the robot's
+socket as to that of a running robot (status, command, view, ...). With --ros, ROS programs can use its topics, and it
+publishes /clock. It then runs in real time unless --speed is higher, and nothing is randomised unless --seed, --faults
+or --scenario is given.
 
 Ctrl-C ends a simulation and keeps the results so far. --json prints one object at the end, with the SHA-256 of every
 frame and event with its time.
@@ -116,16 +116,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenario", metavar="FILE", help="play this scenario, see above, instead of choosing by the seed"
     )
-    parser.add_argument("--recording", metavar="FILE", help="play this recording: .zip, or .log, .asc, ...")
+    parser.add_argument("--recording", metavar="FILE", help="replay this recording: .zip, or .log, .asc, ...")
     parser.add_argument("--record", metavar="FILE.zip", help="write a flight recording of the simulation")
-    parser.add_argument("--physics", action="store_true", help="let the drives move the robot on a floor")
+    parser.add_argument("--physics", action="store_true", help="make the drives move the robot on a floor")
     parser.add_argument(
         "--world",
         metavar="FILE",
         help="with --physics: objects on the floor, YAML or SDF; without ROBOT: simulate the robots that the "
         "file names",
     )
-    parser.add_argument("--like", metavar="NAME|FILE", help="let all drives behave like the drives of a manufacturer")
+    parser.add_argument("--like", metavar="NAME|FILE", help="make all drives behave like the drives of a manufacturer")
     parser.add_argument(
         "--quirk", action="append", default=[], metavar="Q[=V][@AXIS]", help="give all drives a quirk (repeatable)"
     )
@@ -142,7 +142,7 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
         "--aim",
         type=_count,
         metavar="N",
-        help="with --seeds: add N schedules for states in which no fault was injected yet",
+        help="with --seeds: add N schedules for states in which no fault has been injected yet",
     )
     parser.add_argument(
         "--jobs", type=_jobs, metavar="J", help="with --seeds: number of processes (default: one for each processor)"
@@ -153,8 +153,8 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out",
         metavar="FOLDER",
-        help="with --seeds: folder of failing schedules and the summary (default: simulate-ROBOT); with "
-        "--recording: file of its scenario",
+        help="with --seeds: folder for failing schedules and the summary (default: simulate-ROBOT); with "
+        "--recording: file for its scenario",
     )
 
 
@@ -168,7 +168,7 @@ def _add_serving(parser: argparse.ArgumentParser) -> None:
     )
     add_new_name(parser, "with --serve: name of the robot for its clients")
     parser.add_argument(
-        "--serve", action="store_true", help="let programs connect to the robot by its socket, as to a running robot"
+        "--serve", action="store_true", help="let programs connect to the robot's socket, as to that of a running robot"
     )
     parser.add_argument(
         "--ros", action="store_true", help="same as --serve, and start the ROS 2 bridge, which publishes /clock"

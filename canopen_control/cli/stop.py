@@ -1,7 +1,7 @@
-"""Ramp every joint to zero and disable the drives; the robot keeps running. Not an emergency stop (ISO 13850).
+"""Ramp all joints down to a standstill and disable the drives; the robot keeps running.
 
-With `--latch` no client, not even this one, can move the robot until `--release`. Without `--name` all running robots
-are stopped.
+This is not an emergency stop (ISO 13850). With `--latch` no client, not even this one, can move the robot until
+`--release`. Without `--name` all running robots are stopped.
 
 Exit codes: 0 stopped, or released; 1 the robot does not answer, or has no bus left; 2 wrong usage, or no robot runs.
 """
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--latch", action="store_true", help="latch the stop: no client can move the robot before --release"
     )
     group.add_argument("--release", action="store_true", help="release a latched stop; the drives stay disabled")
-    parser.add_argument("--name", help="the robot (default: all that run; with --release the only one)")
+    parser.add_argument("--name", help="name of the robot (default: all running robots; with --release the only one)")
 
 
 def run(args: argparse.Namespace) -> int:

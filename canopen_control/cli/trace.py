@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options that select frames, and the format in which frames are shown."""
     parser.add_argument(
-        "--node", action=Names, metavar="N[,N..]", help="show only these nodes, by id or name (repeatable)"
+        "--node", action=Names, metavar="N[,N..]", help="show only these nodes, by node-ID or name (repeatable)"
     )
     parser.add_argument(
         "--service",

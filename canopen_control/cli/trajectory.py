@@ -4,7 +4,7 @@ A file is YAML or JSON in the shape of trajectory_msgs/JointTrajectory: `joint_n
 and optionally `velocities` and `accelerations`, each with its `time_from_start` in seconds or as `sec` and `nanosec`.
 Waypoints are positions of the controller's joints; the arm comes to rest at each. If this program ends before the
 trajectory does, by Ctrl-C or otherwise, or is suspended (Ctrl-Z), the joints brake and hold their position. A recording
-holds the motion of the joints while another program or a person moves them.
+contains the motion of the joints while another program or a person moves them.
 
 Exit codes: 0 the end was reached; 1 refused, ended early, or nothing to record or to cancel; 2 wrong usage, or no
 robot runs.

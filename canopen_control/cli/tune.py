@@ -5,7 +5,7 @@ pseudo-random binary sequence, prbs) and prints gain and phase of the velocity l
 directions and prints inertia, friction and PI gains for --crossover and --phase-margin. The drive is moved as by `jog`,
 on a bare bus (--can, --eds) or through a robot without controllers, within limits of speed, travel and current that you
 confirm first (or with --yes). Ctrl-C, a limit, a fault or a lost terminal ends the run: the drive stops and is
-disabled. This is not an emergency stop (ISO 13850): have one in reach, and keep the shaft free.
+disabled. This is not an emergency stop (ISO 13850): have one within reach, and keep the shaft free.
 
 Exit codes: 0 success; 1 the run ended early or gave no usable result; 2 wrong usage, not confirmed, no such mode.
 """

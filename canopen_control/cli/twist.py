@@ -1,6 +1,6 @@
-"""Send a velocity to a base controller at 10 Hz until Ctrl-C, then zero.
+"""Send a velocity to a base controller at 10 Hz until Ctrl-C, then send zeros.
 
-Exit codes: 0 sent; 1 refused by the robot, or the robot stopped; 2 wrong usage, no robot runs, or no such controller.
+Exit codes: 0 sent; 1 the robot refused the command or stopped; 2 wrong usage, no robot runs, or no such controller.
 """
 
 from __future__ import annotations

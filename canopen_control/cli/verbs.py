@@ -15,17 +15,17 @@ GROUPS: Final = {
     "Robot": {
         "run": "boot a robot and run its controllers",
         "demo": "run a robot on virtual drives, with a live table and some motion",
-        "stop": "ramp all joints to zero and disable the drives",
+        "stop": "ramp all joints down to a standstill, and disable the drives",
         "shutdown": "stop a robot and end its runtime",
         "ros": "use ROS 2 topics and services without ros2cli; start the bridge",
     },
-    "Look": {
+    "Observe": {
         "status": "show what a running robot is doing",
         "monitor": "watch drives, joints, events and frames, with a STOP key",
         "view": "serve a web page of the robot: 3D, plots, drives, STOP",
         "trace": "show decoded bus traffic, live or from a recording",
         "scope": "plot objects over time, with triggers; write CSV, PNG or MCAP",
-        "report": "write an HTML report of a fault, a recording or a running robot",
+        "report": "write an HTML report about a fault, a recording or a running robot",
     },
     "Command": {
         "command": "send values to a controller, repeatedly",
@@ -39,9 +39,9 @@ GROUPS: Final = {
     "Commissioning": {
         "init": "create a robot from EDS files or from the devices on a bus",
         "scan": "list the devices on a bus, and compare them with bus.yml",
-        "lss": "assign node ids and bit rates (CiA 305)",
-        "jog": "turn one drive by hand, with only its EDS",
-        "conform": "check a device against CiA 301 and 402, with a report",
+        "lss": "assign node-IDs and bit rates (CiA 305)",
+        "jog": "move one drive with the arrow keys; needs only its EDS",
+        "conform": "check conformance with CiA 301 and 402, and write a report",
         "preflight": "check a robot before its first run on real drives",
         "tune": "measure tracking, identify the load, compute loop gains",
         "calibrate": "measure wheel radii and track width of a base (UMBmark)",
@@ -54,11 +54,11 @@ GROUPS: Final = {
         "bus": "list channels, bring them up or down, disturb a local bus",
         "sdo": "read and write objects of a node, transfer files",
         "nmt": "start, stop or reset nodes",
-        "gateway": "serve the text commands of CiA 309-3, as for cocomm",
+        "gateway": "serve the text commands of CiA 309-3, for clients such as cocomm",
         "objects": "list the objects of a node: names, units, defaults, values",
-        "dump": "print all current values of a node, as table, CSV or DCF",
+        "dump": "print all current values of a node as a table, CSV or DCF",
         "record": "record the frames of a bus, or a robot as a ROS 2 bag",
-        "replay": "play a recording into a bus, or show what it holds",
+        "replay": "replay a recording onto a bus, or show its contents",
     },
     "Files": {
         "check": "validate a robot's files, and report bus load and stop times",
@@ -72,12 +72,12 @@ GROUPS: Final = {
         "drive": "run virtual drives",
         "device": "run virtual I/O modules, encoders or any device with an EDS",
         "fault": "inject and clear faults in a virtual drive; set its inputs",
-        "quirk": "let a virtual drive behave as a manufacturer's drive does",
+        "quirk": "make a virtual drive behave like a manufacturer's drive",
         "world": "show the true pose in a physics simulation, and disturb it",
     },
     "This program": {
-        "help": "show the most used verbs, all verbs (--all), or the help of one",
-        "bench": "benchmark this machine against comparable packages",
+        "help": "show the most used verbs, all verbs (--all), or help for one verb",
+        "bench": "compare the speed of this package with similar packages",
         "completion": "print a script that completes verbs, options and names",
     },
 }
@@ -104,10 +104,10 @@ MOST_USED: Final = (
 def overview(*, everything: bool = False) -> str:
     """Return the help of the program: the most used verbs or all, by group, at most 80 columns wide."""
     lines = ["usage: canopen-control VERB [OPTIONS]      options: -h, --help, --version", ""]
-    lines += ["CANopen and CiA 402 drives for robots."]
+    lines += ["CANopen and CiA 402 drives for robots. VERB is one of the subcommands below."]
     for group, verbs in GROUPS.items():
         shown = [f"  {verb:<11} {text}" for verb, text in verbs.items() if everything or verb in MOST_USED]
         lines += [f"{group}:", *shown] if shown else []
     lines += ["", "Start with:                 canopen-control run robby"]
     lines += ["Options and examples:       canopen-control help VERB"]
-    return "\n".join(lines if everything else [*lines, "Every verb:                 canopen-control help --all"]) + "\n"
+    return "\n".join(lines if everything else [*lines, "All verbs:                  canopen-control help --all"]) + "\n"

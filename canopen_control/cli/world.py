@@ -153,7 +153,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--can", metavar="CHANNEL", help="channel of the drives (default: channel of the running robot)"
     )
-    parser.add_argument("--name", help="the robot, if it has no drives (default: the only one that runs)")
+    parser.add_argument("--name", help="name of the robot, if it has no drives (default: the only one running)")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -109,7 +109,7 @@ class RestoreOptions:
     include_protected: bool = option(False, "also write the calibration of another drive")
     keep: bool = option(False, "keep the accepted values if the drive refuses others")
     store: bool = option(False, "store in the drive (0x1010) after verification")
-    any_node: bool = option(False, "accept a drive with another node id and serial number")
+    any_node: bool = option(False, "accept a drive with another node-ID and serial number")
     reached: Reached = field(default_factory=Reached)
 
 

@@ -68,7 +68,7 @@ _VENDOR_COMMANDS: Final = {
     0x286: frozenset((0x210B, 0x2700, 0x2701)),  # Trinamic: position of the motion controller, store and restore
 }
 _OWN_TO_THE_DEVICE: Final = {HOME_OFFSET: "is calibrated to the encoder of the original drive"}
-_VENDOR_OWN: Final = {0x286: dict.fromkeys((0x2704, 0x2705, 0x2706), "is the node id or the bit rate")}
+_VENDOR_OWN: Final = {0x286: dict.fromkeys((0x2704, 0x2705, 0x2706), "is the node-ID or the bit rate")}
 _MANUFACTURER: Final = range(0x2000, 0x6000)
 _OWN_NAMES: Final = re.compile(r"node[ _-]?id\b|baud|bit[ _-]?rate|serial[ _-]?(number|no\b|nr\b)", re.IGNORECASE)
 _EMCY: Final = (0x1014, 0)
@@ -97,7 +97,7 @@ def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = Fal
     info = od.objects.get(entry.index)
     names = f"{entry.name}\n{info.name if info is not None else ''}"
     if not own and index in _MANUFACTURER and _OWN_NAMES.search(names):
-        return "has the name of a node id, bit rate or serial number"
+        return "has the name of a node-ID, bit rate or serial number"
     return own
 
 
@@ -251,7 +251,7 @@ def parse_backup(data: bytes, name: str) -> ParameterSet:
 def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
     own = file.od.node_id
     if own is None:
-        raise EdsError(path, 0, "has no node id ([DeviceComissioning]), so it is an EDS and not the DCF of a node")
+        raise EdsError(path, 0, "has no node-ID ([DeviceComissioning]), so it is an EDS and not the DCF of a node")
     _refuse_unsound(file)
     od = file.od if node_id is None else file.od.for_node(node_id)
     chosen = {entry.address: entry.parameter_value for entry in parameters_of(od) if entry.parameter_value is not None}

@@ -59,9 +59,9 @@ MASTER_CHECKS: tuple[MasterCheck, ...] = (
     MasterCheck("MC12", "301", "7.5.2.36", _SHOULD, "mappings are written in PRE-OPERATIONAL", "PRE-OPERATIONAL", "no mapping was written"),
     MasterCheck("MC13", "301", "7.3.5", _MUST, "no restricted CAN identifier is configured", "an identifier outside of table 40", "no COB-ID was written"),
     MasterCheck("MC14", "302", _BOOT, _SHOULD, "a refused or unanswered write is repeated before NMT start", "the write again, or no start", "no write was refused or unanswered"),
-    MasterCheck("MC15", "301", "7.5.2.19", _MUST, "a heartbeat consumer entry names another node than the device", "the node id of the master", "0x1016 was not written"),
+    MasterCheck("MC15", "301", "7.5.2.19", _MUST, "a heartbeat consumer entry names another node than the device", "the node-ID of the master", "0x1016 was not written"),
     # NMT
-    MasterCheck("MN01", "301", _NMT, _MUST, "NMT commands have two bytes, a known command and a node id up to 127", "two bytes, command 1, 2, 80, 81 or 82", "no NMT command was seen"),
+    MasterCheck("MN01", "301", _NMT, _MUST, "NMT commands have two bytes, a known command and a node-ID up to 127", "two bytes, command 1, 2, 80, 81 or 82", "no NMT command was seen"),
     MasterCheck("MN02", "301", "7.3.2.2.1", _MUST, "NMT start is not sent to a device that has not booted", "the boot-up message first", "NMT start was not seen"),
     MasterCheck("MN03", "301", _NMT, _SHOULD, "NMT commands to the device are not repeated without a pause", "at most 10 in a second", "no NMT command was seen"),
     # SDO
@@ -86,7 +86,7 @@ MASTER_CHECKS: tuple[MasterCheck, ...] = (
     MasterCheck("MH02", "301", _HB, _MUST, "heartbeats arrive within the consumer time in 0x1016", "the consumer time", "no heartbeat of a node in 0x1016 was seen"),
     MasterCheck("MH03", "301", "7.5.2.19", _SHOULD, "the consumer time is at least 1.5 periods of the heartbeat", "1.5 periods", "no heartbeat of a node in 0x1016 was seen"),
     MasterCheck("MH04", "301", _HB, _MUST, "heartbeats have one byte with a known state", "00, 04, 05 or 7F", "no heartbeat of another node was seen"),
-    MasterCheck("MH05", "301", _HB, _MUST, "no other node sends heartbeats with the node id of the device", "a node id of its own", "no frame of another node was seen"),
+    MasterCheck("MH05", "301", _HB, _MUST, "no other node sends heartbeats with the node-ID of the device", "a node-ID of its own", "no frame of another node was seen"),
     # SYNC
     MasterCheck("MY01", "301", "7.2.2.3 and 7.5.2.5", _MUST, "SYNC is sent if synchronous PDOs are configured", "SYNC with the identifier of 0x1005", "no synchronous PDO was in operation"),
     MasterCheck("MY02", "301", "7.5.2.22 (object 0x1019)", _MUST, "SYNC has the length that 0x1019 defines", "0 bytes without a counter, 1 byte with a counter", "no SYNC was seen"),

@@ -251,7 +251,7 @@ class MasterRun:
         node_id = self.judge.node.node_id
         return (
             f"no master on {self._port.channel} sent anything to node {node_id} in "
-            f"{(self._reactor.now() - self._begin) / S:.1f} s; start the master, or give the node id that it expects "
+            f"{(self._reactor.now() - self._begin) / S:.1f} s; start the master, or give the node-ID that it expects "
             "with --node-id"
         )
 

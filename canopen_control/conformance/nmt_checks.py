@@ -460,7 +460,7 @@ def _other_serial(node: CheckedNode) -> None:
     expect_silence(answer)
 
 
-@_add_lss("L04", "305, 3.8", "an inquiry in the configuration state returns identity and node id", touch=_CONFIGURE)
+@_add_lss("L04", "305, 3.8", "an inquiry in the configuration state returns identity and node-ID", touch=_CONFIGURE)
 def _inquiry(node: CheckedNode) -> None:
     _lss(node)
     identity = _identity(node)
@@ -476,7 +476,7 @@ def _inquiry(node: CheckedNode) -> None:
         _wait_again(node)
 
 
-@_add_lss("L03", "305, 3.10", "a node with a node id does not answer fast scan", touch=_CONFIGURE)
+@_add_lss("L03", "305, 3.10", "a node with a node-ID does not answer fast scan", touch=_CONFIGURE)
 def _fast_scan(node: CheckedNode) -> None:
     _lss(node)
     answer = _ask_lss(node, LssCommand.FAST_SCAN, 0, tail=bytes((FAST_SCAN_START, 0, 0)))
@@ -506,14 +506,14 @@ def _startup_written(node: CheckedNode) -> None:
         node.put(_STARTUP, 0, value, 4)
 
 
-@_add_302("G02", "302-2, object 0x1F81", "0x1F81 has an entry of four bytes for each node id")
+@_add_302("G02", "302-2, object 0x1F81", "0x1F81 has an entry of four bytes for each node-ID")
 def _slaves(node: CheckedNode) -> None:
     count = node.number(_SLAVES)
     expect(count == _NODES, f"0x1F81:00 = {count}", f"{_NODES}")
     expect(len(node.read(_SLAVES, node.node_id)) == 4, f"another length in :{node.node_id:02X}", "4 bytes")
 
 
-@_add_302("G03", "302-2, object 0x1F82", "0x1F82 has an entry for each node id, and one for all nodes", _SHOULD)
+@_add_302("G03", "302-2, object 0x1F82", "0x1F82 has an entry for each node-ID, and one for all nodes", _SHOULD)
 def _requests(node: CheckedNode) -> None:
     count = node.number(_REQUEST)
     expect(count == _NODES + 1, f"0x1F82:00 = {count}", f"{_NODES + 1}")

@@ -205,7 +205,7 @@ def _cob_ids(node: CheckedNode) -> None:
     expect(not twice, ", ".join(f"0x{can_id:X}" for can_id in twice), "one PDO per identifier")
 
 
-@_add("P01d", "7.5.2.35 and 7.5.2.37", "the COB-IDs of PDOs 1 to 4 are the defaults of the node id", _SHOULD)  # T 3.2
+@_add("P01d", "7.5.2.35 and 7.5.2.37", "the COB-IDs of PDOs 1 to 4 are the defaults of the node-ID", _SHOULD)  # T 3.2
 def _default_ids(node: CheckedNode) -> None:
     wrong = []
     for base, first in ((RPDO, 0x200), (TPDO, 0x180)):

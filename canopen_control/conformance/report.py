@@ -255,7 +255,7 @@ _MEANINGS = (
         "A master that starts, configures or updates the device by CiA 302 may fail: test this before you rely on it.",
     ),
     ("306", "A tool that configures the device by its EDS may write wrong values, or map the wrong objects."),
-    ("305", "A master that assigns node ids by LSS will not find the device, or will find another device."),
+    ("305", "A master that assigns node-IDs by LSS will not find the device, or will find another device."),
     ("0x605A", "An emergency stop by quick stop will not end as configured: use the hardware stop, and test it."),
     ("0x6060", "A master that changes modes during motion will have to wait, or be refused."),
     ("0x6061", "A master that waits for the mode display will time out, or send set-points in the wrong mode."),

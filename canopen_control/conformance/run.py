@@ -156,7 +156,7 @@ def _refuse_confusion(node: CheckedNode) -> None:
     if all(node.answers(0.05) > 1 for _ in range(3)):  # a bus can deliver a single frame twice
         raise ConfigError(
             f"two nodes on {node.port.channel} answer as node {node.node_id}; disconnect one of them, and give it "
-            "another node id"
+            "another node-ID"
         )
     if node.eds is None:
         return
@@ -191,7 +191,7 @@ def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
     flood = _floods(node)
     for other in sorted(set(node.last_seen_ns) - {node.node_id}):
         if _identity_of(node, other) == identity:
-            return f"the device changed its node id: node {other} has its identity now"
+            return f"the device changed its node-ID: node {other} has its identity now"
     return f"the device stopped answering; {flood}" if flood else "the device stopped answering"
 
 

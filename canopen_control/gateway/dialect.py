@@ -63,7 +63,7 @@ LSS_MANUFACTURER, LSS_NODE_ID, LSS_BITRATE, LSS_STORE, LSS_MEDIA = 501, 502, 503
 HELP: Final = {
     b"": """
 Enter one command per line, such as:    [1] 5 read 0x6041 0 u16   # comment
-A line has a sequence number in brackets, the node ID (or net and node ID), and a command:
+A line has a sequence number in brackets, the node-ID (or net and node-ID), and a command:
   r[ead] INDEX SUBINDEX [TYPE]          read an object by SDO; without TYPE as hex bytes
   w[rite] INDEX SUBINDEX TYPE VALUE     write an object by SDO
   start | stop | preop[erational]       send the NMT command to NODE (0: all nodes)
@@ -90,20 +90,20 @@ hex                  hexadecimal bytes; blanks between bytes are optional""",
 lss_switch_glob 0|1                                switch all nodes to waiting (0) or
                                                    configuration state (1)
 lss_switch_sel VENDOR PRODUCT REVISION SERIAL      switch one node to configuration state
-lss_set_node 1..127|255                            set the node ID (255: unconfigured)
+lss_set_node 1..127|255                            set the node-ID (255: unconfigured)
 lss_conf_bitrate 0 INDEX                           set the bit rate by its index: 0: 1000,
                                                    1: 800, 2: 500, 3: 250, 4: 125, 6: 50,
                                                    7: 20, 8: 10 kbit/s, 9: automatic
 lss_activate_bitrate DELAY_MS                      use the new bit rate after the switch delay
-lss_store                                          store node ID and bit rate in the node
+lss_store                                          store node-ID and bit rate in the node
 lss_inquire_addr [0..3]                            read the identity, or one part of it: vendor,
                                                    product, revision, serial
-lss_get_node                                       read the node ID
-_lss_fastscan [STEP_MS]                            find one node without a node ID
+lss_get_node                                       read the node-ID
+_lss_fastscan [STEP_MS]                            find one node without a node-ID
 lss_allnodes [STEP_MS [FIRST_NODE STORE [T VENDOR T PRODUCT T REVISION T SERIAL]]]
-                                                   find all nodes without a node ID, and number
+                                                   find all nodes without a node-ID, and number
                                                    them from FIRST_NODE (default: 2); STORE 1
-                                                   stores the node IDs (default: 1); T is
+                                                   stores the node-IDs (default: 1); T is
                                                    0 or 1 to scan a number, 2 to match it""",
 }
 _LEDS: Final = b" CANopen status LEDs: R  G         \r"  # without line feed, as CANopenNode prints LEDs that are off

@@ -389,7 +389,7 @@ class _Reader:
             place = node.get("node_id") or node
             if node_id in owner:
                 self._doubled.add(name)
-                place.error(f"node id {node_id} is already used by {owner[node_id]}; choose another for {name}")
+                place.error(f"node-ID {node_id} is already used by {owner[node_id]}; choose another for {name}")
             owner.setdefault(node_id, name)
 
     def _check_cob_ids(self, nodes: dict[str, tuple[NodeConfig, Node]], plans: dict[str, NodePlan]) -> None:

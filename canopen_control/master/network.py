@@ -115,7 +115,7 @@ class SecondMasterDetector:
         yield sync, self._handler(sync, Evidence.MASTER, f"SYNC 0x{sync:03X}")
         for node_id in {own_id, *_CUSTOMARY} - nodes.keys():
             can_id = cob_id(Service.HEARTBEAT, node_id)
-            owner = "this master's own node id" if node_id == own_id else f"node {node_id}"
+            owner = "this master's own node-ID" if node_id == own_id else f"node {node_id}"
             yield can_id, self._handler(can_id, Evidence.MASTER, f"heartbeat 0x{can_id:03X} of {owner}")
         for node in nodes.values():
             can_id = cob_id(Service.SDO_CLIENT, node.node_id)

@@ -170,7 +170,7 @@ class NodeLog:
             self.report(now, "boot_up_repeated", text, Level.ERROR)
 
     def _report_duplicate(self, evidence: str, now: int) -> None:
-        text = f"two devices seem to have this node id: {evidence}; change one of them (lss, or switches of the device)"
+        text = f"two devices seem to have this node-ID: {evidence}; change one of them (lss, or switches of the device)"
         self.report(now, "duplicate_node", text, Level.ERROR)
 
 

@@ -181,4 +181,4 @@ def reason_of(error: SdoAbort | SdoTimeout | SdoLengthError) -> str:
         return error.answered
     if isinstance(error, SdoStopped):
         return f"no answer within {error.seconds:g} s; {error.hint}"
-    return f"no answer within {error.seconds:g} s; is the node powered, on this bus and its node id right?"
+    return f"no answer within {error.seconds:g} s; is the node powered, on this bus and its node-ID right?"

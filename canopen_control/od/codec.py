@@ -39,7 +39,7 @@ _OBJECTS = {
     0x1010: _SIGNATURE,  # 7.5.2.13
     0x1011: _SIGNATURE,  # 7.5.2.14
     0x1014: _COB_ID,  # 7.5.2.17
-    0x1016: _Required(0, 127 << 16 | 1, "bits 16 to 23 are the node id"),  # 7.5.2.19
+    0x1016: _Required(0, 127 << 16 | 1, "bits 16 to 23 are the node-ID"),  # 7.5.2.19
 }
 _PDO_RECORDS = (0x1400, 0x1800)  # 7.5.2.35 and 7.5.2.37, 512 each
 

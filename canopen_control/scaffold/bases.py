@@ -52,7 +52,7 @@ class BaseKind:
             return f"--base {self.name}: this version does not include {self.type_name}; omit --base, or use diff"
         if self.shapes and drives not in {len(shape) for shape in self.shapes}:
             count = "1 was" if drives == 1 else f"{drives or 'none'} were"
-            return f"--base {self.name} needs {self.words}, but {count} given; give as many node ids, or omit --base"
+            return f"--base {self.name} needs {self.words}, but {count} given; give as many node-IDs, or omit --base"
         return ""
 
 

@@ -85,7 +85,7 @@ def _head(robot: NewRobot) -> list[str]:
         *(f"# PROBLEM, which prevents a run: {text}" for text in robot.problems),
         "",
         "master:  # this computer",
-        remark(f"  node_id: {robot.master_id}", "node id of the master; must be unique"),
+        remark(f"  node_id: {robot.master_id}", "node-ID of the master; must be unique"),
         remark(f"  baudrate: {robot.baudrate}", "kbit/s, as set in the devices and in a real CAN interface"),
         remark(f"  sync_period: {robot.sync_us}", "us: period of SYNC, and of feedback, controllers and commands"),
         remark(f"  heartbeat_producer: {robot.heartbeat_ms}", "ms: devices stop when this heartbeat stops"),
@@ -313,7 +313,7 @@ def _pdos(drive: DriveChoice) -> list[str]:
 def _pdo(use: PdoUse) -> list[str]:
     lines = [f"{use.number}:", "  enabled: true"]
     if use.auto:
-        lines.append(remark("  cob_id: auto", "default COB-ID, from the node id"))
+        lines.append(remark("  cob_id: auto", "default COB-ID, from the node-ID"))
     if use.transmission is not None:
         lines.append(remark(f"  transmission: {use.transmission}", _TRANSMISSION[use.transmission]))
     named = [(f"{{index: 0x{index:04X}, sub_index: {sub}}}", object_name(index) or "") for index, sub in use.objects]

@@ -275,10 +275,10 @@ def _wrong_ids(devices: Sequence[Device]) -> list[str]:
     for device in devices:
         if (first := by_id.setdefault(device.node_id, device)) is not device:
             problems.append(
-                f"node id {device.node_id} is given twice ({first.eds.name}, {device.eds.name}); give each node id once"
+                f"node-ID {device.node_id} is given twice ({first.eds.name}, {device.eds.name}); give each node-ID once"
             )
     if len(by_id) > _MASTERS[1] - 1:
-        problems.append("all 127 node ids are used, but the master needs one; omit a node")
+        problems.append("all 127 node-IDs are used, but the master needs one; omit a node")
     return problems
 
 
@@ -295,7 +295,7 @@ def _wrong_joints(joints: Sequence[str], axes: int, devices: Sequence[Device]) -
             f" ({len(devices) - drives} of the {len(devices)} nodes are not drives)" if len(devices) > drives else ""
         )
         drive_count = f"{drives} drive{'' if drives == 1 else 's'}" if axes == drives else f"{axes} axes"
-        problems.append(f"{len(joints)} joints for {drive_count}{names}; give a node id for each, or fewer --joint")
+        problems.append(f"{len(joints)} joints for {drive_count}{names}; give a node-ID for each, or fewer --joint")
     return problems
 
 

@@ -176,7 +176,7 @@ def _number(data: bytes) -> int:
 
 
 def _node_id(value: int) -> str:
-    return "no node id" if value == UNCONFIGURED else f"node id {value}"
+    return "no node-ID" if value == UNCONFIGURED else f"node-ID {value}"
 
 
 def _bit_timing(data: bytes) -> str:
@@ -193,7 +193,7 @@ def _switch_global(data: bytes) -> str:
 
 def _fast_scan(data: bytes) -> str:
     if data[5] == FAST_SCAN_START:
-        return "fast scan: any node without a node id"
+        return "fast scan: any node without a node-ID"
     part = _PARTS[data[6]] if data[6] < len(_PARTS) else f"part {data[6]}"
     return f"fast scan: {part} 0x{_number(data):08X}, bits {data[5]} to 31"
 
@@ -222,18 +222,18 @@ _MASTER: dict[int, Callable[[bytes], str]] = {
     _C.STORE: _constant("store"),
     **{_C.SWITCH_SELECTIVE + n: _part("select", part) for n, part in enumerate(_PARTS)},
     **{_C.IDENTIFY + n: _part("identify", part) for n, part in enumerate(_RANGES)},
-    _C.IDENTIFY_NON_CONFIGURED: _constant("identify nodes without a node id"),
+    _C.IDENTIFY_NON_CONFIGURED: _constant("identify nodes without a node-ID"),
     _C.FAST_SCAN: _fast_scan,
     **{_C.INQUIRE + n: _constant(f"inquire {part}") for n, part in enumerate(_PARTS)},
-    _C.INQUIRE_NODE_ID: _constant("inquire node id"),
+    _C.INQUIRE_NODE_ID: _constant("inquire node-ID"),
 }
 _SLAVE: dict[int, Callable[[bytes], str]] = {
-    _C.CONFIGURE_NODE_ID: _answer("node id", _NODE_ID_ANSWERS),
+    _C.CONFIGURE_NODE_ID: _answer("node-ID", _NODE_ID_ANSWERS),
     _C.CONFIGURE_BIT_TIMING: _answer("bit rate", _BIT_TIMING_ANSWERS),
     _C.STORE: _answer("store", _STORE_ANSWERS),
     _C.SWITCHED: _constant("selected"),
     _C.IDENTIFIED: _constant("identified"),
-    _C.IDENTIFIED_NON_CONFIGURED: _constant("a node has no node id"),
+    _C.IDENTIFIED_NON_CONFIGURED: _constant("a node has no node-ID"),
     **{_C.INQUIRE + n: _part("is", part) for n, part in enumerate(_PARTS)},
     _C.INQUIRE_NODE_ID: lambda data: _node_id(data[1]),
 }

@@ -116,7 +116,7 @@ def _node_id(network: NetworkDescription, text: str) -> int:
         node_id = 0
     if not 1 <= node_id <= MAX_NODE_ID:
         names = ", ".join(node.name for node in network.nodes.values() if node.name) or "none with a name"
-        raise ConfigError(f"no node {text!r}; give a node id, 1 to 127, or a name: {names}")
+        raise ConfigError(f"no node {text!r}; give a node-ID, 1 to 127, or a name: {names}")
     return node_id
 
 

@@ -230,7 +230,7 @@ def network_of_eds(channel: str, options: Iterable[str], find: Callable[[str], P
 
 def _one(node_id: int, path: Path, option: str) -> NodeDescription:
     if node_id not in _NODE_IDS:
-        raise ConfigError(f"--eds {option}: node ids are 1 to 127")
+        raise ConfigError(f"--eds {option}: node-IDs are 1 to 127")
     od = read_eds(path, node_id).od
     return NodeDescription(path.stem, node_id, od, pdos_by_default(od), str(path))
 
@@ -251,6 +251,6 @@ def _folder(folder: Path) -> Iterator[NodeDescription]:
     parsed = [(path, read_eds(path).od) for path in files]
     named = [(path, od) for path, od in parsed if od.node_id is not None]
     if not named:
-        raise ConfigError(f"--eds {folder}: no file in it contains a node id; give --eds NODE=FILE for each file")
+        raise ConfigError(f"--eds {folder}: no file in it contains a node-ID; give --eds NODE=FILE for each file")
     for path, od in named:
         yield NodeDescription(path.stem, od.node_id or 0, od, pdos_by_default(od), str(path))

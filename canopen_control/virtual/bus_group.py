@@ -99,7 +99,7 @@ def _check(file: BusGroup, _problems: Problems) -> None:
         channels.add(bus.channel)
         for text in bus.nodes:
             if not text.isdigit() or not 1 <= int(text) <= MAX_NODE_ID:
-                bus.here.error(f"{text!r} is not a node id: 1 to {MAX_NODE_ID}")
+                bus.here.error(f"{text!r} is not a node-ID: 1 to {MAX_NODE_ID}")
 
 
 def run_group(path: Path, report: Callable[[str], None], like: Personality | None = None) -> int:

@@ -432,11 +432,11 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "cob_ids_of_node",
-        "starts with the COB-IDs of another node (the strength is its node id)",
+        "starts with the COB-IDs of another node (the strength is its node-ID)",
         _RECORD,
         "maxon_epos4_ros1; canopen#317",
         node=_cob_ids_of_node,
-        strength=whole("node id", 1, 1, 127),
+        strength=whole("node-ID", 1, 1, 127),
         group="COB-ID",
     ),
     Quirk(

@@ -37,7 +37,7 @@ class NodeIdTaken(BusError):
 
     def __init__(self, node_id: int, channel: str) -> None:
         self.node_id = node_id
-        super().__init__(f"node id {node_id} already answers on {channel}; choose another --node-id, or stop that node")
+        super().__init__(f"node-ID {node_id} already answers on {channel}; choose another --node-id, or stop that node")
 
 
 class NodeHost:

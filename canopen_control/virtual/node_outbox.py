@@ -141,7 +141,7 @@ _WORDS: dict[type, Callable[..., str]] = {
     ModeChanged: lambda event: f"{_axis(event.axis)}mode {mode_name(event.mode)}",
     EmergencyRaised: _emergency,
     HeartbeatMissed: _missed,
-    NodeIdChanged: lambda event: f"LSS: node id {event.node_id}",
+    NodeIdChanged: lambda event: f"LSS: node-ID {event.node_id}",
     PdoLeftOff: lambda event: (
         f"{event.kind} {event.number} is disabled: COB-ID 0x{event.cob_id:03X} is reserved or in use"
     ),

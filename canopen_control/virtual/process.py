@@ -101,7 +101,7 @@ class ServedBus:
                     raise NodeIdTaken(node.node_id, self.port.channel) from error
                 self._controls[node] = NodeControl(self._host, node, self.world, with_socket=False)
                 self._log(
-                    "another drive without a node id has the control socket; this drive has none until it gets an id"
+                    "another drive without a node-ID has the control socket; this drive has none until it gets an id"
                 )
 
     def close(self) -> None:

@@ -16,7 +16,7 @@ EXAMPLE = "canopen-control where --json"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    parser.add_argument("--name", help="name of the robot (default: the only one running)")
 
 
 def run(args: argparse.Namespace) -> int:

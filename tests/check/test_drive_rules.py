@@ -49,7 +49,7 @@ def test_check_refuses_a_mode_whose_target_is_in_no_rpdo(tmp_path):
     assert re.search(r"bus\.yml:\d+:\d+: error: pan_drive: .*; map it, or use a velocity_mode", text)
     urdf = path / "two_axes.urdf"
     urdf.write_text(urdf.read_text().replace('"device_name">pan_drive', '"node_id">2'))
-    assert any("pan_drive: no RPDO carries 0x6042:00" in each for each in findings(path)), "a joint may name a node id"
+    assert any("pan_drive: no RPDO carries 0x6042:00" in each for each in findings(path)), "a joint may name a node-ID"
     assert not any(
         "no RPDO carries" in each for each in findings(folder(tmp_path, "v-3", keys="velocity_target: 0x60FF"))
     )

@@ -34,7 +34,7 @@ def test_the_new_drive_is_equal_and_stays_itself(bus, capsys):
     bus.call(lambda: configure(bus))
     assert main(["clone", "3", "4", *bus.options, "--store"]) == 0
     assert capsys.readouterr().out.splitlines() == [
-        "not written: 0x2705:00 Node-ID to store: is the node id or the bit rate",
+        "not written: 0x2705:00 Node-ID to store: is the node-ID or the bit rate",
         "not written: 0x607C:00 Home offset: is calibrated to the encoder of the original drive",
         "node 4: 130 parameters as in node 3, 5 written; stored",
     ]

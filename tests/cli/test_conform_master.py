@@ -51,12 +51,12 @@ def _start_nodes(ended):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ((), "give the node id of the device to check, or --master"),
+        ((), "give the node-ID of the device to check, or --master"),
         (("5", "--for", "3"), "--for requires --master"),
         (("5", "--master"), "write --node-id 5"),
         (("--master",), "--master needs --node-id"),
         (("--master", "--node-id", "6", "--motion"), "--motion is for the check of a device"),
-        (("--master", "--node-id", "5", "--for", "1"), "node id 5 already answers"),
+        (("--master", "--node-id", "5", "--for", "1"), "node-ID 5 already answers"),
         (
             ("--master", "--node-id", "6", "--for", "0.1"),
             "no master on memory:judged sent anything to node 6 in 0.1 s",

@@ -85,7 +85,7 @@ def test_a_node_id_that_answers_already_is_refused_with_a_sentence(processes):
     second = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive")
     out, err = second.communicate(timeout=10)
     assert second.returncode == 1
-    assert "node id 3 already answers on local:clidrive" in err
+    assert "node-ID 3 already answers on local:clidrive" in err
     assert "Traceback" not in err + out
 
 

@@ -222,7 +222,7 @@ def test_a_file_is_converted_to_the_format_of_the_outputs_ending(tmp_path, capsy
     for words, complaint in (
         ([xdd, "-o", xdc], "c.xdc already exists; choose another name, or --force"),
         ([xdd, "-o", f"{xdc}2"], "the suffix chooses the format, and must be one of: .eds, .dcf, .xdd, .xdc"),
-        ([xdd, "-o", str(tmp_path / "d.dcf")], "a.xdd has no node id; give --node-id N"),
+        ([xdd, "-o", str(tmp_path / "d.dcf")], "a.xdd has no node-ID; give --node-id N"),
         ([xdd, "-o", str(tmp_path / "no" / "d.eds")], "cannot be written: no such folder"),
     ):
         assert main(["eds", "convert", *words]) == 2

@@ -72,7 +72,7 @@ def test_what_a_fault_does_is_a_sentence_whatever_it_is_of(capsys):
         (["5", "silent", "on"], "--can CHANNEL"),
         (["5", "silent", "on", "--can", "local:a/b"], "local:a/b"),
         (["left_drive", "silent", "on", "--can", CAN], "no node 'left_drive' is known: no robot runs there"),
-        (["129", "silent", "on", "--can", CAN], "'129' is not a node id"),
+        (["129", "silent", "on", "--can", CAN], "'129' is not a node-ID"),
         (["list", "silent"], "takes no arguments"),
     ],
 )
@@ -95,7 +95,7 @@ def test_a_fault_without_on_or_off_is_not_switched_and_both_forms_are_named(node
 
 def test_a_drive_that_is_not_there_is_named_with_those_that_are(node, capsys):
     assert main(["fault", "6", "silent", "on", "--can", CAN]) == 1
-    assert f"no virtual drive with node id 6 runs on {CAN}; available: 5" in capsys.readouterr().err
+    assert f"no virtual drive with node-ID 6 runs on {CAN}; available: 5" in capsys.readouterr().err
     assert main(["fault", "6", "silent", "on", "--can", "memory:other"]) == 1
     assert f"available: 5 on the bus {CAN.partition(':')[2]}" in capsys.readouterr().err
 
@@ -127,5 +127,5 @@ def test_a_robot_that_hangs_is_named_and_its_drives_are_reached_by_their_ids(nod
         assert main(["fault", "left_drive", "silent", "on", *channel]) == 2
         said = capsys.readouterr().err
         assert "no node 'left_drive' is known: the robot 'robby' does not list its nodes: robot robby has not" in said
-        assert "; with --can CHANNEL a drive is reached by its node id, without the robot" in said
+        assert "; with --can CHANNEL a drive is reached by its node-ID, without the robot" in said
     assert main(["fault", "5", "silent", "on", "--can", CAN]) == 0

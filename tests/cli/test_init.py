@@ -76,17 +76,17 @@ def test_an_io_module_alone_is_a_bus_without_joints(here, capsys):
 
 
 BAD = {
-    "an id that is none": ([*TMCM, "--node-id", "0"], "--node-id 0: '0' is not a node id; they are 1 to 127"),
-    "an id above 127": ([*TMCM, "--node-id", "2,128"], "'128' is not a node id"),
-    "no number": ([*TMCM, "--node-id", "two"], "'two' is not a node id"),
-    "an id twice": ([*TMCM, "--node-id", "3,3"], "node id 3 is given twice"),
+    "an id that is none": ([*TMCM, "--node-id", "0"], "--node-id 0: '0' is not a node-ID; they are 1 to 127"),
+    "an id above 127": ([*TMCM, "--node-id", "2,128"], "'128' is not a node-ID"),
+    "no number": ([*TMCM, "--node-id", "two"], "'two' is not a node-ID"),
+    "an id twice": ([*TMCM, "--node-id", "3,3"], "node-ID 3 is given twice"),
     "more joints than drives": ([*TMCM, "--node-id", "3", "--joint", "a", "--joint", "b"], "2 joints for 1 drive;"),
     "a base with one drive": ([*TMCM, "--node-id", "3", "--base", "diff"], "--base diff needs two drives"),
-    "no node id": ([*TMCM], "--node-id N is missing"),
+    "no node-ID": ([*TMCM], "--node-id N is missing"),
     "no EDS": (["--node-id", "3"], "--eds FILE is missing; give both, or --can CHANNEL"),
     "a file that is not there": (["--eds", "gone.eds", "--node-id", "3"], "no EDS file gone.eds"),
     "two files and one list of ids": ([*TMCM, "--eds", "generic_cia402.eds", "--node-id", "3"], "2 --eds and 1 --node"),
-    "ids and a bus": (["--can", "local:x", "--node-id", "3"], "--can finds the node ids itself"),
+    "ids and a bus": (["--can", "local:x", "--node-id", "3"], "--can finds the node-IDs itself"),
     "a channel that is none": (["--can", "nonsense:x"], "nonsense"),
 }
 

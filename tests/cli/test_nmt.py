@@ -100,7 +100,7 @@ def test_a_wait_shorter_than_the_answer_of_the_robot_still_reads_the_state_once(
     [
         (["start", "3"], "no robot is running"),
         (["start", "left", *ON_BUS], "on a bare bus a node is a number, 1 to 127"),
-        (["start", "130", *ON_BUS], "node ids are 1 to 127"),
+        (["start", "130", *ON_BUS], "node-IDs are 1 to 127"),
         (["jump", "3", *ON_BUS], "invalid choice: 'jump'"),
         (["start", "3", "--can", "nonsense"], "no such CAN interface"),
         (["start", "3", *ON_BUS, "--wait", "x"], "not a time in seconds above 0"),

@@ -35,7 +35,7 @@ def values(bus, node_id):
 def test_a_node_holds_its_backup_again(bus, backup, capsys):
     assert main(["restore", backup, "3", *bus.options]) == 0
     assert capsys.readouterr().out.splitlines() == [
-        "not written: 0x2705:00 Node-ID to store: is the node id or the bit rate",
+        "not written: 0x2705:00 Node-ID to store: is the node-ID or the bit rate",
         f"node 3: 131 parameters as in {backup}, 1 written; not stored: a power cycle undoes it (--store)",
     ]
     assert values(bus, 3)[0x6081, 0] == 1600

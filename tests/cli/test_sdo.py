@@ -183,7 +183,7 @@ def test_a_file_may_be_a_stream(bus, monkeypatch):
         (["read", "3", "0x1000", "--eds", "nope.eds"], 2, "no EDS file nope.eds"),
         (["read", "3", "0x1000", "--can", "memory:sdorobot"], 2, "belongs to the running robot sdorobot"),
         (["read", "x", "0x1000", "--can", "memory:sdorobot"], 2, "on a bare bus a node is a number, 1 to 127"),
-        (["read", "0", "0x1000", "--can", "memory:sdorobot"], 2, "node ids are 1 to 127"),
+        (["read", "0", "0x1000", "--can", "memory:sdorobot"], 2, "node-IDs are 1 to 127"),
         (["read", "9", "0x1000", "--can", "memory:sdorobot", "--timeout", "0.05"], 1, "no answer within 0.1 s"),
         (["read", "3", "0x1000", "--can", "nonsense"], 2, "no such CAN interface"),
         (["read", "3", "0x1000", "--timeout", "0"], 2, "not a time in seconds above 0 and up to 60"),

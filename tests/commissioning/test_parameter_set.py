@@ -151,7 +151,7 @@ def test_obj_flags_are_obeyed(flags):
 
 
 def test_what_belongs_to_one_device_is_protected_with_a_reason():
-    assert "node id or the bit rate" in protection_of(TMCM, Entry(0x2705, 0, "x", DataType.UNSIGNED8))
+    assert "node-ID or the bit rate" in protection_of(TMCM, Entry(0x2705, 0, "x", DataType.UNSIGNED8))
     assert "encoder of the original drive" in protection_of(SERVO, Entry(0x687C, 0, "Home offset", DataType.INTEGER32))
     assert protection_of(SERVO, Entry(0x2100, 0, "CANopen Baudrate", DataType.UNSIGNED8)) != ""
     assert protection_of(SERVO, Entry(0x2100, 0, "Velocity", DataType.UNSIGNED8)) == ""
@@ -247,7 +247,7 @@ def test_any_value_comes_back(data_type, data):
 
 
 def test_an_eds_and_a_dcf_without_parameters_are_refused(tmp_path):
-    with pytest.raises(EdsError, match="no node id"):
+    with pytest.raises(EdsError, match="no node-ID"):
         read_backup(data_path("eds", "TMCM-1270.eds"))
     empty = ParameterSet(TMCM, 5, IDENTITY, {}, "node 5")
     with pytest.raises(EdsError, match="no ParameterValue of a parameter"):

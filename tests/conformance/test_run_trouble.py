@@ -46,7 +46,7 @@ def test_a_device_that_changes_its_node_id_is_found_there(bench):
         node.host = NodeHost(node.reactor, node.bus.open("other"), [device])
 
     report = run_with(node, other_id)
-    assert reasons(report) == {"not run: the device changed its node id: node 9 has its identity now"}
+    assert reasons(report) == {"not run: the device changed its node-ID: node 9 has its identity now"}
     node.host.close()
 
 

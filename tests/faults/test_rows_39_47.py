@@ -89,7 +89,7 @@ def test_row_40_a_second_device_with_the_same_id_is_diagnosed(turning):
     turning.switch("duplicate_node")
     event, after = turning.told("duplicate_node")
     assert after <= 2000
-    assert "two devices seem to have this node id" in event.text
+    assert "two devices seem to have this node-ID" in event.text
     turning.hold(10.0, 10.0, ms=2000)
     assert len(turning.found("duplicate_node")) == 1
     assert turning.robot.state is RobotState.RUNNING

@@ -114,7 +114,7 @@ def test_the_wheels_turn_on_real_cards_at_one_megabit(stage, robby, drives, list
     assert robby.status().state == "running"
     taken = stage.call("drive", "--node-id", LEFT, "--eds", "TMCM-1270.eds", "--can", "can0", seconds=60)
     assert taken.wait() == 1
-    assert f"node id {LEFT} already answers on can0" in taken.err
+    assert f"node-ID {LEFT} already answers on can0" in taken.err
     assert stage.call("stop", "--name", "swap", seconds=60).wait() == 0
     assert eventually(lambda: at(hears, 0.0), TIMEOUT_S)
     robby.end()

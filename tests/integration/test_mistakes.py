@@ -44,7 +44,7 @@ USAGE = {
     "no finite number": (["command", "robby_forward_controller", "nan"], "nan"),
     "no time to command": (["command", "robby_forward_controller", "1", "--for", "-1"], "'-1' is not a time"),
     "no EDS": (["drive", "--node-id", "3", "--eds", "no.eds", "--can", "local:x"], "no.eds: cannot be read"),
-    "no node id": (["drive", "--node-id", "0", "--eds", "TMCM-1270.eds", "--can", "local:x"], "1 to 127"),
+    "no node-ID": (["drive", "--node-id", "0", "--eds", "TMCM-1270.eds", "--can", "local:x"], "1 to 127"),
     "no such fault": (
         ["drive", "--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:x", "--fault", "heartbeat_los"],
         "did you mean 'heartbeat_lost'",
@@ -60,12 +60,12 @@ def test_usage(stage, what):
 
 FILES = {
     "a missing EDS": ("bus", 'dcf: "TMCM-1270.eds"', 'dcf: "TMCM-1.eds"', PLACE + ".*file 'TMCM-1.eds' not found"),
-    "a node id twice": ("bus", "node_id: 2\n", "node_id: 3\n", PLACE + ".*node id 3 is already used by left_drive"),
-    "the master's node id": (
+    "a node-ID twice": ("bus", "node_id: 2\n", "node_id: 3\n", PLACE + ".*node-ID 3 is already used by left_drive"),
+    "the master's node-ID": (
         "bus",
         "node_id: 2\n",
         "node_id: 1\n",
-        PLACE + ".*node id 1 is already used by the master",
+        PLACE + ".*node-ID 1 is already used by the master",
     ),
     "no YAML": ("bus", "nodes:", "nodes: [", PLACE),
     "a tab": ("bus", "  baudrate", "\tbaudrate", PLACE),
@@ -152,7 +152,7 @@ def test_a_second_robot_on_the_same_channel_and_one_of_the_same_name(stage):
 def test_a_node_id_that_is_taken(stage):
     stage.drive("taken", 3)
     program = stage.call("drive", "--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:taken")
-    check(program, 1, "node id 3 already answers on local:taken; choose another --node-id")
+    check(program, 1, "node-ID 3 already answers on local:taken; choose another --node-id")
     assert stage.programs[0].running
 
 

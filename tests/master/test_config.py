@@ -205,7 +205,7 @@ def test_all_mistakes_are_told_at_once_with_line_and_nearest_key(tmp_path):
 
 def test_two_nodes_with_one_node_id_name_each_other_and_the_line(tmp_path):
     said = mistakes(tmp_path, NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 3}"))
-    assert "node id 3 is already used by left_drive" in said
+    assert "node-ID 3 is already used by left_drive" in said
     assert "bus.yml:13:" in said
 
 
@@ -283,7 +283,7 @@ def test_ten_different_mistakes_are_ten_messages_with_the_right_lines(tmp_path):
         14: "0x1008:00 Manufacturer device name cannot be mapped into a TPDO",
         15: "1.5 is not a valid UNSIGNED32: expected a whole number",
         17: "file 'missing.eds' not found",
-        20: "node id 3 is already used by right",
+        20: "node-ID 3 is already used by right",
         23: "counts_per_revolution and scale_pos_to_dev define the same scales",
     }
     source = textwrap.dedent(TEN_MISTAKES).splitlines()

@@ -40,7 +40,7 @@ def told(bench):
     ("frame", "words"),
     [
         ("080#", "SYNC 0x080 (2"),
-        ("701#05", "heartbeat 0x701 of this master's own node id"),
+        ("701#05", "heartbeat 0x701 of this master's own node-ID"),
         ("77F#05", "heartbeat 0x77F of node 127"),
         ("202#060003", "RPDO 0x202 of node 2 (right_drive)"),
         ("303#0000000000000000", "RPDO 0x303 of node 3 (left_drive)"),

@@ -29,7 +29,7 @@ def limited(index, subindex=0, data_type=U32, low=None, high=None):
 @pytest.mark.parametrize(
     ("entry", "words"),
     [
-        (limited(0x1016, 1, high=65535), "bits 16 to 23 are the node id"),
+        (limited(0x1016, 1, high=65535), "bits 16 to 23 are the node-ID"),
         (limited(0x1016, 2, low=1), "bits 16 to 23"),
         (limited(0x1005, high=0x7F), "predefined"),
         (limited(0x1010, 1, high=1), "signature"),

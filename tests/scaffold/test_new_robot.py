@@ -51,10 +51,10 @@ def test_everything_wrong_is_said_at_once():
         plan_robot("arm", [device(2), device(2)], joints=["a", "b", "b", "c d"], base="tricycle")
     said = str(refused.value)
     for part in (
-        "node id 2 is given twice",
+        "node-ID 2 is given twice",
         "--joint c d: a joint name",
         "--joint b is given twice",
-        "4 joints for 2 drives; give a node id for each, or fewer --joint",
+        "4 joints for 2 drives; give a node-ID for each, or fewer --joint",
         "--base tricycle",
     ):
         assert part in said
@@ -83,7 +83,7 @@ def test_the_master_takes_an_id_that_is_free():
     assert plan_robot("r", [device(2)]).master_id == 1
     assert plan_robot("r", [device(1)]).master_id == 127
     assert plan_robot("r", [module(1), module(127)]).master_id == 126
-    with pytest.raises(RobotConfigError, match="all 127 node ids are used"):
+    with pytest.raises(RobotConfigError, match="all 127 node-IDs are used"):
         plan_robot("r", [module(node_id) for node_id in range(1, 128)])
 
 

@@ -69,7 +69,7 @@ def test_the_drives_are_processes_that_know_no_master(stage, robby, vcan, listen
     assert at(hears, 0.0)
     again = stage.call("drive", "--node-id", LEFT, "--eds", "TMCM-1270.eds", "--can", vcan)
     assert again.wait() == 1
-    assert f"node id {LEFT} already answers on {vcan}" in again.err
+    assert f"node-ID {LEFT} already answers on {vcan}" in again.err
     assert robot.end() == 0, robot
 
 

@@ -33,7 +33,7 @@ LINES = [
     (0x083, "11", "emcy", "left_drive", "malformed: 1 bytes", Mark.WARNING),
     (0x100, "0000000001 00", "time", "", "1984-01-02 00:00:00.000", Mark.PLAIN),
     (0x7E5, "0401", "lss", "", "all switch to configuration", Mark.PLAIN),
-    (0x7E4, "1100", "lss", "", "node id: accepted", Mark.PLAIN),
+    (0x7E4, "1100", "lss", "", "node-ID: accepted", Mark.PLAIN),
     (0x385, "11", "pdo", "", "mapping unknown", Mark.PLAIN),
     (0x6FF, "00", "raw", "", "no CANopen service has this identifier", Mark.PLAIN),
     (EXTENDED_FLAG | 0x183, "00", "raw", "", "29-bit identifier of no known PDO", Mark.PLAIN),

@@ -34,7 +34,7 @@ def test_one_file_describes_every_node_and_a_named_one_wins():
 
 def test_a_folder_is_taken_by_the_node_ids_of_its_dcf_files(tmp_path):
     shutil.copy(EDS, tmp_path / "plain.eds")
-    with pytest.raises(ConfigError, match="no file in it contains a node id"):
+    with pytest.raises(ConfigError, match="no file in it contains a node-ID"):
         network_of_eds("", [str(tmp_path)])
     text = EDS.read_bytes() + b"\r\n[DeviceComissioning]\r\nNodeID=5\r\nBaudrate=1000\r\n"
     (tmp_path / "lift.dcf").write_bytes(text)
@@ -46,7 +46,7 @@ def test_a_folder_is_taken_by_the_node_ids_of_its_dcf_files(tmp_path):
 def test_a_node_id_that_is_none_is_refused_and_so_is_a_file_that_is_not_there():
     with pytest.raises(EdsError):
         network_of_eds("can0", ["5=/nowhere.eds"])
-    with pytest.raises(ConfigError, match="node ids are 1 to 127"):
+    with pytest.raises(ConfigError, match="node-IDs are 1 to 127"):
         network_of_eds("", [f"200={EDS}"])
 
 

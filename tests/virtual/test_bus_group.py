@@ -26,7 +26,7 @@ def written(tmp_path, text=GROUP):
     [
         ("world: hall.yml", "", "several robots need the file with their start poses"),
         ("group-b", "group-a", "a bus needs nodes, and a channel"),
-        ('{"2": EDS}', '{"200": EDS}', "'200' is not a node id: 1 to 127"),
+        ('{"2": EDS}', '{"200": EDS}', "'200' is not a node-ID: 1 to 127"),
         ("mujoco", "gazebo", "engine"),
         ("plant: b.yml, ", "", "plant"),
     ],

@@ -38,7 +38,7 @@ def test_an_id_that_answers_is_refused_with_a_sentence():
     host = NodeHost(reactor, other, [tmcm(4)])
     reactor.run_for(0)
     port.receive()  # its boot-up was before the question
-    with pytest.raises(NodeIdTaken, match="node id 4 already answers on memory:launch") as caught:
+    with pytest.raises(NodeIdTaken, match="node-ID 4 already answers on memory:launch") as caught:
         NodeIdCheck(reactor, port, [3, 4]).finish()
     assert caught.value.node_id == 4
     host.close()

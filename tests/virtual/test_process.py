@@ -342,7 +342,7 @@ def test_a_node_id_given_by_lss_renames_its_control_socket(reactor):
     reactor.call_later(200 * MS, reactor.stop)
     drives.run()
     assert seen == ["process-9"]
-    assert any("node 9: LSS: node id 9" in line for line in lines)
+    assert any("node 9: LSS: node-ID 9" in line for line in lines)
 
 
 @pytest.mark.sources

@@ -48,7 +48,7 @@ def eds_path(text: str) -> Path:
     return bundled if path.name == text and not path.exists() and bundled.is_file() else path
 
 
-node_id = whole_number("node id: 1 to 127", range(1, 128))
+node_id = whole_number("node-ID: 1 to 127", range(1, 128))
 seconds = argument(seconds_above_0)
 timeout_seconds = number("time in seconds above 0 and up to 60", lambda value: 0.0 < value <= 60.0)
 

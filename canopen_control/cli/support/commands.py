@@ -46,7 +46,9 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare `--for` and `--once`, and the option for the name of the robot."""
     group = parser.add_mutually_exclusive_group()
     group.add_argument("--for", type=seconds, metavar="S", dest="seconds", help="repeat for S seconds, then send zeros")
-    group.add_argument("--once", action="store_true", help="send once; the command ends with the controller's timeout")
+    group.add_argument(
+        "--once", action="store_true", help="send once; the command is valid until the controller's timeout"
+    )
     add_robot_name(parser)
 
 

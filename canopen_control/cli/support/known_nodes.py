@@ -101,7 +101,7 @@ def _alternatives(nodes: list[KnownNode], silent: dict[str, CanopenError], can: 
         return f"{choices}; for another bus: --can CHANNEL" if can is None else choices
     if silent:
         why = "; ".join(f"the robot {robot!r} does not list its nodes: {error}" for robot, error in silent.items())
-        return f" is known: {why}; with --can CHANNEL a drive is reached by its node id, without the robot"
+        return f" is known: {why}; with --can CHANNEL a drive is reached by its node-ID, without the robot"
     return ""
 
 
@@ -113,10 +113,10 @@ def _node_id(text: str, choices: str) -> int:
         node_id = int(text, 0)
     except ValueError:
         raise ConfigError(
-            f"no node {text!r}{choices or ' is known: no robot runs there; a node id is 1 to 127'}"
+            f"no node {text!r}{choices or ' is known: no robot runs there; a node-ID is 1 to 127'}"
         ) from None
     if not 1 <= node_id <= 127:
-        raise ConfigError(f"{text!r} is not a node id: 1 to 127, or list")
+        raise ConfigError(f"{text!r} is not a node-ID: 1 to 127, or list")
     return node_id
 
 
@@ -130,7 +130,7 @@ def connect_to(channel: str, node_id: int) -> DriveClient:
         if error.kind != "BusClosed":
             raise
         buses = _running_drives(drive_name(channel, node_id).rpartition("-")[0])
-        raise RemoteError(error.kind, f"no virtual drive with node id {node_id} runs on {channel}; {buses}") from error
+        raise RemoteError(error.kind, f"no virtual drive with node-ID {node_id} runs on {channel}; {buses}") from error
 
 
 def _running_drives(bus: str) -> str:

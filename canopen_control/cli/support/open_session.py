@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True) -> None:
     """Declare NODE, --eds, --timeout, and --can or --name; `node` is False for verbs with their own node arguments."""
     if node:
-        parser.add_argument("node", type=one_name, metavar="NODE", help="name or node id; on a bare bus the node id")
+        parser.add_argument("node", type=one_name, metavar="NODE", help="name or node-ID; on a bare bus the node-ID")
     parser.add_argument("--eds", metavar="FILE", help="EDS of the node: a path, or the name of a bundled file")
     parser.add_argument(
         "--timeout",
@@ -165,7 +165,7 @@ def as_file(word: str) -> Path | None:
         return path
     if names_file(word):
         problem = "is a folder" if path.is_dir() else "no such file"
-        raise ConfigError(f"{word}: {problem}; a node is a name or a node id")
+        raise ConfigError(f"{word}: {problem}; a node is a name or a node-ID")
     return None
 
 

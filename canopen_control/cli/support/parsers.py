@@ -41,7 +41,7 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
 
 def add_robot_name(parser: argparse._ActionsContainer) -> None:
     """Declare --name, the running robot."""
-    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    parser.add_argument("--name", help="name of the robot (default: the only one running)")
 
 
 def actions_of(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:

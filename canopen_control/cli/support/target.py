@@ -282,7 +282,7 @@ def parse_node_id(text: str) -> int:
     except ValueError:
         raise ConfigError(f"node {text!r}: on a bare bus a node is a number, 1 to {MAX_NODE_ID}") from None
     if not 1 <= node_id <= MAX_NODE_ID:
-        raise ConfigError(f"node {node_id}: node ids are 1 to {MAX_NODE_ID}")
+        raise ConfigError(f"node {node_id}: node-IDs are 1 to {MAX_NODE_ID}")
     return node_id
 
 

@@ -213,7 +213,7 @@ _BACKUP: Final = (
 )
 _RESTORE: Final = (
     "Only differences are written, then everything is read back. If the drive refuses a value, all previous "
-    "values are restored. Node ID and bit rate are kept."
+    "values are restored. Node-ID and bit rate are kept."
 )
 
 

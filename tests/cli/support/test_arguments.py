@@ -16,7 +16,7 @@ def test_whole_numbers(text, number):
 def test_what_is_no_node_id_is_told_with_what_is(text):
     with pytest.raises(argparse.ArgumentTypeError) as caught:
         node_id(text)
-    assert str(caught.value) == f"{text!r} is not a node id: 1 to 127"
+    assert str(caught.value) == f"{text!r} is not a node-ID: 1 to 127"
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "61", "soon", "nan", "inf"])

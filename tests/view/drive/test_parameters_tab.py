@@ -158,7 +158,7 @@ def test_nothing_else_begins_beside_it():
         (b"", "x.dcf is empty"),
         (b"\x7fELF\0\1", "x.dcf"),
         (b"just text", "x.dcf"),
-        (data_path("eds", "TMCM-1270.eds").read_bytes(), "has no node id"),
+        (data_path("eds", "TMCM-1270.eds").read_bytes(), "has no node-ID"),
     ],
 )
 def test_a_file_that_is_no_backup_is_told(data, words):
