@@ -61,7 +61,7 @@ def foreign_format(data: bytes) -> str:
 
 
 def read_utf8(path: Path, limit: int = LONGEST_TEXT) -> str:
-    """Return the text of a UTF-8 file; ValueError with the reason for any other file; OSError as raised by `open`."""
+    """Return the text of a UTF-8 file; raise ValueError for any other file, and OSError as raised by `open`."""
     data = read_limited(path, limit)
     if foreign := foreign_format(data):
         raise ValueError(f"it is {foreign}")

@@ -82,7 +82,7 @@ class LocalBus(can.BusABC):
         return descriptor
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a message; CanOperationError if the bus is gone or does not accept it within `timeout` s."""
+        """Send a message; raise CanOperationError if the bus is gone or does not accept it within `timeout` s."""
         record = record_of(msg)
         if record is None:
             raise can.CanOperationError("CAN FD frames are not supported on a CANopen bus")

@@ -18,7 +18,7 @@ from canopen_control.frame import MAX_NODE_ID, CanFrame
 
 
 def consumer_entry(node_id: int, ms: int) -> int:
-    """Return the 0x1016 value that monitors `node_id` with `ms` (both 0: unused); LocalProtocolError out of range."""
+    """Return the 0x1016 value that monitors `node_id` with `ms` (0: unused); raise LocalProtocolError out of range."""
     # CiA 301, 7.5.2.19: node-ID in bits 16 to 23, time in bits 0 to 15
     if not 0 <= node_id <= MAX_NODE_ID or not 0 <= ms <= 0xFFFF:
         msg = f"0x1016: node {node_id} with {ms} ms is out of range; at most node 127 and 65535 ms"
@@ -69,9 +69,9 @@ class HeartbeatProducer:
         """Send the boot-up frame and enter PRE_OPERATIONAL; the first heartbeat follows one period later."""
         self.outgoing.put(boot_up_frame(self.node_id))
         self.state = NmtState.PRE_OPERATIONAL
-        self.started(now)
+        self.restart(now)
 
-    def started(self, now: int) -> None:
+    def restart(self, now: int) -> None:
         """Restart the period at `now`, after the owner has sent the boot-up."""
         self._deadline_ns = now + self._period_ns
 

@@ -196,7 +196,7 @@ class RobotNetwork:
         except ConfigError as error:
             raise GatewayRefusal(UNSUPPORTED_NODE, str(error)) from None
         if timeout_s is not None:
-            node.transfers.be_patient(min(timeout_s, MAX_TIMEOUT_S))
+            node.transfers.set_timeout(min(timeout_s, MAX_TIMEOUT_S))
         return node
 
 
@@ -251,7 +251,7 @@ class BusNetwork:
         self._find_robot()
         node = self._target.session(str(node_id))
         if timeout_s is not None:
-            node.transfers.be_patient(timeout_s)
+            node.transfers.set_timeout(timeout_s)
         return node
 
     def _find_robot(self) -> None:

@@ -46,7 +46,7 @@ class Transfers(Protocol):
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """Download an object; raise RemoteError or RemoteProtocolError on failure."""
 
-    def be_patient(self, seconds: float | None) -> None:
+    def set_timeout(self, seconds: float | None) -> None:
         """Set the timeout for a response in s; None restores the default."""
 
     def command(self, command: NmtCommand) -> None:
@@ -260,7 +260,7 @@ class RobotTransfers(Transfers):
         )
         self._robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
 
-    def be_patient(self, seconds: float | None) -> None:
+    def set_timeout(self, seconds: float | None) -> None:
         self._timeout = seconds or self._default_timeout
 
     def command(self, command: NmtCommand) -> None:

@@ -435,14 +435,14 @@ def _carry_out(session: NodeSession, order: DownloadOrder) -> DownloadAnswer:
 
 def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
     """Read or write an object with the order's timeout (0: default); return the data read."""
-    session.transfers.be_patient(order.seconds or None)
+    session.transfers.set_timeout(order.seconds or None)
     try:
         if order.act is DownloadAct.READ:
             return session.read(order.index, order.subindex)
         session.write(order.index, order.subindex, order.data)
         return b""
     finally:
-        session.transfers.be_patient(None)
+        session.transfers.set_timeout(None)
 
 
 def _is_answer(error: CanopenError) -> bool:

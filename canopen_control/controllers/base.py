@@ -126,7 +126,7 @@ def zero_targets(commands: Sequence[CommandInterface]) -> None:
 
 
 def is_moving(commands: Sequence[CommandInterface]) -> bool:
-    """Return whether any command is finite and not 0.0, so that it may cause motion."""
+    """Whether any command is finite and not 0.0, so that it may cause motion."""
     return any(command.value != 0.0 and math.isfinite(command.value) for command in commands)
 
 
@@ -331,7 +331,7 @@ class Controller:
         return None
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Return whether a command with these values stops all motion; such a command may outlive its client."""
+        """Whether a command with these values stops all motion; such a command may outlive its client."""
         return not any(values) and all(command.quantity in MOVING for command in self.commands)
 
     # ------------------------------------------------------------------------------------------------ for overrides

@@ -256,7 +256,7 @@ def _nested(node: Node) -> Node:
 
 
 def is_within(pattern: str, namespace: str) -> bool:
-    """Return whether the namespace of a parameter block includes a node's namespace.
+    """Whether the namespace of a parameter block includes a node's namespace.
 
     The pattern may contain the wildcards of rcl; a namespace with `*` matches every pattern.
     """
@@ -267,7 +267,7 @@ def is_within(pattern: str, namespace: str) -> bool:
 
 
 def _is_namespace(name: str, value: Node) -> bool:
-    """Return whether a block has only mappings and no type, so that its name is a namespace."""
+    """Whether a block has only mappings and no type, so that its name is a namespace."""
     below = {node.kind for _, node in value.items()}
     return value.kind == "mapping" and value.get("type") is None and below == {"mapping"} and name != MANAGER_SECTION
 

@@ -252,7 +252,7 @@ class GpioCommandController(Controller):
         self.command_timeout.start(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Return whether no output would change when the commands end."""
+        """Whether no output would change when the commands end."""
         del values
         pairs = zip(self._values, self._safe, strict=True)
         return all(math.isnan(value) or math.isnan(safe) or value == safe for value, safe in pairs)

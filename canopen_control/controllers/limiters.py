@@ -284,7 +284,7 @@ class JointLimiter:
         self._low, self._high = low, high
 
     def _may_not_move(self, target: float, here: float) -> bool:
-        """Return whether the joint is far outside its range, or slightly outside and commanded farther out."""
+        """Whether the joint is far outside its range, or slightly outside and commanded farther out."""
         low, high = self.limits.min_position, self.limits.max_position
         if low <= here <= high:
             return False

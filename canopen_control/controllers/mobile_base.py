@@ -129,7 +129,7 @@ class OdometryPublication:
         self._next = _AT_ONCE
 
     def is_due(self, now: int) -> bool:
-        """Return whether a publication is due at `now` (ns); if so, count it and schedule the next one.
+        """Whether a publication is due at `now` (ns); if so, count it and schedule the next one.
 
         The schedule is a fixed grid; missed publications are not made up for.
         """
@@ -199,7 +199,7 @@ class MobileBase(Controller):
     references: ClassVar[tuple[str, ...]] = ("linear", "angular")
     timeout_key: ClassVar[str] = "cmd_vel_timeout"
     zero_is_never: ClassVar[bool] = False
-    """Whether a timeout of 0 means unlimited; otherwise a twist then applies to a single update, as upstream."""
+    """Whether a timeout of 0 means unlimited; otherwise a twist then applies to one update, as in ros2_controllers."""
     by_twist_alone: ClassVar[bool] = False
     """Whether the commands are velocities that depend only on the twist."""
     waits_for_a_twist: ClassVar[bool] = False
@@ -319,7 +319,7 @@ class MobileBase(Controller):
         return dt
 
     def states_known(self) -> bool:
-        """Return whether the values of all state interfaces are finite."""
+        """Whether the values of all state interfaces are finite."""
         total = 0.0
         for state in self.states:
             total += state.value

@@ -40,7 +40,7 @@ _COMMANDED: dict[type[Controller], bool] = {}  # cache: checking a protocol take
 
 
 def takes_commands(controller: Controller) -> TypeGuard[TakesCommands]:
-    """Return whether a controller accepts commands; the result is cached by type."""
+    """Whether a controller accepts commands; the result is cached by type."""
     kind = type(controller)
     if kind not in _COMMANDED:
         _COMMANDED[kind] = issubclass(kind, TakesCommands)

@@ -272,7 +272,7 @@ _FILE_NAMES: Final = {"wheelbase": "wheel_separation_h", "traction_wheel_radius"
 
 
 def is_ros1(params: Params) -> bool:
-    """Return whether the parameters are those of ROS 1's Ackermann steering controller."""
+    """Whether the parameters are those of ROS 1's Ackermann steering controller."""
     return any(params.flat.get(key) is not None for key in _OWN)
 
 

@@ -84,7 +84,7 @@ class InterfaceGroup:
         self.enabled = self.follows()
 
     def follows(self) -> bool:
-        """Return whether the interfaces are enabled, ignoring interfaces that a user has excluded."""
+        """Whether the interfaces are enabled, ignoring interfaces that a user has excluded."""
         following = not self.interfaces
         for interface in self.interfaces:
             if interface.enabled:

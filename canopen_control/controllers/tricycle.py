@@ -53,7 +53,7 @@ class TractionLimits:
     max_jerk: float = setting(NAN, low=0.0, nan=True, help="half of the jerk limit in rad/s^3, as upstream applies it")
 
     def law(self) -> RateLaw:
-        """Return the limits for a `RateLimiter`; the jerk is doubled, as upstream does."""
+        """Return the limits for a `RateLimiter`; the jerk is doubled, as in ros2_controllers."""
         gain, loss = self.max_acceleration, self.max_deceleration
         if math.isnan(gain) and not math.isnan(loss):
             gain = math.inf
@@ -82,7 +82,7 @@ class SteeringLimits:
         return low, -low if math.isnan(self.max_position) else self.max_position
 
     def law(self) -> RateLaw:
-        """Return the limits of the angle for a `RateLimiter`; the acceleration is doubled, as upstream does."""
+        """Return the limits of the angle for a `RateLimiter`; the acceleration is doubled, as in ros2_controllers."""
         low, high = self.bounds()
         speed, gain = self.max_velocity, 2.0 * self.max_acceleration
         return RateLaw(VelocityLimits(low, high, -speed, speed, -speed, speed, -gain, gain))

@@ -58,12 +58,12 @@ TYPES: Final = {
 
 
 def is_broadcaster(type_name: str) -> bool:
-    """Return whether controllers of this type are broadcasters; False for unknown types."""
+    """Whether controllers of this type are broadcasters; False for unknown types."""
     return bool(getattr(class_of(type_name), "is_broadcaster", False))
 
 
 def moves_joints(type_name: str) -> bool:
-    """Return whether controllers of this type move joints; True for unknown types."""
+    """Whether controllers of this type move joints; True for unknown types."""
     controller_class = class_of(type_name)
     return not is_broadcaster(type_name) and bool(getattr(controller_class, "moves_joints", True))
 

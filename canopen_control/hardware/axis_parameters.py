@@ -213,7 +213,7 @@ def require_own_start(axis: AxisProcessData, mode: int) -> None:
 
 
 def has_target(axis: AxisProcessData) -> bool:
-    """Return whether an RPDO contains the target of any mode that can serve a TARGET."""
+    """Whether an RPDO contains the target of any mode that can serve a TARGET."""
     return any(_is_mapped(axis, mode) for mode in (*axis.own_modes, *_SERVED[TARGET]))
 
 

@@ -243,7 +243,7 @@ class Tracking:
             self._count += 1
             self._still += 1
             if self._count >= self._full:
-                self._turn()
+                self._start_window()
             return
         error = (self._third if self._late else self._second) - actual
         self._third, self._second, self._first = self._second, last, target
@@ -255,7 +255,7 @@ class Tracking:
             self._sum += error * error
             self._count += 1
             if self._count >= self._full:
-                self._turn()
+                self._start_window()
         if target == last:
             self._still += 1
         elif self._still:
@@ -289,7 +289,7 @@ class Tracking:
             self.skipped,
         )
 
-    def _turn(self) -> None:
+    def _start_window(self) -> None:
         """Close the current window and start the next."""
         self._previous_worst, self._previous_sum, self._previous_count = self._worst, self._sum, self._count
         self._total_worst = max(self._total_worst, self._worst)

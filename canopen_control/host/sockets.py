@@ -183,7 +183,7 @@ def _peer(sock: socket.socket) -> tuple[int, int] | None:
 
 
 def same_user(sock: socket.socket) -> bool:
-    """Return whether the peer of a Unix socket has the user id of this process."""
+    """Whether the peer of a Unix socket has the user id of this process."""
     peer = _peer(sock)
     return peer is not None and peer[1] == os.getuid()
 
@@ -308,7 +308,7 @@ def _is_alive(path: Path) -> bool:
 
 
 def _answers(probe: socket.socket, path: Path) -> bool:
-    """Return whether a process listens at `path`; a full backlog counts as listening."""
+    """Whether a process listens at `path`; a full backlog counts as listening."""
     probe.settimeout(_PROBE_S)
     try:
         probe.connect(str(path))

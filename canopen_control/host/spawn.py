@@ -156,7 +156,7 @@ class Child:
             os.close(readiness)
 
     def is_busy(self) -> bool:
-        """Return whether a thread of the child runs or waits for a processor or disk; False also without /proc.
+        """Whether a thread of the child runs or waits for a processor or disk; False also without /proc.
 
         A blocked or stopped process is not busy.
         """

@@ -154,7 +154,7 @@ class Rhythm:
         self.interval_ns = self._last_ns = self._step_ns = 0  # 0: single shot
 
     def continues(self, deadline_ns: int) -> bool:
-        """Return whether the next deadline (0: none) continues the period of the kernel's timer.
+        """Whether the next deadline (0: none) continues the period of the kernel's timer.
 
         If not, the timer must be set, with the period `interval_ns`.
         """

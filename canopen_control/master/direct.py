@@ -109,7 +109,7 @@ class DirectBus:
     # -- SDO
 
     def read(self, node_id: int, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
-        """Upload an object by SDO; SdoAbort, SdoTimeout or another RemoteProtocolError on failure."""
+        """Upload an object by SDO; raise SdoAbort, SdoTimeout or another RemoteProtocolError on failure."""
         client = self.client(node_id)
         return self._transfer(client, client.read(index, subindex, block=block, now=time.monotonic_ns()))
 

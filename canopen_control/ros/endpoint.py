@@ -263,7 +263,7 @@ class PublisherWatch:
 
 
 def _returns(values: Sequence[float], last: Sequence[float], before: Sequence[float]) -> bool:
-    """Return whether values take back the last change; False if a value is nan."""
+    """Whether values take back the last change; False if a value is nan."""
     change = max((abs(value - other) for value, other in zip(values, last, strict=True)), default=0.0)
     back = max((abs(value - other) for value, other in zip(values, before, strict=True)), default=0.0)
     return change > 0.0 and back <= _RETURN * change

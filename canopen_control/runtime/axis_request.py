@@ -258,7 +258,7 @@ def begin_action(
 
 
 def _home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
-    """Start homing of all joints; ControlError or DriveError, before any axis starts, if one cannot be homed."""
+    """Start homing of all joints; if one cannot be homed, raise ControlError or DriveError before any axis starts."""
     for joint in joints:
         _require_present(joint)
         require_own_start(joint.axis, OperationMode.HM)
@@ -270,7 +270,7 @@ def _home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
 
 
 def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
-    """Request a mode of operation by name or number; ControlError or DriveError before any drive is changed."""
+    """Request a mode of operation by name or number; raise ControlError or DriveError before any drive is changed."""
     mode = _mode_of(text)
     for joint in joints:
         _require_present(joint)

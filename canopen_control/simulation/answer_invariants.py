@@ -80,7 +80,7 @@ class _Waiting:
 
 
 class AnswerInvariants:
-    """Check that every command leads to a motion or a reported reason; breaches are passed to `report(rule, text)`."""
+    """Checks that each command leads to motion or a reported reason; violations are passed to `report(rule, text)`."""
 
     def __init__(
         self,

@@ -412,7 +412,7 @@ class Campaign:
                 tuple(run.invariants.breaches),
                 dict(run.player.troubles),
                 run.invariants.coverage.walked,
-                dict(run.invariants.troubled.cells),
+                dict(run.invariants.fault_coverage.cells),
             )
         finally:
             run.close()

@@ -176,7 +176,7 @@ class FaultCoverage:
         self.cells: Counter[Cell] = Counter()
         self._robot = robot
 
-    def troubled(self, act: ScenarioEvent) -> None:
+    def on_event(self, act: ScenarioEvent) -> None:
         """Count the cells of an event, once for all affected nodes; events other than faults are ignored."""
         if not KINDS[act.kind].breaks:
             return

@@ -52,7 +52,7 @@ _BLOCKS: Final = 60_000  # allowed increase of memory blocks since shortly after
 
 
 class ReportInvariants:
-    """Check that the runtime reports the true states; breaches are passed to `report(rule, text)`.
+    """Checks that the runtime reports the true states; violations are passed to `report(rule, text)`.
 
     The owner calls `requested`, `applied` and `on_sample` as time passes.
     """
@@ -249,7 +249,7 @@ def _entry_points() -> tuple[importlib.metadata.EntryPoint, ...]:
 class Invariants(SimulationObserver):
     """Observer that checks all invariants of a robot; `breaches` has at most 100 items.
 
-    `coverage` counts state transitions, `troubled` the faults by the states in which they occurred.
+    `coverage` counts state transitions, `fault_coverage` the faults by the states in which they occurred.
     """
 
     def __init__(
@@ -273,7 +273,7 @@ class Invariants(SimulationObserver):
         plans = [plan for bus in robot.setup.joined.values() for plan in bus.plans.values()]
         self._configured = ConfigurationInvariants(robot, plans, self._disturbed, self._answers, self._report)
         self._wires = [WireInvariants(robot, robot.wires[name], view, self._report) for name, view in views.items()]
-        self.coverage, self.troubled = StateCoverage(robot, views.values()), FaultCoverage(robot)
+        self.coverage, self.fault_coverage = StateCoverage(robot, views.values()), FaultCoverage(robot)
         self._rules = list(rules)
         self._broken: set[str] = set()
         for (name, view), wire in zip(views.items(), self._wires, strict=True):
@@ -304,8 +304,8 @@ class Invariants(SimulationObserver):
         self._reports.applied(now, act)
 
     def played(self, now: int, act: ScenarioEvent) -> None:
-        self._disturbed.troubled(now, act)
-        self.troubled.troubled(act)
+        self._disturbed.on_event(now, act)
+        self.fault_coverage.on_event(act)
 
     def _observe(self) -> None:
         now = self._robot.now_ns

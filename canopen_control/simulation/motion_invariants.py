@@ -52,7 +52,7 @@ class _Stop:
 
 
 class MotionInvariants:
-    """Check of the motion of all shafts; breaches are passed to `report(rule, text)`.
+    """Checks the motion of all shafts; violations are passed to `report(rule, text)`.
 
     The owner calls `requested` and `on_sample` as time passes.
     """

@@ -104,7 +104,7 @@ class SimulatedWire:
         return label in self.cut or label in self._off
 
     def send(self, port: SimulatedPort, records: bytes) -> None:
-        """Queue frames of a port; a full queue or a disconnected member loses the frames, which are counted."""
+        """Queue frames of a port; the frames are lost and counted if the queue is full or the member disconnected."""
         queue = self._wire.queues.get(port.number)
         if (queue is not None and len(queue) > SEND_LIMIT) or ((self.cut or self._off) and self.silences(port.label)):
             port.stats.lost += len(records) // RECORD_SIZE

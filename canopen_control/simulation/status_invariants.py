@@ -116,7 +116,7 @@ class _Shaft:
 
 
 class StatusInvariants:
-    """Check of the robot's reports against the drives; breaches are passed to `report(rule, text)`."""
+    """Checks the robot's reports against the drives; violations are passed to `report(rule, text)`."""
 
     def __init__(
         self,
@@ -403,7 +403,7 @@ class _Open:
 
 
 class GoalInvariants:
-    """Check of the results of goals; breaches are passed to `report(rule, text)`.
+    """Checks the results of goals; violations are passed to `report(rule, text)`.
 
     The owner calls `requested`, `applied` and `on_sample` as time passes.
     """

@@ -68,7 +68,7 @@ class _Configured:
 
 
 class ConfigurationInvariants:
-    """Checks of the configuration of all nodes; breaches are passed to `report(rule, text)`."""
+    """Checks the configuration of all nodes; violations are passed to `report(rule, text)`."""
 
     def __init__(
         self,
@@ -220,7 +220,7 @@ _ABORT, _BLOCK = 4, (5, 6)
 
 
 class WireInvariants:
-    """Check of one bus; breaches are passed to `report(rule, text)`.
+    """Checks one bus; violations are passed to `report(rule, text)`.
 
     `hear` receives the frames that `wants` selects; `on_sample` is called periodically.
     """

@@ -276,7 +276,7 @@ class DisturbedNodes:
         """Whether a node has run undisturbed for a second, since its boot and the start of the robot."""
         return max(self._last[view.node_id], view.booted_at, self._robot.started_ns) < now - _CALM_NS
 
-    def troubled(self, now: int, act: ScenarioEvent) -> None:
+    def on_event(self, now: int, act: ScenarioEvent) -> None:
         """Record the start of an event if it is a fault or sets values of the plant."""
         if act.kind in _OF_ALL:
             self._disturb_all(now)

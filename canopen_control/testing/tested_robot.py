@@ -274,7 +274,7 @@ class SimulatedTransfers(Transfers):
             raise request.error
         return request
 
-    def be_patient(self, seconds: float | None) -> None:
+    def set_timeout(self, seconds: float | None) -> None:
         self._timeout_ns = None if seconds is None else round(seconds * 1e9)
 
     def command(self, command: NmtCommand) -> None:

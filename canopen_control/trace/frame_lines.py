@@ -99,7 +99,7 @@ def _identifier(text: str) -> int:
 
 
 def node_ids_of(network: NetworkDescription, names: Iterable[str]) -> frozenset[int]:
-    """Return the node-IDs of names or numbers, including "master"; ConfigError lists the names."""
+    """Return the node-IDs of names or numbers, including "master"; raise ConfigError with the valid names."""
     node_ids = set()
     for name in names:
         by_name = next((node.node_id for node in network.nodes.values() if node.name == name), None)

@@ -166,7 +166,7 @@ def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFac
 
 
 def stopped_after(joints: Mapping[str, JointFacts], time: float) -> dict[str, float | None]:
-    """Return the time in s from `time` until each moving joint is at rest; None if it never is.
+    """Return the time in s from `time` until each moving joint is at rest, None for a joint that never is.
 
     A joint that stands for `_STOOD_S`, or to the end of the recording, has stopped; later motion is ignored.
     """

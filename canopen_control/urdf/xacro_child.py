@@ -127,7 +127,7 @@ _TOO_MUCH = {
 
 
 def _has_cause(error: BaseException, kind: type[BaseException]) -> bool:
-    """Return whether an exception or one of its causes is an instance of `kind`.
+    """Whether an exception or one of its causes is an instance of `kind`.
 
     The causes count because xacro replaces an exception by another one about the expression.
     """

@@ -287,11 +287,11 @@ class Reactions(Protocol):
     def check_load(self, torque: float, now: int) -> None:
         """Check the torque (per mille of the rated torque) of a powered motor with a coupled plant."""
 
-    def sampled(self) -> None:
+    def on_sample(self) -> None:
         """Check event-driven TPDOs for changed feedback; called periodically during a motion."""
 
     def wants_samples(self) -> bool:
-        """Return whether an event-driven TPDO contains values that change with the motion."""
+        """Whether an event-driven TPDO contains values that change with the motion."""
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
         """Return time and position of the next index pulse that a touch probe will capture, or None."""
@@ -519,7 +519,7 @@ class AxisMotion:
             self._evaluate_next(plant, now)
 
     def _sample(self, now: int) -> None:
-        self.owner.sampled()
+        self.owner.on_sample()
         moving = self.powered and (now < self.demand.end_ns or self.demand.final_velocity or self.torque is not None)
         if (moving or not self.at_standstill) and self.owner.wants_samples():
             self.at("sample", now + SAMPLE_NS, self._sample)

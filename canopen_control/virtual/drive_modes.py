@@ -116,7 +116,7 @@ class StreamMode(FollowingMode):
         """Return the set-point to compare with the previous one; None if repetition is normal."""
         return None
 
-    def missed(self) -> None:
+    def count_missed(self) -> None:
         if self.streaming:
             self.meter.missed += 1
 
@@ -169,9 +169,9 @@ class CyclicPosition(StreamMode):
     def compared(self) -> float | None:
         return self.target()
 
-    def missed(self) -> None:
+    def count_missed(self) -> None:
         if not self._drifts:
-            super().missed()
+            super().count_missed()
 
     def update(self, now: int) -> None:
         """Apply the target; the part of the move beyond the maximum velocity becomes a following error."""
@@ -429,9 +429,9 @@ class InterpolatedPosition(CyclicPosition):
         elif len(self.buffer) and "interpolate" not in self.mover.timers:
             self._next(now)
 
-    def missed(self) -> None:
+    def count_missed(self) -> None:
         if not self.buffer.open:
-            super().missed()
+            super().count_missed()
 
     def take(self, now: int) -> None:
         """Apply the set-point in an RPDO, or append it to an open buffer."""

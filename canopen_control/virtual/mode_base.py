@@ -292,7 +292,7 @@ class Mode:
         """Apply the set-point in an RPDO, even if unchanged."""
         self.update(now)
 
-    def missed(self) -> None:
+    def count_missed(self) -> None:
         """Count a SYNC at which no set-point had arrived."""
 
     def control(self, word: int, previous: int, now: int) -> None:

@@ -464,7 +464,7 @@ class VirtualDrive:
 
     def set_point_missed(self) -> None:
         if self.power.live:
-            self.modes.active.missed()
+            self.modes.active.count_missed()
 
     def _limit_torque(self) -> None:
         """Limit the torque of the loops by 0x6072 and 0x6073; 0 means unlimited."""
@@ -583,7 +583,7 @@ class VirtualDrive:
         if self._overload.exceeded(torque, now) and self.power.running:
             self.fault(OVERLOAD, now, register=ErrorRegister.GENERIC | ErrorRegister.CURRENT)
 
-    def sampled(self) -> None:
+    def on_sample(self) -> None:
         self._outbox.values_changed()
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:

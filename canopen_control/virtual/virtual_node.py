@@ -645,7 +645,7 @@ class VirtualNode:
         by_dictionary = self.store.has(0x1F80) and not self.store.number(0x1F80) & 4
         self.nmt.self_starting = self.self_starting.value or by_dictionary
         self.nmt.boot()
-        self.heartbeat.started(now)
+        self.heartbeat.restart(now)
         self.routing.rebuild()
 
     def _start_with_node_id(self, node_id: int, now: int) -> None:

@@ -56,7 +56,7 @@ class Frames:
     def write(self, index, subindex, data):
         return self._run(self.client.write(index, subindex, data, now=self.now), counts=index == 0x1F50)
 
-    def be_patient(self, seconds):
+    def set_timeout(self, seconds):
         self.client.timeout_ns = round((seconds or 0.5) * 1e9)
 
     def _run(self, request, *, counts=False):

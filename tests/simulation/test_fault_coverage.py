@@ -10,7 +10,7 @@ from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
 @pytest.fixture
 def covered(played: Played):
     coverage = FaultCoverage(played.robot)
-    played.robot.observers.append(Watch(played=lambda _now, act: coverage.troubled(act)))
+    played.robot.observers.append(Watch(played=lambda _now, act: coverage.on_event(act)))
     played.coverage = coverage
     return played
 

@@ -28,7 +28,7 @@ class Rules:
         judged.robot.observers.append(Watch(goal=self.goals.applied))
         self.requested = self.goals.requested
 
-    def sampled(self, now):
+    def on_sample(self, now):
         self.faces.on_sample(now)
         self.goals.on_sample(now)
 

@@ -6,7 +6,7 @@ class Nothing:
     def __init__(self, *_parts):
         pass
 
-    def sampled(self, now):
+    def on_sample(self, now):
         pass
 
 

@@ -55,7 +55,7 @@ class DeviceTransfers:
     def taken_out(self):
         return self.robot_leaves_it
 
-    def be_patient(self, seconds):
+    def set_timeout(self, seconds):
         pass
 
     def pause(self, seconds):

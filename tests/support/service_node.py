@@ -33,7 +33,7 @@ class NodeStub:
     def nmt_state(self):
         return self.nmt
 
-    def be_patient(self, seconds):
+    def set_timeout(self, seconds):
         pass
 
     def pause(self, seconds):

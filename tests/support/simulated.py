@@ -74,7 +74,7 @@ class Judged(Played):
             self.robot.wires[name].listeners.append(view.hear)
         self.rules = make(self, views, lambda rule, text: self.told.append((rule, text)))
         self.blind = False
-        self.robot.observers.append(Watch(requested=self._asked, played=self.disturbed.troubled))
+        self.robot.observers.append(Watch(requested=self._asked, played=self.disturbed.on_event))
         self.run(0.2)
 
     def _asked(self, now, act):

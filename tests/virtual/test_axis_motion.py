@@ -25,7 +25,7 @@ class Owner:
     def check_following_error(self, error, now):
         self.told.append(("behind", round(error), now))
 
-    def sampled(self):
+    def on_sample(self):
         self.told.append("sampled")
 
     def wants_samples(self):

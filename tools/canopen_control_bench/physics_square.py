@@ -95,7 +95,7 @@ class Leg:
     def check_load(self, torque: float, now: int) -> None:
         """Do nothing."""
 
-    def sampled(self) -> None:
+    def on_sample(self) -> None:
         """Do nothing."""
 
     def wants_samples(self) -> bool:

@@ -104,7 +104,7 @@ def one_name(text: str) -> str:
 
 
 def switched_on(args: argparse.Namespace, verb: str) -> bool:
-    """Return whether the arguments switch on; raise ConfigError with both forms if neither on nor off is given."""
+    """Whether the arguments switch on; raise ConfigError with both forms if neither on nor off is given."""
     if args.state is None:
         bus = "" if args.can is None else f" --can {args.can}"
         raise ConfigError(

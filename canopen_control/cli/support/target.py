@@ -236,7 +236,7 @@ class BusTransfers(Transfers):
     def write(self, index: int, subindex: int, data: bytes) -> None:
         self._bus.write(self._node_id, index, subindex, data)
 
-    def be_patient(self, seconds: float | None) -> None:
+    def set_timeout(self, seconds: float | None) -> None:
         self._bus.client(self._node_id).timeout_ns = round((seconds or self._bus.timeout_s) * 1e9)
 
     def progress(self) -> tuple[int, int | None]:

@@ -169,7 +169,7 @@ Block = list[list[float]]
 
 
 def positions_alone(message: JointTrajectory) -> bool:
-    """Return whether the points of a trajectory have only positions."""
+    """Whether the points of a trajectory have only positions."""
     return not any(set(size) - {0} for size in survey_of(message).sizes[1:])
 
 

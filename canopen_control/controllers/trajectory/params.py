@@ -139,7 +139,7 @@ class SegmentTolerances:
 
 
 def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
-    """Return whether the errors of a joint are within its tolerances; unknown errors (nan) are accepted."""
+    """Whether the errors of a joint are within its tolerances; unknown errors (nan) are accepted."""
     if tolerance.position > 0.0 and abs(error.positions[joint]) > tolerance.position:
         return False
     speeds = error.velocities

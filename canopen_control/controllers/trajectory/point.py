@@ -132,7 +132,7 @@ def shortest_angular_distance(begin: float, end: float) -> float:
 def whole_turns(begin: float, end: float) -> float:
     """Return the whole turns in rad that shift `end` to within half a turn of `begin`; 0.0 for nan.
 
-    At exactly half a turn the sign of the difference decides, as upstream.
+    At exactly half a turn the sign of the difference decides, as in ros2_controllers.
     """
     distance = shortest_angular_distance(begin, end)
     if distance != distance:

@@ -230,7 +230,7 @@ def _written(args: Any, user: TreeUser) -> None:  # noqa: ANN401 - what a browse
 
 
 class FileUpload(ui.upload):
-    """Upload of one file to `on_upload`; `refused` is called if the file has more than `most` bytes.
+    """Upload button that passes a file to `on_upload`; `refused` is called if the file has more than `most` bytes.
 
     `ui.upload` adds a FastAPI route for each element, and FastAPI caches the functions of its routes for the life of
     the process, so that every page that was ever opened would stay in memory. This class adds a Starlette route, which
