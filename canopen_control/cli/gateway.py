@@ -127,7 +127,7 @@ def _unix_listener(path: str, label: str) -> socket.socket:
     if mode & 0o002 and not mode & 0o1000:
         raise ConfigError(f"every user may replace files in {place.parent}; choose another folder for the socket")
     try:
-        listener = sockets.listen(place, BACKLOG)
+        listener = sockets.listen(place, BACKLOG, advice="choose another path")
         place.chmod(0o600)
     except OSError as error:
         raise ConfigError(f"{place} cannot be a socket: {error.strerror or error}; choose another path") from None

@@ -87,14 +87,14 @@ def private_folder(path: Path) -> Path:
     return path
 
 
-def _not_created(path: Path, error: OSError) -> CanopenError:
+def _not_created(path: Path, error: OSError, advice: str = _OWN_FOLDER) -> CanopenError:
     """Return the error of a folder or socket that cannot be created, with the full file system if there is one."""
     from canopen_control.host.files import space_advice  # rarely needed
 
     reason = error.strerror or str(error)
-    if advice := space_advice(path, error):
-        return DiskFull(f"cannot create {path}", reason, f"nothing was started{advice}")
-    return ConfigError(f"cannot create {path}: {reason}; {_OWN_FOLDER}")
+    if space := space_advice(path, error):
+        return DiskFull(f"cannot create {path}", reason, f"nothing was started{space}")
+    return ConfigError(f"cannot create {path}: {reason}; {advice}")
 
 
 def _distrust(status: os.stat_result) -> str:
@@ -259,17 +259,17 @@ def _flock(fd: int, path: Path, deadline: float) -> None:
         time.sleep(_LOCK_POLL_S)
 
 
-def listen(path: Path, backlog: int = 64) -> socket.socket:
+def listen(path: Path, backlog: int = 64, *, advice: str = _OWN_FOLDER) -> socket.socket:
     """Return a non-blocking socket listening at `path`; replace a stale file, raise SocketInUse for one in use.
 
-    `close_listener` closes the socket and removes the file.
+    `close_listener` closes the socket and removes the file. `advice` is for a path that cannot be created.
     """
     # not the lock of `path` itself, which a starter may hold until the server listens
     with lock(path.with_name(path.name + ".listen")):
         _remove_stale(path)
         sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            _bind_private(sock, path)
+            _bind_private(sock, path, advice)
             sock.listen(backlog)
             sock.setblocking(False)
         except BaseException:
@@ -278,13 +278,13 @@ def listen(path: Path, backlog: int = 64) -> socket.socket:
     return sock
 
 
-def _bind_private(sock: socket.socket, path: Path) -> None:
+def _bind_private(sock: socket.socket, path: Path, advice: str) -> None:
     with _umask:
         previous = os.umask(0o077)
         try:
             sock.bind(str(path))
         except OSError as error:
-            raise _not_created(path, error) from error
+            raise _not_created(path, error, advice) from error
         finally:
             os.umask(previous)
 
@@ -378,7 +378,7 @@ def select_robot(name: str | None = None) -> str:
         if check_name(name) in running:
             return name
         if not running:
-            raise ConfigError(f"no robot {name!r} is running, and no other; {_START} --as {name}")
+            raise ConfigError(f"no robot {name!r} is running; {_START} --as {name}")
         near = nearest(name, running, listed=False) or f"; running: {', '.join(running)}"
         raise ConfigError(f"no robot {name!r} is running{near}")
     if not running:

@@ -75,7 +75,7 @@ def test_a_running_robot_is_watched(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "no fault was recorded yet"),
+        ([], "no fault has been recorded"),
         (["--name", "nobody"], "of nobody"),
         (["gone.zip"], "gone.zip"),
         (["gone.log"], "gone.log"),

@@ -119,7 +119,7 @@ def test_what_does_not_work_is_one_sentence(program, arguments, code, sentence):
 @pytest.mark.ros
 def test_the_bridge_is_started_by_hand_with_arguments_for_ros(program):
     said = program("bridge", "--name", "nobody", "--ros-args", "-r", "__ns:=/x", code=1)
-    assert said.startswith("canopen-control: no robot 'nobody' is running, and no other; start one: ")
+    assert said.startswith("canopen-control: no robot 'nobody' is running; start one: ")
 
 
 @pytest.mark.process

@@ -210,7 +210,7 @@ def test_no_robot_running_is_a_sentence(run_folder):
     assert find_robots() == []
     with pytest.raises(ConfigError, match="no robot is running; start one: canopen-control run robby"):
         select_robot()
-    with pytest.raises(ConfigError, match="no robot 'robby' is running, and no other; start one: canopen-control"):
+    with pytest.raises(ConfigError, match="no robot 'robby' is running; start one: canopen-control"):
         RobotClient.connect("robby")
 
 

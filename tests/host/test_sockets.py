@@ -268,7 +268,7 @@ def test_a_file_in_the_sockets_place_is_not_removed(run_folder):
 
 
 def test_a_listener_that_cannot_be_bound_leaves_nothing(run_folder, monkeypatch):
-    def refuse(_sock, _path):
+    def refuse(_sock, _path, _advice):
         raise OSError("no room")
 
     monkeypatch.setattr(sockets, "_bind_private", refuse)

@@ -29,6 +29,4 @@ def test_several_robots_are_named_and_one_must_be_chosen():
 def test_without_any_robot_the_advice_starts_one_of_that_name():
     with pytest.raises(ConfigError) as caught:
         select_robot("two")
-    assert str(caught.value) == (
-        "no robot 'two' is running, and no other; start one: canopen-control run robby --as two"
-    )
+    assert str(caught.value) == ("no robot 'two' is running; start one: canopen-control run robby --as two")

@@ -42,7 +42,7 @@ def rclpy(tmp_path):
 
 def test_without_rclpy_one_sentence_says_how_to_get_it(monkeypatch):
     pretend(monkeypatch, None)
-    with pytest.raises(ConfigError, match=r"no rclpy in this Python; pip install \"canopen-control\[ros\]\""):
+    with pytest.raises(ConfigError, match=r"this Python has no rclpy; pip install \"canopen-control\[ros\]\""):
         installation.require_ros({})
 
 

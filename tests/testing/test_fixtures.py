@@ -13,6 +13,9 @@ EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "robot_tests" / "te
 
 
 def run(pytester, *words):
+    """Run pytest in the folder of the test, whose ini file keeps those of folders above out."""
+    if not (pytester.path / "tox.ini").exists():
+        pytester.makeini("[pytest]\n")
     return pytester.runpytest_inprocess("-p", "canopen_control.testing.fixtures", "-p", "no:cacheprovider", *words)
 
 

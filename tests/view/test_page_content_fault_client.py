@@ -42,7 +42,7 @@ def test_a_drive_that_is_not_there_is_told():
 
 
 def test_a_name_that_nobody_has_is_told():
-    with pytest.raises(RemoteError, match="no drive 'x'"):
+    with pytest.raises(RemoteError, match="drive 'x' does not exist"):
         FaultClient(NODES).switch("x", "silent", on=True)
 
 
