@@ -517,6 +517,6 @@ _ADVICE = {
     "Operation not permitted": "CAP_NET_ADMIN is required; in a container, run the command on the host",
     "Numerical argument out of domain": "the controller does not support this bit rate or sample point",
     "Invalid argument": "a CAN interface needs a bit rate first: --bitrate 1000000",
-    "Unknown device type": "this kernel does not support it; the bus without kernel CAN is local:NAME",
-    "Operation not supported": "this kernel does not support it; the bus without kernel CAN is local:NAME",
+    "Unknown device type": "this kernel does not support it; to use a bus without kernel CAN, write local:NAME",
+    "Operation not supported": "this kernel does not support it; to use a bus without kernel CAN, write local:NAME",
 }

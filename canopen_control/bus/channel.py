@@ -104,7 +104,7 @@ _OWN_KINDS = frozenset(kind.value for kind in (ChannelKind.LOCAL, ChannelKind.ME
 def _network_interface(text: str) -> ChannelSpec:
     if _LIKE_SOCKETCAN.fullmatch(text) or (_INTERFACE.fullmatch(text) and _is_can_interface(text)):
         return ChannelSpec(ChannelKind.SOCKETCAN, text)
-    hint = f"the bus without kernel CAN is local:{text}" if _NAME.fullmatch(text) else "try local:robby"
+    hint = f"to use a bus without kernel CAN, write local:{text}" if _NAME.fullmatch(text) else "try local:robby"
     raise ConfigError(f"channel {text!r}: no such CAN interface; {hint}")
 
 

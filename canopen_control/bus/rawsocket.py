@@ -136,7 +136,7 @@ def open_raw(
     try:
         sock = (make_socket or _raw_socket)()
     except OSError as error:
-        hint = f"this system has no SocketCAN ({error.strerror}); the bus without kernel CAN is local:{name}"
+        hint = f"this system has no SocketCAN ({error.strerror}); to use a bus without kernel CAN, write local:{name}"
         raise InterfaceNotFound(name, hint) from error
     try:
         _set_options(sock, network_class / name)

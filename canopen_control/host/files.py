@@ -82,7 +82,7 @@ def space_advice(path: str | Path, error: OSError) -> str:
         return ""
     place = Path(os.path.realpath(path))
     mount = next(folder for folder in (place, *place.parents) if os.path.ismount(folder) or folder == folder.parent)
-    return f"; free some space on the file system {mount}"
+    return f"; free some space on the file system of {mount}"
 
 
 LIMIT: Final = 10_000_000

@@ -354,7 +354,7 @@ class RunSession(RobotObserver):
             latched_by = self.robot.latch.by
             held = f"STOP is latched (by {latched_by}); start the robot without --for, then: {RELEASE}"
             why = held if latched_by is not None else "STOP was released too late; allow more time with --for"
-            self.robot.failure = f"{self.setup.name} did nothing within {self.options.duration:g} s: {why}"
+            self.robot.failure = f"{self.setup.name} did not start within {self.options.duration:g} s: {why}"
         self.robot.shutdown("duration elapsed")
 
 

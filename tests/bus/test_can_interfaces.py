@@ -220,7 +220,7 @@ def test_a_module_that_cannot_be_loaded_may_be_built_in():
 @pytest.mark.parametrize(
     ("error", "advice"),
     [
-        ("Error: Unknown device type.", "the bus without kernel CAN is local:NAME"),
+        ("Error: Unknown device type.", "to use a bus without kernel CAN, write local:NAME"),
         ("RTNETLINK answers: Operation not permitted", "CAP_NET_ADMIN"),
     ],
 )

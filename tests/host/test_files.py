@@ -175,12 +175,12 @@ def test_a_log_on_a_full_disk_names_the_file_system_and_no_other_folder(tmp_path
     log = tmp_path / "state" / "robby" / "drive-3.log"
     assert str(caught.value) == (
         f"cannot write the log {log}: No space left on device; its process was not started; "
-        f"free some space on the file system {tmp_path}"
+        f"free some space on the file system of {tmp_path}"
     )
 
 
 def test_only_a_full_file_system_is_named(tmp_path):
-    assert space_advice(tmp_path, OSError(errno.EDQUOT, "")).startswith("; free some space on the file system /")
+    assert space_advice(tmp_path, OSError(errno.EDQUOT, "")).startswith("; free some space on the file system of /")
     assert space_advice(tmp_path, OSError(errno.EACCES, "")) == ""
 
 

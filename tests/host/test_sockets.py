@@ -286,7 +286,7 @@ def test_without_space_it_names_the_file_system(run_folder, monkeypatch, owner):
     path = socket_path("bus", "b")
     monkeypatch.setattr(*owner, full)
     said = (
-        rf"cannot create {path}.*: No space left on device; nothing was started; free some space on the file system /"
+        rf"cannot create {path}.*: No space left on device; nothing was started; free some space on the file system of"
     )
     with pytest.raises(DiskFull, match=said):
         listen(path)
@@ -294,7 +294,7 @@ def test_without_space_it_names_the_file_system(run_folder, monkeypatch, owner):
 
 def test_a_folder_without_space_names_the_file_system(temp, monkeypatch):
     monkeypatch.setattr(pathlib.Path, "mkdir", full)
-    with pytest.raises(DiskFull, match=r"cannot create .*/canopen_control.*; free some space on the file system /"):
+    with pytest.raises(DiskFull, match=r"cannot create .*/canopen_control.*; free some space on the file system of /"):
         runtime_dir()
 
 

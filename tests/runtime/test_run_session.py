@@ -106,7 +106,7 @@ def test_the_duration_counts_from_the_boot_on_while_stop_is_latched_and_a_run_th
     session = latched("waits", 0.2)
     try:
         assert session.run() == (
-            "waits did nothing within 0.2 s: STOP is latched (by canopen-control stop); "
+            "waits did not start within 0.2 s: STOP is latched (by canopen-control stop); "
             "start the robot without --for, then: canopen-control stop --release"
         )
     finally:
