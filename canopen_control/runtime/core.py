@@ -479,7 +479,7 @@ class RobotCore:
             self.setup, self.manager, activate, deactivate, strict=strict, check=self.mandatory_nodes.check_controllers
         )
 
-    def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "somebody") -> None:
+    def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "a client") -> None:
         """Ramp all drives to zero, then disable them; `done(error)` is called when all drives are without power.
 
         `latched_by` names the client that latches STOP (see `StopLatch`), None for a stop without a latch; `by` names
@@ -549,7 +549,7 @@ class RobotCore:
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]
         if pacer.missed != pacer.reported and (missed := pacer.newly_missed(now)):
-            text = f"a cycle was missed, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
+            text = f"a cycle was missed (maximum lateness {self.pacer.late_max / 1e6:.0f} ms); is the computer busy?"
             text += cost_of_skipping(self.joints.values())
             self.report(Event(now, "cycle_missed", "", text, Level.WARNING, count=missed))
         for event in manager.events() if manager.new_events else ():

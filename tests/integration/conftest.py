@@ -23,7 +23,7 @@ def pytest_collection_modifyitems(config, items):
 
 @pytest.fixture
 def probe():
-    """Return what opens the control socket of a drive: bus name, node id."""
+    """Return what opens the control socket of a drive: bus name, node-ID."""
     with contextlib.ExitStack() as stack:
 
         def open_probe(bus, node_id):

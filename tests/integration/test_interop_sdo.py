@@ -44,7 +44,7 @@ def network(private_folders):
 
 @pytest.fixture
 def theirs(network):
-    """Return their client on our drives: node id to RemoteNode."""
+    """Return their client on our drives: node-ID to RemoteNode."""
     nodes = {
         DRIVE: canopen.RemoteNode(DRIVE, dictionary(TMCM, DRIVE)),
         SERVO: canopen.RemoteNode(SERVO, dictionary(GENERIC, SERVO)),

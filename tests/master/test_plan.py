@@ -373,7 +373,7 @@ def test_a_device_without_an_axis_gets_every_object_of_the_list(tmp_path):
 
 
 def saved_for(folder, node_id, object_name="Node-ID"):
-    """Write a DCF as maxon's tool saves it: each COB-ID as a number, and the node id in an object of its own."""
+    """Write a DCF as maxon's tool saves it: each COB-ID as a number, and the node-ID in an object of its own."""
     text = data_path("eds", "generic_cia402.eds").read_text()
     head, _, tail = text.partition("[ManufacturerObjects]\nSupportedObjects=")
     count, _, rest = tail.partition("\n")

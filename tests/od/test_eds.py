@@ -198,7 +198,7 @@ def test_defaults_are_within_the_limits(default, code):
 @pytest.mark.parametrize(
     ("default", "low", "node_id", "code"),
     [
-        ("$NODEID+0x200", "0x201", None, []),  # as in Roboteq's EDS: the smallest node id is 1
+        ("$NODEID+0x200", "0x201", None, []),  # as in Roboteq's EDS: the smallest node-ID is 1
         ("$NODEID+0x200", "0x202", None, ["value-limit"]),
         ("$NODEID+0x200", "0x202", 2, []),
         ("$NODEID+0x200", "$NODEID+0x200", None, []),

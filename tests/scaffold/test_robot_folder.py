@@ -164,7 +164,7 @@ def test_a_mecanum_base_names_each_wheel_and_knows_no_other_odometry():
 
 
 def new_robot(folder, *files, node_ids=(NODE,), name="fresh", force=False, **how):
-    """Make a robot of EDS files, each for the node id at its place."""
+    """Make a robot of EDS files, each for the node-ID at its place."""
     files = files * len(node_ids) if len(files) == 1 else files
     devices = [Device(node_id, path, read_eds(path, node_id).od) for path, node_id in zip(files, node_ids, strict=True)]
     return write_robot(plan_robot(name, devices, **how), folder, force=force)

@@ -14,7 +14,7 @@ STATES = {0x27: "OPERATION_ENABLED", 0x07: "QUICK_STOP_ACTIVE", 0x0F: "FAULT_REA
 
 
 class FaultBench(Bench):
-    """`victim` is the node id of the drive that gets the fault; times are in ms from the moment it was switched on."""
+    """`victim` is the node-ID of the drive that gets the fault; times are in ms from the moment it was switched on."""
 
     victim = LEFT
     began = 0

@@ -23,10 +23,10 @@ TMCM, GENERIC = "TMCM-1270.eds", "generic_cia402.eds"
 
 
 class OnBus:
-    """`devices` (EDS names by node id) and `cores` (sans-IO) on `channel`, as long as the `with` block lasts.
+    """`devices` (EDS names by node-ID) and `cores` (sans-IO) on `channel`, as long as the `with` block lasts.
 
     `plant` makes the plant of an axis. `seen` holds every frame that reached the cores. The constructor has opened the
-    port: whoever joins afterwards is heard. `nodes` are the virtual devices by node id. The memory bus is in
+    port: whoever joins afterwards is heard. `nodes` are the virtual devices by node-ID. The memory bus is in
     virtual time, with all that the test itself waits for, unless `real_time` is set.
     """
 

@@ -51,7 +51,7 @@ def _bundled(config, how):
 
 
 class Bench:
-    """Robby, its drives and its bus under a manual clock; `robot` is the core, `drives` the devices by node id."""
+    """Robby, its drives and its bus under a manual clock; `robot` is the core, `drives` the devices by node-ID."""
 
     scale = 1.0  # by how much its times are longer than those of the test
     jitter = 0.0  # by what share a cycle may be longer or shorter than the others

@@ -72,7 +72,7 @@ def test_microsteps_have_a_display():
     assert bench.number(0x2107) == 3
 
 
-#: What a native Lely master of node id 1 writes to node 3 at boot where its DCF has `cob_id: auto` for one PDO of each
+#: What a native Lely master of node-ID 1 writes to node 3 at boot where its DCF has `cob_id: auto` for one PDO of each
 #: direction: supervision, then each PDO off, type, mapping emptied, filled and counted, and on with bit 30 at 0.
 LELY_BOOT = """
 23 16 10 01 F4 01 01 00

@@ -82,7 +82,7 @@ def test_any_number_of_nodes_without_an_id_wait_on_one_bus_and_each_gets_its_soc
         log_reactor.run_for(0)
         assert sum("has the control socket" in line for line in lines) == 2
         assert served[1].ready_line == "drive 255 (servo, serial number 2) ready on memory:unconfigured"
-        for part in range(4):  # the second one into configuration, node id 9, and back to waiting
+        for part in range(4):  # the second one into configuration, node-ID 9, and back to waiting
             number = nodes[1].store.number(0x1018, part + 1)
             master.send(pack_records([CanFrame(0x7E5, struct.pack("<BL3x", 0x40 + part, number))]))
         for request in (b"\x11\x09", b"\x04\x00"):
