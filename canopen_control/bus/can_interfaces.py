@@ -436,7 +436,7 @@ def up_commands(
 ) -> list[InterfaceCommand]:
     """Return the commands that bring an interface up with these settings; [] if nothing needs to be done.
 
-    `link` is the present state of the interface, None if there is no such interface.
+    `link` is the current state of the interface, None if there is no such interface.
     """
     kind = link.kind if link is not None else next((kind for kind in _VIRTUAL if name.startswith(kind)), "can")
     if kind in _VIRTUAL:

@@ -69,7 +69,7 @@ class GuardingMaster:
         self._nodes[node_id] = _Guarded(guard_time_ns, life, now, deadline_ns=now + life)
 
     def unwatch(self, node_id: int) -> None:
-        """Stop guarding `node_id`; no-op if it is not guarded."""
+        """Stop guarding `node_id`; no effect if it is not guarded."""
         self._nodes.pop(node_id, None)
 
     def state_of(self, node_id: int) -> NmtState | None:

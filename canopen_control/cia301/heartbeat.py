@@ -162,7 +162,7 @@ class HeartbeatConsumer:
         node.timeout_ns, node.deadline_ns, node.missed = timeout_ns, None, False
 
     def unwatch(self, node_id: int) -> None:
-        """Stop monitoring `node_id`; no-op if it is not monitored."""
+        """Stop monitoring `node_id`; no effect if it is not monitored."""
         if node_id in self._nodes:
             self.watch(node_id, 0)
 

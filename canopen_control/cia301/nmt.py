@@ -174,7 +174,7 @@ class NmtSlave:
     def boot(self) -> None:
         """Leave INITIALISING: send the boot-up frame and enter PRE_OPERATIONAL, or OPERATIONAL if self-starting.
 
-        No-op in other states.
+        No effect in other states.
         """
         # CiA 301, 7.3.2.2.1: the boot-up frame ends INITIALISING
         if self.state is not NmtState.INITIALISING:

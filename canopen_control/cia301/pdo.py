@@ -349,7 +349,7 @@ class RpdoConsumer:
         self.running = True
 
     def stop(self) -> None:
-        """Stop reception when the node leaves OPERATIONAL; waiting data is discarded. No-op if stopped."""
+        """Stop reception when the node leaves OPERATIONAL; waiting data is discarded. No effect if stopped."""
         self._clear()
         self.running = False
 
@@ -502,7 +502,7 @@ class TpdoProducer:
             self._event_at = now + self._event_ns
 
     def stop(self) -> None:
-        """Stop transmission when the node leaves OPERATIONAL. No-op if stopped."""
+        """Stop transmission when the node leaves OPERATIONAL. No effect if stopped."""
         self._clear()
         self.running = False
         self.outgoing.clear()

@@ -308,7 +308,7 @@ class SdoClient:
         return request
 
     def cancel(self, request: SdoRequest, error: CanopenError) -> None:
-        """End one request with `error`; no-op if it is done."""
+        """End one request with `error`; no effect if it is done."""
         if request is self._exchange.active:
             self._exchange.cancel(error)
             self._next(None)
@@ -317,7 +317,7 @@ class SdoClient:
             self._exchange.report(request, error)
 
     def cancel_transfer(self, request: SdoRequest) -> None:
-        """End a transfer in segments or blocks with an abort to the server and SdoCancelled; no-op for other requests.
+        """End a transfer in segments or blocks with an abort to the server and SdoCancelled; ignore other requests.
 
         A request of one frame is completed, because the server executes it anyway.
         """

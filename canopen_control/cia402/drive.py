@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from canopen_control.cia402.events import DriveEvent
 
 
-# Requested state of a drive: the request, the table of its changes, and the command of the present step.
+# Requested state of a drive: the request, the table of its changes, and the command of the current step.
 #
 # An `EnableRequest` is a goal together with a command that may not be confirmed yet. `ENABLE_TABLE` has the next
 # request for each trigger; a trigger without a row changes nothing. Only ENABLE and OVERTAKE lead to the goal ENABLED;

@@ -95,7 +95,7 @@ def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> b
 
 
 NEVER: Final = (1 << 62) - 1
-# Transitions that a drive makes by itself, by its present state (None: before the first statusword).
+# Transitions that a drive makes by itself, by its current state (None: before the first statusword).
 AUTOMATIC: Final = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}
 SETTLE = -1
 """Pseudo transition number: its timeout is the time after which an overtaken command can no longer arrive."""

@@ -160,7 +160,7 @@ class ModeTimedOut:
 class EnableLost:
     """Loss of the enabled state, or failure to reach it, without a command by the master; the goal is DISABLED.
 
-    `state` is the present state: below OPERATION_ENABLED; None without a valid statusword; or still OPERATION_ENABLED
+    `state` is the current state: below OPERATION_ENABLED; None without a valid statusword; or still OPERATION_ENABLED
     if the mode was not confirmed and the drive is being disabled.
     """
 

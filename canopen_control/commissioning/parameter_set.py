@@ -437,7 +437,7 @@ def read_parameters(
 ) -> tuple[ParameterSet, list[LeftOut]]:
     """Read the identity and all parameters of a node, and list refused parameters; raise ConfigError without an EDS.
 
-    With `twice`, parameters that changed between two readings are left out. `progress` gets count and total.
+    With `twice`, parameters that changed between two readings are left out. `progress` receives count and total.
     """
     od = session.dictionary
     identity = session.identity()

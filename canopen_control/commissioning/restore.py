@@ -573,7 +573,7 @@ def guarded_restore(
 ) -> RestoreReport:
     """Write the parameters of `source` to the node and verify them, with all checks.
 
-    `note` gets remarks before the first write; `progress` gets the number of written groups and the total.
+    `note` receives remarks before the first write; `progress` receives the number of written groups and the total.
     Raise ConfigError or DriveError if a check refuses, or DriveError with the written parameters after an interruption.
     """
     identity = session.identity()

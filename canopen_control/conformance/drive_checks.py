@@ -1,7 +1,7 @@
 """Checks of a drive without motion: objects, modes and the power state machine (CiA 402-2, 6 and 8).
 
 Only the first axis of a drive is checked. The checks of the power state machine switch on the power
-stage, in a mode and with a set-point in which the motor stands still.
+stage, in a mode and with a set-point in which the motor is at standstill.
 """
 
 from __future__ import annotations

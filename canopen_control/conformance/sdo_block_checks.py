@@ -1,6 +1,6 @@
 """Checks of SDO block transfers, of unused bytes and of interrupted transfers (CiA 301, 7.2.4.3).
 
-The checks that download write the present value to 0x1017. `T` in a comment is the number of the case in CiA's
+The checks that download write the current value to 0x1017. `T` in a comment is the number of the case in CiA's
 conformance test tool 3.0.3.
 """
 

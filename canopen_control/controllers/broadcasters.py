@@ -499,7 +499,7 @@ class PoseBroadcaster(SensorBroadcaster):
 # A percentage that is not measured is interpolated from the voltage between `minimum_voltage` and `maximum_voltage`;
 # without a `battery_present` state, a battery with a voltage is present. For all batteries combined, voltage, current,
 # temperature and percentage are the mean of the known values, charge and capacities the sum, status and health the
-# highest. Different from upstream: a percentage is published from 0 to 1, as sensor_msgs defines it, not 0 to 100.
+# highest. Difference from upstream: a percentage is published from 0 to 1, as sensor_msgs defines it, not 0 to 100.
 
 
 class BatteryStateBroadcaster(SensorBroadcaster):

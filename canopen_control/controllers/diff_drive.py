@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 #
 # Rules (ros2_controllers jazzy): a step is the exact arc that follows from the distances of the two wheels
 # (`planar_pose`); a time step shorter than `MIN_DT` is added to the next step; `linear` and `angular` are means over
-# the last steps. Different from upstream: the first sample after `stop` is the baseline, so that neither the wheel
+# the last steps. Difference from upstream: the first sample after `stop` is the baseline, so that neither the wheel
 # angles nor the time before this sample move the pose (upstream jumps by both).
 
 

@@ -2,7 +2,7 @@
 
 Rules (ros2_controllers jazzy): three or more omni wheels are mounted at equal angles around the centre; each twist axis
 of a mecanum base has its own limiter. The odometry of both is a least-squares fit to the measured wheel speeds.
-Different from upstream: with a timeout of 0 (the default of `reference_timeout` of mecanum bases) a twist applies for
+Difference from upstream: with a timeout of 0 (the default of `reference_timeout` of mecanum bases) a twist applies for
 one update, where upstream's omni wheels never move; after a timeout the base brakes along its limits, where upstream's
 mecanum wheels brake for one update and then stop at once; odometry starts at the first sample, and missing feedback
 does not end the controller, see `mobile_base`.

@@ -2,9 +2,9 @@
 
 Rules (ros2_controllers jazzy): odometry is updated and published in every update, with or without a twist. Without a
 twist traction is 0 and the steered wheels keep their angle; a commanded zero twist steers them straight. In closed loop
-the traction wheels turn at the speeds of the measured curve. Different from upstream: with a `reference_timeout` of 0 a
-twist is valid for one update; no wheel turns faster than the desired curve needs, at any steering angle; the speed of a
-base with two traction wheels is the fit to both (`SteeringKinematics.fits`); and missing feedback does not end the
+the traction wheels turn at the speeds of the measured curve. Difference from upstream: with a `reference_timeout` of 0
+a twist is valid for one update; no wheel turns faster than the desired curve needs, at any steering angle; the speed of
+a base with two traction wheels is the fit to both (`SteeringKinematics.fits`); and missing feedback does not end the
 controller, see `mobile_base`.
 """
 

@@ -2,7 +2,7 @@
 
 Rules (ros2_controllers jazzy): of two wheels the right wheel is first. Commands are wheel speeds in rad/s and angles in
 rad; in closed loop the traction wheels have the speeds of the measured curve, not of the desired curve. Two traction
-wheels never turn the base on the spot: at speed zero they stand still. Units are m, rad and s.
+wheels never turn the base on the spot: at speed zero they are at standstill. Units are m, rad and s.
 """
 
 from __future__ import annotations

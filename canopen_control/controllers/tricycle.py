@@ -1,10 +1,10 @@
 """Tricycle controller: converts twists to the speed and angle of one wheel that is driven and steered.
 
 Names, defaults and limits are those of ros2_controllers' tricycle_controller, whose timeout is in ms. While the wheel
-is far from its commanded angle it turns slowly, and both joints have their own limits. Different from upstream: minimum
-speeds, accelerations and jerks (`min_...` except `steering.min_position`) have no effect, because they would keep a
-robot moving that should stop; without a twist the wheel brakes along `traction.max_deceleration` and keeps its angle,
-see `mobile_base`; with a timeout of 0 a twist applies for one update, where upstream never moves.
+is far from its commanded angle it turns slowly, and both joints have their own limits. Difference from upstream:
+minimum speeds, accelerations and jerks (`min_...` except `steering.min_position`) have no effect, because they would
+keep a robot moving that should stop; without a twist the wheel brakes along `traction.max_deceleration` and keeps its
+angle, see `mobile_base`; with a timeout of 0 a twist applies for one update, where upstream never moves.
 """
 
 from __future__ import annotations

@@ -185,7 +185,7 @@ class Feedback:
                 raw: int = values[velocity.position]  # type: ignore[assignment]  # mapped drive objects are integers
                 if raw != self._raw_velocity:
                     self._raw_velocity = raw
-                    # + 0.0: a mirrored drive that stands still has no velocity of -0.0
+                    # + 0.0: a mirrored drive at standstill has no velocity of -0.0
                     self._velocity_state.value = speed = raw * self._axis.scale.vel_from_dev + 0.0
                     self.at_standstill = -STANDSTILL <= speed <= STANDSTILL
         position = self._position

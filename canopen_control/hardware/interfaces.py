@@ -78,7 +78,7 @@ class CommandInterface:
     - `enabled`: the hardware follows commands at present; always True without drives.
     - `excluded`: a user disabled or halted only this axis; the joints commanded together with it continue without it.
     - `lowest`, `highest`: range of the object; for a position the range depends on the present position (`range`).
-    - `quantity`: name of the interface; for a TARGET the quantity of the present mode, or TARGET without a mode.
+    - `quantity`: name of the interface; for a TARGET the quantity of the current mode, or TARGET without a mode.
     - `safe`: value of an output after release: nan keeps the value, None if the hardware does not define a safe value.
     - `release_value`: value set by the controller that releases the interface, instead of `safe`; None without one.
     """
@@ -329,7 +329,7 @@ def _refuse_doubles(kind: str, exporter: str, new: Sequence[Interface], present:
         names.add(interface.name)
 
 
-# Lifecycle methods of a component; a method that is not allowed in the present state does nothing.
+# Lifecycle methods of a component; a method that is not allowed in the current state does nothing.
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -252,9 +252,9 @@ class MotionWatch:
         self._standing = self._away = 0
         self._moved = False  # since the axis was enabled
         self._still: int | None = None  # position at the last check with motion
-        self._rest: int | None = None  # position at which the present motion began
+        self._rest: int | None = None  # position at which the current motion began
         self._last = 0
-        self._right = False  # the present motion was towards its target
+        self._right = False  # the current motion was towards its target
         self._idle: ModeTarget | None = None  # target without motion at the last check, value `_idle_at`
         self._idle_at = 0
 

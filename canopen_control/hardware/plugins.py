@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 # `read` copies every command to the state of the same name; a nan command changes nothing, an infinite command is an
 # ERROR. With `calculate_dynamics` the claimed interface of a joint is integrated instead (velocity to position,
 # acceleration to velocity and position; a position is differentiated). States start at their initial_value, else 0.0;
-# `position_state_following_offset` is added to positions. Different from upstream, and safer: a joint whose velocity or
-# acceleration interface is released stops.
+# `position_state_following_offset` is added to positions. Difference from upstream, and safer: a joint whose velocity
+# or acceleration interface is released stops.
 
 
 PLUGINS: Final[tuple[str, ...]] = ("mock_components/GenericSystem", "fake_components/GenericSystem")

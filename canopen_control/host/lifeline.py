@@ -50,12 +50,12 @@ def _inherited_pipe(variable: str) -> int | None:
 
 
 def report_ready() -> None:
-    """Report to `spawn` or `spawn_detached` that this process is ready; no-op without a waiting starter."""
+    """Report to `spawn` or `spawn_detached` that this process is ready; no effect without a waiting starter."""
     _report(READY_WORD)
 
 
 def report_failure(sentence: str) -> None:
-    """Report to `spawn_detached` why this process could not start; no-op without a waiting starter."""
+    """Report to `spawn_detached` why this process could not start; no effect without a waiting starter."""
     _report(" ".join(sentence.split()).encode()[:4000])
 
 

@@ -91,7 +91,7 @@ class Connection:
         self.send(line)
 
     def send(self, line: bytes) -> None:
-        """Send one or more lines, including their newlines; no-op after the end of the connection.
+        """Send one or more lines, including their newlines; no effect after the end of the connection.
 
         The method never blocks, and never raises because of the peer.
         """
@@ -109,7 +109,7 @@ class Connection:
         self._output += line
 
     def close(self, reason: str = "closed") -> None:
-        """Close the connection once everything has been sent, after at most one second; no-op if already closed."""
+        """Close the connection once everything has been sent, after at most one second; no effect if already closed."""
         if self.reason:
             return
         if not self._output:
@@ -264,7 +264,7 @@ class LineServer:
     def close(self) -> None:
         """Close all connections at once and remove the socket; `on_close` is called for each connection.
 
-        No-op if the server is closed already.
+        No effect if the server is closed already.
         """
         if self._socket.fileno() < 0:
             return

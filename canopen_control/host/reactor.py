@@ -81,7 +81,7 @@ class MarkedSelector(selectors.BaseSelector):
         return number in self._keys
 
     def clear_ready(self, number: int) -> None:
-        """Make a number unreadable; no-op if it is not ready."""
+        """Make a number unreadable; no effect if it is not ready."""
         self.marked.pop(number, None)
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:  # noqa: ANN401 - selectors' own types
@@ -218,7 +218,7 @@ class Reactor:
         self._change(_fd_of(fileobj), _READ, callback)
 
     def remove_reader(self, fileobj: FileLike) -> None:
-        """Remove the reader at once; no-op without a reader. Call this before closing the descriptor."""
+        """Remove the reader at once; no effect without a reader. Call this before closing the descriptor."""
         self._change(_fd_of(fileobj), _READ, None)
 
     def add_writer(self, fileobj: FileLike, callback: Callable[[], object]) -> None:
@@ -226,7 +226,7 @@ class Reactor:
         self._change(_fd_of(fileobj), _WRITE, callback)
 
     def remove_writer(self, fileobj: FileLike) -> None:
-        """Remove the writer at once; no-op without a writer. Call this before closing the descriptor."""
+        """Remove the writer at once; no effect without a writer. Call this before closing the descriptor."""
         self._change(_fd_of(fileobj), _WRITE, None)
 
     def _change(self, fd: int, event: int, callback: Callable[[], object] | None) -> None:
@@ -280,7 +280,7 @@ class Reactor:
         self._soon.append(callback)
 
     def call_threadsafe(self, callback: Callable[[], object]) -> None:
-        """Call `callback` once, soon, on the loop's thread; callable from any thread. No-op on a closed reactor."""
+        """Call `callback` once, soon, on the loop's thread; callable from any thread. No effect on a closed reactor."""
         self._from_threads.append(callback)
         if not self._woken:
             # Two threads may both get here: one byte too many is harmless. The loop clears the flag before it empties
@@ -364,7 +364,7 @@ class Reactor:
         self._stopping = True
 
     def close(self) -> None:
-        """Restore the signal handlers and close all descriptors; no-op if already closed."""
+        """Restore the signal handlers and close all descriptors; no effect if already closed."""
         if self._closed:
             return
         self._closed = True

@@ -324,7 +324,7 @@ def _answers(probe: socket.socket, path: Path) -> bool:
 
 
 def close_listener(sock: socket.socket) -> None:
-    """Remove the file of a listening socket, then close the socket; no-op if already closed."""
+    """Remove the file of a listening socket, then close the socket; no effect if already closed."""
     if sock.fileno() < 0:
         return
     # While the socket listens, no process treats the file as stale, so that it still belongs to this socket.

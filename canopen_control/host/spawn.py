@@ -100,7 +100,7 @@ class Child:
         self._process.terminate()
 
     def kill(self) -> None:
-        """Kill the child and the processes in its group (SIGKILL); no-op once the child has ended."""
+        """Kill the child and the processes in its group (SIGKILL); no effect once the child has ended."""
         # Until the child is waited for, its process id, which is also the group id, is not reused.
         if self._process.poll() is None:
             with contextlib.suppress(ProcessLookupError):
@@ -114,7 +114,7 @@ class Child:
                 os.close(pipe)
 
     def open_gate(self) -> None:
-        """Open the gate of a child, so that the child begins; no-op without a gate."""
+        """Open the gate of a child, so that the child begins; no effect without a gate."""
         gate, self._gate = self._gate, -1
         if gate >= 0:
             with contextlib.suppress(BrokenPipeError):  # it has ended
@@ -122,7 +122,7 @@ class Child:
             os.close(gate)
 
     def discard(self) -> None:
-        """Kill a child that is not watched, wait for its end, and close its pipes; no-op if already done."""
+        """Kill a child that is not watched, wait for its end, and close its pipes; no effect if already done."""
         self.kill()
         self.wait()
         self.cut_lifeline()
@@ -149,7 +149,7 @@ class Child:
             on_ready()
 
     def unwatch_ready(self, reactor: Reactor) -> None:
-        """Stop listening to the child's reports; no-op if `watch_ready` is not active."""
+        """Stop listening to the child's reports; no effect if `watch_ready` is not active."""
         readiness, self._readiness, self._on_ready = self._readiness, -1, None
         if readiness >= 0:
             reactor.remove_reader(readiness)
@@ -186,7 +186,7 @@ class Child:
             self._rotate_again()
 
     def unwatch(self) -> None:
-        """Stop watching the child; no-op if it is not watched."""
+        """Stop watching the child; no effect if it is not watched."""
         if self._reactor is not None and self._pidfd >= 0:
             self._reactor.remove_reader(self._pidfd)
             os.close(self._pidfd)

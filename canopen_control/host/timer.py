@@ -74,7 +74,7 @@ class Timer:
         return self._callback is not None
 
     def cancel(self) -> None:
-        """Cancel the timer; no-op if it has fired or was cancelled."""
+        """Cancel the timer; no effect if it has fired or was cancelled."""
         if self.take() is not None and self.queue is not None:
             self.queue.forget_one()
 

@@ -377,7 +377,7 @@ class BootTask:
         return self._deadline if isinstance(self._waiting, _WAITS) else None
 
     def boot_up(self, now: int) -> None:
-        """Handle a boot-up message of the node; no-op unless the boot waits for the message."""
+        """Handle a boot-up message of the node; no effect unless the boot waits for the message."""
         if self.awaits_boot_up:
             self._answer(True, now)
 

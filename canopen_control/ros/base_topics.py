@@ -58,7 +58,7 @@ class TwistSubscription:
     """Subscription of a twist topic as Twist or TwistStamped; with "auto" the type follows the publishers.
 
     `kind` is this choice; with "auto", `first` is the type until a publisher exists ("": no subscription yet).
-    `on_message` gets a Twist or a TwistStamped.
+    `on_message` receives a Twist or a TwistStamped.
     """
 
     def __init__(

@@ -80,7 +80,7 @@ if TYPE_CHECKING:
 # `~/follow_joint_trajectory`: the action by which MoveIt and others have a joint trajectory controller follow a path.
 #
 # Rules (joint_trajectory_controller, Jazzy): a newer goal replaces the running one, feedback is sent at the
-# controller's `action_monitor_rate`; `action_goals` describes when and how a goal ends. Different from upstream: a
+# controller's `action_monitor_rate`; `action_goals` describes when and how a goal ends. Difference from upstream: a
 # goal outlives the client that sent it only if the controller's `continue_without_client` is true; a request for the
 # result of a refused goal is answered with the rule that the goal breaks.
 

@@ -247,7 +247,7 @@ def _without_owner(controller: ControllerReading, names: Iterable[str]) -> list[
 #
 # Rules (lifecycle_msgs; ros2_canopen's lifecycle_manager): the runtime boots the nodes by itself, so that `configure`
 # has no effect, `activate` checks whether the nodes are ready, and `deactivate` stops and disables them; a request for
-# the present state is not an error. A transition that the robot refuses fails without effect. The transitions of the
+# the current state is not an error. A transition that the robot refuses fails without effect. The transitions of the
 # manager also apply to the master and the nodes with lifecycle drivers.
 
 

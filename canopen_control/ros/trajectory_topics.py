@@ -2,7 +2,7 @@
 
 Rules (joint_trajectory_controller, Jazzy): `~/joint_trajectory` replaces the running trajectory, and an invalid message
 is dropped with a warning; `~/query_state` returns the state of the trajectory at a time; `~/speed_scaling_input` exists
-only with position commands. Different from upstream: a trajectory from the topic ends with this bridge.
+only with position commands. Difference from upstream: a trajectory from the topic ends with this bridge.
 """
 
 from __future__ import annotations

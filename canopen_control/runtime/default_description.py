@@ -3,7 +3,7 @@
 As in ros2_canopen's device container, `driver` in bus.yml decides what a node is. A CiA 402 drive
 (`ros2_canopen::Cia402Driver`, or no driver and an EDS with a controlword) becomes a joint with the name of the node;
 each axis of a multi-axis drive becomes a joint with its name in `channel_names`. Every joint has its own controller,
-which accepts targets in the drive's present mode and does not enable the drive. Every other node is a proxy: the
+which accepts targets in the drive's current mode and does not enable the drive. Every other node is a proxy: the
 master boots and supervises the node and gives access by SDO, NMT and PDO, but no joint is moved. All drives of the bus
 are one stop group, as in any robot. A drive whose PDOs contain no controlword or no statusword is a proxy too; a drive
 whose RPDOs contain no target is supervised, and refuses commands that need a target. Both are reported once, as

@@ -224,7 +224,7 @@ def _remedy(joints: Sequence[JointDrive], of: str = _ALL) -> str:
     if absent:
         if all(joint.enable_requested for joint in joints):
             later = "they are enabled then"
-        elif _ended(absent):  # a drive that starts anew has no fault
+        elif _ended(absent):  # a drive that starts again has no fault
             later = f"then {enable}"
         else:
             later = f"then {FAULT_RESET_IF_NEEDED}, then {enable}"

@@ -114,7 +114,7 @@ class MotionInvariants:
             self._fresh[act.target] = reception + (act.for_ns or 0) + 2000 * _MS
 
     def _all_at_standstill(self) -> bool:
-        """Whether all shafts stand still; always False with physics, where a rocking robot turns its shafts."""
+        """Whether all shafts are at standstill; always False with physics, where a rocking robot turns its shafts."""
         return self._robot.floor is None and all(
             self._speed(node.node_id) <= self._standstill_speed(node.node_id) for node in self._nodes
         )

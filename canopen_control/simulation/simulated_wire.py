@@ -85,7 +85,7 @@ class SimulatedWire:
         return port
 
     def observe(self, observer: WireObserver) -> None:
-        """Add an observer, which receives the frames whose identifiers it wants."""
+        """Add an observer, which receives the frames whose identifiers it selects."""
         self._observers.append(observer)
         self._listeners.clear()
 

@@ -230,7 +230,7 @@ class TargetInvariants:
     def _commands_into_limit(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
         """Return a text about a target that pushes an enabled drive against an active limit, else "".
 
-        The blocked direction is the direction in which the target points while the shaft stands still.
+        The blocked direction is the direction in which the target points while the shaft is at standstill.
         """
         if not view.statusword & _LIMIT or view.limited_at > now - _OFF_NS or drive.modes.number not in (_PV, _CSV):
             return ""

@@ -190,7 +190,7 @@ def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
     entry = od.get(*write.address)
     value = device.get(*write.address)
     if entry is None or (write.pdo is not None and write.subindex == _TRANSMISSION and not entry.writable):
-        return True  # the master uses the present value of the node
+        return True  # the master uses the current value of the node
     if isinstance(value, int) and entry.data_type.is_integer:
         planned = int.from_bytes(write.data, "little", signed=entry.data_type.signed)
         if write.index in _RECORDS and write.subindex == 1:

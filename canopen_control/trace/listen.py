@@ -54,8 +54,8 @@ def batches(
 ) -> Iterator[list[RecordedFrame]]:
     """Yield the frames received since the previous batch, or an empty list every 0.25 s on a silent bus.
 
-    End after `seconds`, or never; raise BusClosed if the bus is lost. `on_event` gets channel events without a frame,
-    after the frames received before them.
+    End after `seconds`, or never; raise BusClosed if the bus is lost. `on_event` receives channel events without a
+    frame, after the frames received before them.
     """
     end = None if seconds is None else clock() + seconds
     arrivals = Arrivals(port)

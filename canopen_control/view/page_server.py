@@ -218,7 +218,7 @@ class PageServer:
             tailwind=False,  # a compiler of styles in the browser: slow to start
             binding_refresh_interval=None,
             reconnect_timeout=3.0,
-            message_history_length=0,  # after a reconnection a client gets the present state only
+            message_history_length=0,  # after a reconnection a client gets the current state only
             gzip_middleware_factory=None,
             show_welcome_message=False,
         )

@@ -39,7 +39,7 @@ _UNITS: Final = {_POSITION: "rad", _VELOCITY: "rad/s", _EFFORT: "effort"}
 class DriveTarget:
     """Axis of a drive that a target controller commands, with its current state and mode.
 
-    `mode` is "" if the present mode of operation takes no target.
+    `mode` is "" if the current mode of operation takes no target.
     """
 
     controller: str

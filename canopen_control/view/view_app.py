@@ -296,7 +296,7 @@ class ViewApp:
         )
 
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
-        """Start or renew the motion of a page's held button; `on_refusal` gets a sentence if another page drives."""
+        """Start or renew the motion of a held button; `on_refusal` receives a sentence if another page drives."""
         if page not in self._pages or not self.teleop:
             return  # the page was closed in the meantime
         if not self._dead_man.hold(page, motion, time.monotonic_ns()):

@@ -494,7 +494,7 @@ class AxisMotion:
         self.owner.limit_switch_hit(int(math.copysign(1.0, self.demand.at(now)[1])), now)
 
     def _follow(self, now: int) -> None:
-        """Check the following error of a lagging plant periodically until demand and plant stand still."""
+        """Check the following error of a lagging plant periodically until demand and plant are at standstill."""
         if not self.powered or self.torque is not None:
             return
         position, velocity = self.demand.at(now)

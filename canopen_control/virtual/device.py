@@ -64,8 +64,8 @@ _Record = dict[str, Any]  # the stored entry of a node; it may have been edited
 class ParameterFile:
     """File with the stored parameters of nodes; `path` need not exist yet.
 
-    ConfigError is raised if the file has another format. `report` gets a sentence about each ignored value of the file,
-    and the reason of a failed write.
+    ConfigError is raised if the file has another format. `report` receives a sentence about each ignored value of the
+    file, and the reason of a failed write.
     """
 
     def __init__(self, path: Path, report: Callable[[str], None]) -> None:

@@ -48,8 +48,9 @@ if TYPE_CHECKING:
 # extrapolates. A drive that recovers the SYNC period reaches the position when the next SYNC is due, not one
 # interpolation time after this SYNC, and then continues for as long as earlier SYNCs have been late.
 #
-# If a SYNC is some microseconds late, the motor has reached its position and stands still, but 0 is not the velocity of
-# the motion: the velocity is then computed as by an encoder, from the distance in the last interpolation time.
+# If a SYNC is some microseconds late, the motor has reached its position and is at standstill, but 0 is not the
+# velocity of the motion: the velocity is then computed as by an encoder, from the distance in the last interpolation
+# time.
 
 
 # A mode with a stream of set-points in RPDOs counts the set-points, and reacts to a missing set-point.

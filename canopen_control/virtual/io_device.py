@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.shaft import ShaftWorld
 
 
-# Faults of a virtual device's inputs: stuck at the present value, noisy, or off by a sudden jump.
+# Faults of a virtual device's inputs: stuck at the current value, noisy, or off by a sudden jump.
 #
 # A stuck input keeps its value; noise is up to 2 % of the full scale and changes every 20 ms in a fixed sequence; a
 # jump adds a quarter of the full scale. Lines that are bits can only be stuck.

@@ -1,6 +1,6 @@
 """Power state machine of one axis: states, transitions, and stops of the motor (CiA 402-2, 6.3).
 
-The table of `cia402.state` gives the command of the controlword in the present state. `_act` has a case for every
+The table of `cia402.state` gives the command of the controlword in the current state. `_act` has a case for every
 transition with an action; the option codes determine how the motor is stopped. The motor has power only in OPERATION
 ENABLED, QUICK STOP ACTIVE and FAULT REACTION ACTIVE, and OPERATION ENABLED can be entered only while the node is
 OPERATIONAL.
@@ -99,7 +99,7 @@ class PowerMachine:
         self.delays_ns: dict[int, int] = {}
         self.stop_states: dict[State, State | None] = {}
         self.unsupplied = State.SWITCH_ON_DISABLED
-        self._ignored: tuple[int, str] | None = None  # controlword and reason of the last report, in the present state
+        self._ignored: tuple[int, str] | None = None  # controlword and reason of the last report, in the current state
         self.acts: dict[int, TransitionAct] = {}
 
     @property

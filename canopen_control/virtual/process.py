@@ -307,7 +307,7 @@ class DriveProcess:
             self._leave()
 
     def _on_orphaned(self) -> None:
-        """End the process once the drives stand still, after the parent process has ended."""
+        """End the process once the drives are at standstill, after the parent process has ended."""
         if self._lifeline is not None:
             self._reactor.remove_reader(self._lifeline)
         self._log("", "the parent process has ended; waiting until the drives stand still")

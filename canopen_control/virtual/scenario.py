@@ -268,7 +268,7 @@ def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switc
 class Timeline:
     """Player of scenario events on the nodes of one process; times count from its creation.
 
-    `controls` is read when a step is due; `report` gets a sentence about a step that failed.
+    `controls` is read when a step is due; `report` receives a sentence about a step that failed.
     """
 
     def __init__(

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 # Wheels report points (time, distance in metres) of their motion on a grid of their own, in any order and from any
 # process; the pose is integrated exactly along the arc between neighbouring points, up to the last time known for both
 # wheels. So the result depends on the motion only, not on the order of the reports. A wheel without a report for ten
-# seconds is assumed to stand still. Slip is noise on the steps of a wheel, computed from seed and step number.
+# seconds is assumed to be at standstill. Slip is noise on the steps of a wheel, computed from seed and step number.
 
 
 LEFT, RIGHT = 0, 1

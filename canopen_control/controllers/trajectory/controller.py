@@ -156,7 +156,7 @@ _REACHED = ToleranceResult(GoalState.SUCCEEDED, ResultCode.SUCCESSFUL, "the goal
 # Velocities for trajectories that contain positions only, as policies send them: a cubic spline through all points.
 #
 # Rules (ros2_controllers rolling, positions_upsampling): the spline has continuous accelerations and zero velocity at
-# both ends. Different from upstream: the velocities are computed in blocks of points when the motion reaches them, so
+# both ends. Difference from upstream: the velocities are computed in blocks of points when the motion reaches them, so
 # that a long trajectory delays neither its acceptance nor a cycle. The influence of a point on a velocity decreases
 # with every point in between, by a factor of 0.27 for equal time steps and 0.5 at worst: `_REACH` points away it is
 # 1e-14, at worst 1e-7.

@@ -1,7 +1,7 @@
 """Cyclic execution of trajectories, including stops, holds, blending and speed scaling.
 
 Rules (ros2_controllers jazzy): a queued trajectory begins in the next cycle; the command is its sample one period
-ahead. Different from upstream: a stop is computed when it is sampled, and a hold is a single point.
+ahead. Difference from upstream: a stop is computed when it is sampled, and a hold is a single point.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 #
 # Rules (ros2_controllers rolling, allow_trajectory_replacement): until the start of the new trajectory the joints
 # follow the old one; the new trajectory then continues from the sample of the old one, with its velocity and
-# acceleration. Joints that the new trajectory does not name follow the old one to its end. Different from upstream:
+# acceleration. Joints that the new trajectory does not name follow the old one to its end. Difference from upstream:
 # they follow the points of the old trajectory, where upstream uses samples of it.
 
 

@@ -100,7 +100,7 @@ class TrackingReading(msgspec.Struct, frozen=True):
 class JointReading(msgspec.Struct, frozen=True):
     """State of a joint: `position` in rad, `velocity` in rad/s, `effort` in Nm (prismatic: m, m/s, N).
 
-    `command` is the present value of the claimed command interface; `others` are the values of further state
+    `command` is the current value of the claimed command interface; `others` are the values of further state
     interfaces by name. `name` is "" in recordings older than protocol 2. `tracking` is None for a joint without a
     drive, or one without compared set-points since it was enabled.
     """

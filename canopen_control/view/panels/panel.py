@@ -45,7 +45,7 @@ class PanelContext(Protocol):
         ...
 
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
-        """Start or renew the motion of a page's held button; `on_refusal` gets a sentence if another page drives."""
+        """Start or renew the motion of a held button; `on_refusal` receives a sentence if another page drives."""
         ...
 
     def release(self, page: str) -> None:
