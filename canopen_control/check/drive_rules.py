@@ -235,6 +235,7 @@ def check_timing(
 ) -> Iterator[Finding]:
     """Find timing problems of the cyclic set-points, the feedback and the RPDO deadlines on a bus."""
     yield from _never_in_time(config, cycle_ns(config, control))
+    yield from _rare(config)
     if not config.master.sync_period or description is None:
         return
     axes = cyclic_axes(config, description)
@@ -335,6 +336,27 @@ def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
                 )
                 setting.add(node, layout, text, f"set tpdo: {layout.number}: transmission: 1, or inhibit_time: 0")
     yield from setting.findings()
+
+
+def _rare(config: BusConfig) -> Iterator[Finding]:
+    """Find synchronous feedback that is sent so rarely that the motion checks and the stops are late."""
+    setting, period_us = _FindingsByPlace(config, "tpdo.{}.transmission"), config.master.sync_period
+    for name, node in config.nodes.items():
+        plan = config.plans.get(name)
+        for layout in plan.tpdos if plan is not None and plan.axes else ():
+            every = layout.transmission_type * period_us
+            # CiA 301, 7.5.2.37: transmission n is every n-th SYNC; 240 is often taken for "as often as possible"
+            if 1 < layout.transmission_type <= 240 and every > _RARE_US:
+                text = (
+                    f"TPDO {layout.number} of {name}{{more}} is sent on one of {layout.transmission_type} SYNCs, every "
+                    f"{every / 1e6:g} s: its values are old, and a lost drive is noticed late"
+                )
+                setting.add(node, layout, text, f"set tpdo: {layout.number}: transmission: 1")
+    yield from setting.findings()
+
+
+_RARE_US: Final = 100_000
+"""Period in us above which feedback is rare: that of the motion checks."""
 
 
 class _FindingsByPlace:

@@ -399,7 +399,11 @@ def _why_not(
     interfaces = [interface for part in parts[joint] for interface in part.command_interfaces]
     if kind not in interfaces:
         has = ", ".join(interfaces) or "none"
-        fix = f'add <command_interface name="{kind}"/> at {source}:{parts[joint][0].place.line}'
+        mimic, place = parts[joint][0].mimic, f"{source}:{parts[joint][0].place.line}"
+        if mimic is not None:
+            fix = f'remove it here, or write mimic="false" and its command interface at {place} if it has its own drive'
+            return f"joint {joint!r} mimics {mimic.joint}, so it has no command interface", fix
+        fix = f'add <command_interface name="{kind}"/> at {place}'
         return f"joint {joint!r} has no command interface {kind!r}; it has {has}", fix
     return "", ""
 

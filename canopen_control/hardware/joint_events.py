@@ -254,6 +254,7 @@ class MotionWatch:
         self._still: int | None = None  # position at the last check with motion
         self._rest: int | None = None  # position at which the current motion began
         self._last = 0
+        self._received = -1  # number of TPDOs at the last check
         self._right = False  # the current motion was towards its target
         self._idle: ModeTarget | None = None  # target without motion at the last check, value `_idle_at`
         self._idle_at = 0
@@ -268,6 +269,10 @@ class MotionWatch:
             self._moved = self._moved and enabled
             self._idle = None
             return
+        pdo = position.pdo
+        if pdo.every > 1 and pdo.count == self._received:  # a position on every n-th SYNC: no news since the last check
+            return
+        self._received = pdo.count
         here = self._axis.raw_position + self._axis.unwrap.offset
         step, self._last = here - self._last, here
         if not step and target is self._idle and target.output.value == self._idle_at:

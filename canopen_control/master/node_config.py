@@ -320,3 +320,17 @@ def _check_scales(keys: UnitKeys, node: Node) -> None:
                 f"scale_{name}_to_dev times scale_{name}_from_dev is {product:.6g}, not 1: "
                 "command and feedback would differ"
             )
+    # https://github.com/ros-industrial/ros2_canopen/pull/335: a joint whose absolute encoder has another zero
+    offset = node.get("offset_pos_to_dev") or node.get("offset_pos_from_dev")
+    rest = keys.offset_pos_to_dev * keys.scale_pos_from_dev + keys.offset_pos_from_dev
+    if offset is not None and abs(rest) > max(_SAME_PLACE, _SAME_SHARE * abs(keys.offset_pos_from_dev)):
+        offset.warning(
+            f"offset_pos_to_dev and offset_pos_from_dev do not cancel: a joint that reached its target would show a "
+            f"position {rest:.6g} away from it; set offset_pos_from_dev: "
+            f"{-keys.offset_pos_to_dev * keys.scale_pos_from_dev:.9g}"
+        )
+
+
+_SAME_PLACE: Final = 1e-3
+"""Difference in rad or m up to which two offsets cancel; `_SAME_SHARE` is that of an offset that is rounded."""
+_SAME_SHARE: Final = 0.01

@@ -562,7 +562,14 @@ def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> t
         if value is None or (COMMUNICATION[kind] + number - 1, subindex) in builder.od:
             continue
         key, listed = of_tpdos.get(subindex, ("", None))
-        if kind == "rpdo" and listed is not None:
+        place = f"0x{COMMUNICATION[kind] + number - 1:04X}:{subindex:02X}"
+        if kind == "tpdo" and key and value:
+            # HBM MP85 and others have the subindices 1 and 2 alone (canopen-python, issues 37, 327 and 616)
+            name = key if listed is not None else "event_deadline"
+            text = f"{builder.file} has no such setting of this TPDO ({place}); remove {name}"
+            builder.complain(f"{kind}.{number}.{name}", text)
+            values[subindex] = None
+        elif kind == "rpdo" and listed is not None:
             builder.note(
                 f"{kind}.{number}.{key}", f"the setting is for TPDOs, and {builder.file} has no such object here"
             )

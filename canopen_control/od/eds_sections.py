@@ -26,6 +26,7 @@ from canopen_control.od.model import (
     ObjectCode,
     ObjectDictionary,
     communication_type,
+    profile_type,
 )
 
 if TYPE_CHECKING:
@@ -349,11 +350,12 @@ class EntryReader:
     """Reader of the entries of a file; `node_id` replaces $NODEID, None if unknown.
 
     A file with thousands of entries repeats few texts, so that results without an issue are cached. `ranges` contains
-    the manufacturer-specific data types by index.
+    the manufacturer-specific data types by index. `is_drive` is whether the device type (0x1000) is CiA 402.
     """
 
     node_id: int | None
     report: Report
+    is_drive: bool = False
     traits: dict[tuple[str | int | None, ...], _Traits] = field(default_factory=dict)
     ranges: dict[int, RangeType] = field(default_factory=dict)
 
@@ -446,10 +448,12 @@ class EntryReader:
             if "datatype" in section.values
             else f"[{section.title}] has no DataType"
         )
-        if (standard := communication_type(*address)) is not None:
-            text = (
-                f"{description}; treated as {standard.name}, the type in CiA 301 of 0x{address[0]:04X}:{address[1]:02X}"
-            )
+        standard, profile = communication_type(*address), 301
+        if standard is None and self.is_drive and number is None:  # as in Kinco's FD124S (ros2_canopen, issue 202)
+            standard, profile = next(iter(profile_type(*address)), None), 402
+        if standard is not None:
+            place = f"0x{address[0]:04X}:{address[1]:02X}"
+            text = f"{description}; treated as {standard.name}, the type in CiA {profile} of {place}"
             self.report.warning(section.line_of("datatype"), "data-type", text)
             return standard, True
         remark = "; its values are kept as text" if any(section.get(key) for key in _VALUE_KEYS) else ""

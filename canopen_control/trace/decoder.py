@@ -40,7 +40,7 @@ from canopen_control.frame import (
     is_restricted,
     service_of,
 )
-from canopen_control.od.eds import TYPES
+from canopen_control.od.model import TYPES
 from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.layout import MappedEntry, PdoLayout
 from canopen_control.trace.network_description import (

@@ -197,7 +197,12 @@ def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint])
             document.error(element, f"joint {name} is fixed and cannot be driven; remove it from <ros2_control>")
         mimic = urdf.mimic if urdf is not None and element.attributes.get("mimic", "true") != "false" else None
         if mimic is not None and commands:
-            document.error(element, f"joint {name} mimics {mimic.joint}; it has no command interface of its own")
+            # ros2_control's component parser has the same rule, and the same attribute
+            document.error(
+                element,
+                f"joint {name} mimics {mimic.joint}, so it has no command interface of its own; remove its command "
+                f'interfaces, or give it mimic="false" if it has its own drive',
+            )
     return ControlJoint(name, element.parameters(), commands, states, mimic, element.place)
 
 

@@ -100,3 +100,16 @@ def test_a_deadline_that_a_late_cycle_misses_is_told_where_it_stands(tmp_path, k
         assert told in each
         assert "sent with a cycle of 20 ms" in each
         assert each.endswith("set event_deadline: 60 or more, or 0 for none")
+
+
+@pytest.mark.parametrize(("kind", "seconds"), [(5, ""), (6, "0.12"), (240, "4.8"), (255, "")])
+def test_feedback_on_one_of_many_syncs_is_told(tmp_path, kind, seconds):
+    config = arm(tmp_path, bus=(TPDO_2, TPDO_2.replace("0x01", str(kind))))
+    told = [each for each in warnings(config) if "SYNCs" in each]
+    assert len(told) == bool(seconds)
+    if seconds:
+        assert re.match(
+            rf".*bus\.yml:\d+:\d+: warning: TPDO 2 of joint_1_drive and of 5 more is sent on one of {kind} SYNCs, "
+            rf"every {seconds} s: its values are old, and a lost drive is noticed late; set tpdo: 2: transmission: 1",
+            told[0],
+        ), told[0]

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.configs import BASES, FIRST, ROBOTS, changed, found, line_of
+from support.makers import folder
 from support.properties import examples
 
 from canopen_control.check.rules import find
@@ -370,3 +371,21 @@ def test_a_gpio_that_names_no_device_is_told(tmp_path):
     (text,) = found(files)
     assert "warning: lamps of robby names no device of" in text
     assert text.endswith('and has no interfaces; add <param name="device_name">NODE</param>')
+
+
+def test_a_controller_of_a_mimic_joint_is_answered_with_what_works(tmp_path):
+    """ros2_control takes mimic="false" for a joint that mimics in simulation only, and has its own drive."""
+    path = folder(tmp_path, "csv")
+    urdf = path / "two_axes.urdf"
+    text = urdf.read_text().replace('<joint name="tilt" type="revolute">',
+                                    '<joint name="tilt" type="revolute"><mimic joint="pan"/>')  # fmt: skip
+    urdf.write_text(re.sub(r'(?s)(<param name="device_name">tilt_drive</param>)<command_interface[^>]*>', r"\1", text))
+    (told,) = [each for each in found(find_robot(str(path))) if "mimics" in each]
+    assert re.search(
+        r"vel: joint 'tilt' mimics pan, so it has no command interface; remove it here, or write mimic=\"false\" "
+        r"and its command interface at .*two_axes\.urdf:\d+ if it has its own drive",
+        told,
+    )
+    own = text.replace('<joint name="tilt"><param', '<joint name="tilt" mimic="false"><param')
+    urdf.write_text(own)
+    assert not [each for each in found(find_robot(str(path))) if "error" in each]

@@ -1,6 +1,7 @@
 """What the master does about drives that differ from the textbook, one deviation in a test."""
 
 import itertools
+import re
 
 import pytest
 from support.makers import drive, folder, sentences
@@ -9,6 +10,7 @@ from canopen_control.cia402.state import State
 from canopen_control.errors import BusConfigError
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
+from canopen_control.testing.tested_robot import TestedRobot
 from canopen_control.virtual.profile_modes import ProfilePosition
 from canopen_control.virtual.virtual_drive import Statusword, VirtualDrive
 
@@ -184,3 +186,19 @@ def test_a_set_point_that_a_drive_ignores_on_its_way_is_given_again(robot, monke
     assert made.position("pan") == pytest.approx(-0.3, abs=0.01)
     assert any("sent again when the motion has ended" in each for each in sentences(made))
     assert not any("given up" in each for each in sentences(made))
+
+
+def test_an_axis_whose_position_is_sent_on_one_of_many_syncs_is_no_standing_one(tmp_path):
+    """With transmission type 240 the position is 2.4 s old, while the axis turns."""
+    path = folder(tmp_path, "pv")
+    bus = path / "bus.yml"
+    bus.write_text(re.sub(r"(?m)^(    2: .*transmission: )1(, mapping: .*0x6064)", r"\g<1>240\2", bus.read_text()))
+    made = TestedRobot(read_robot(find_robot(str(path))))
+    try:
+        made.run(3.0)
+        made.command("vel", 0.1, 0.1, seconds=8)
+        made.run(8.0)
+        assert drive(made, 2).mover.plant.position > 0
+        assert not [each for each in sentences(made) if "does not follow" in each]
+    finally:
+        made.close()

@@ -217,3 +217,22 @@ def test_a_name_of_the_master_is_told_and_without_effect(tmp_path):
     text = NESTED.replace("node_id: 1\n", "node_id: 1\n      name: master\n")
     (note,) = [each for each in read_bus(write(tmp_path, text)).notes if "unknown key" in each]
     assert "master.name: unknown key 'name' has no effect" in note
+
+
+@pytest.mark.parametrize(
+    ("offsets", "rest"),
+    [
+        ("offset_pos_to_dev: 100000", "100"),
+        ("offset_pos_from_dev: -100", "-100"),
+        ("offset_pos_to_dev: 100000, offset_pos_from_dev: -90", "10"),
+        ("offset_pos_to_dev: 100000, offset_pos_from_dev: -100", ""),
+    ],
+)
+def test_offsets_that_do_not_cancel_are_doubted(tmp_path, offsets, rest):
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + offsets + "}")
+    text = text.replace("right_drive: {node_id: 2", "right_drive: {node_id: 2, scale_pos_to_dev: 1000, "
+                        "scale_pos_from_dev: 0.001")  # fmt: skip
+    doubts = [note for note in read_bus(write(tmp_path, text)).notes if "do not cancel" in note]
+    assert len(doubts) == bool(rest)
+    if rest:
+        assert f"would show a position {rest} away from it; set offset_pos_from_dev: " in doubts[0]

@@ -349,3 +349,15 @@ def test_the_parameter_values_of_a_dcf_are_planned_writes(tmp_path):
     assert ([mapped.index for mapped in first.objects], first.transmission_type) == ([0x6064], 10)
     assert records(plan, 0x1402) == [(0x1402, 1, 0xC0000403)]
     assert {write.reason for write in plan.writes if write.index == 0x2000} == {"from drive.dcf"}
+
+
+@pytest.mark.parametrize(("key", "subindex"), [("inhibit_time", 3), ("event_timer", 5), ("event_deadline", 5)])
+def test_a_setting_of_a_tpdo_that_the_device_lacks_is_named_by_its_key(tmp_path, key, subindex):
+    text = EDS_OF_PLAN_SIGNALS.read_text()
+    for sub in (3, 5):
+        text = re.sub(rf"(?ms)^\[1800sub{sub}\].*?(?=^\[)", "", text)
+    (tmp_path / "two.eds").write_text(text)
+    keys = f"    tpdo: {{1: {{enabled: true, transmission: 255, {key}: 20}}}}\n"
+    with pytest.raises(BusConfigError, match=rf"two\.eds has no such setting of this TPDO \(0x1800:0{subindex}\); "
+                                             f"remove {key}"):  # fmt: skip
+        read_bus(bus(tmp_path, keys, "two.eds"))

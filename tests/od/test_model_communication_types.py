@@ -47,3 +47,15 @@ def test_a_mapping_record_without_the_type_of_its_entries_is_read(keys):
     said = [issue.text for issue in parsed.issues if issue.code == "data-type"]
     assert len(said) == 1
     assert said[0].endswith("; treated as UNSIGNED32, the type in CiA 301 of 0x1600:01")
+
+
+@pytest.mark.parametrize(("device_type", "typed"), [("0x00020192", True), ("0x00020191", False)])
+def test_an_object_of_a_drive_without_a_type_has_that_of_its_profile(device_type, typed):
+    """Kinco's FD124S leaves DataType out (ros2_canopen, issue 202); other profiles use the index for something else."""
+    parsed = parse(
+        section("1000", ParameterName="Device type", DataType="0x0007", AccessType="ro", DefaultValue=device_type),
+        section("6883", ParameterName="Profile acceleration", ObjectType="0x7", AccessType="rw", DefaultValue=9000),
+    )
+    assert parsed.od[0x6883, 0].data_type is (DataType.UNSIGNED32 if typed else DataType.DOMAIN)
+    (issue,) = [issue.text for issue in parsed.issues if issue.code == "data-type"]
+    assert issue.endswith("; treated as UNSIGNED32, the type in CiA 402 of 0x6883:00") is typed

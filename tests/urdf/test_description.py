@@ -88,7 +88,9 @@ def test_every_mistake_is_told_at_once_with_its_place():
     ("old", "new", "wanted"),
     [
         ("<plugin> canopen_ros2_control/RobotSystem </plugin>", "", "18:3: <ros2_control name='arm'>: <hardware>"),
-        ('<joint name="grip2"><state', '<joint name="grip2"><command_interface name="position"/><state', "mimics grip"),
+        ('<joint name="grip2"><state', '<joint name="grip2"><command_interface name="position"/><state',
+         'no command interface of its own; remove its command interfaces, or give it mimic="false" if it has its own '
+         "drive"),
         ('type="prismatic">\n    <parent link="upper"/><child link="thumb"/>',
          'type="fixed">\n    <parent link="upper"/><child link="thumb"/>', "grip2 is fixed and cannot be driven"),
         ('<child link="thumb"/>', '<child link="finger"/>', "link finger is the child of two joints: grip, grip2"),

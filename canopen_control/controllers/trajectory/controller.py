@@ -494,6 +494,8 @@ class JointTrajectoryController(Controller):
         if self.state.value != "active":
             raise self.refusal(f"is {self.state.value}; activate it before sending it trajectories")
         if self._waiting is not None:
+            self._resume_if_ready()
+        if self._waiting is not None:
             raise self.refusal(f"cannot move: {self._why(self._waiting)}, then send it again")
         begin = self._follower.start_positions(message.stamp)
         if (wrong := self._acceptance.mistake(message, now, begin)) is not None:
@@ -518,8 +520,7 @@ class JointTrajectoryController(Controller):
             self._give_up(waiting)
             return OK
         if self._waiting is not None:
-            self._waiting = None
-            follower.resume_at_rest()
+            self._resume_if_ready()
         follower.start_queued()
         group.read()
         if follower.motion is None:
@@ -529,6 +530,12 @@ class JointTrajectoryController(Controller):
         if has_command:
             self._follow(follower.motion, now, period)
         return OK
+
+    def _resume_if_ready(self) -> None:
+        """Accept trajectories once no joint is waited for; a goal may arrive before the update that would see this."""
+        self._waiting = self._group.waits_for()
+        if self._waiting is None:
+            self._follower.resume_at_rest()
 
     def _follow(self, motion: JointSetpoint, now: int, period: float) -> None:
         """Check the tolerances, and write the computed command unless the trajectory has failed."""

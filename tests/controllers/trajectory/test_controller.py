@@ -573,3 +573,13 @@ def test_a_spline_that_swings_beyond_the_end_is_held_within_it():
         arm.run()
         places.append(arm.state("a"))
     assert max(places) <= 1.0
+
+
+def test_a_goal_between_the_enabling_and_the_next_update_is_accepted(arm):
+    """With an update_rate below the SYNC rate, the robot runs before its controller has seen that."""
+    arm.enable("b", False)
+    arm.run()
+    arm.enable("b", True)
+    goal = arm.send((1.0, 1.0))
+    arm.run(300)
+    assert goal.text == "the goal was reached", goal.text
