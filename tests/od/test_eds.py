@@ -17,9 +17,9 @@ from canopen_control.errors import EdsError
 from canopen_control.od import eds as eds_module
 from canopen_control.od.codec import default_of, encode
 from canopen_control.od.dcf import eds_text, encode_concise
-from canopen_control.od.eds import TYPES, parse_eds, read_eds
+from canopen_control.od.eds import parse_eds, read_eds
 from canopen_control.od.issues import Severity
-from canopen_control.od.model import DataType, ObjectCode
+from canopen_control.od.model import TYPES, DataType, ObjectCode
 
 
 @pytest.mark.parametrize("name", ["TMCM-1270.eds", "generic_cia402.eds"])
