@@ -22,7 +22,7 @@ def scene(monkeypatch):
         destroy_service=gone.append,
     )
     shared = SimpleNamespace(
-        robot="robby", controllers={}, warn_of=lambda of, _key, text: told.append((of is node, text)),
+        robot="robby", controllers={}, publishers={}, warn_of=lambda of, _key, text: told.append((of is node, text)),
         hand_over=later.append, call=lambda function: function(),
     )  # fmt: skip
     for name in ("command", "connect", "watch_process_data", "ask", "unix", "frame", "leave_out"):
