@@ -123,7 +123,7 @@ class Robot:
         self._leave()
 
     def shutdown(self) -> None:
-        """Ramp to zero, disable the drives and end the robot, in whichever process it runs; idempotent."""
+        """Ramp to a standstill, disable the drives and end the robot, in whichever process it runs; idempotent."""
         if self._background is None and self._connected is not None:
             self._ask(messages.Shutdown())
         self.close()
@@ -150,7 +150,7 @@ class Robot:
         )
 
     def stop(self, *, latch: bool = False) -> None:
-        """Ramp to zero and disable the drives; return once no drive has power.
+        """Ramp to a standstill and disable the drives; return once no drive has power.
 
         With `latch`, no client can move the robot before `release`.
         """

@@ -48,7 +48,7 @@ class AxisPhase(enum.Enum):
     FOLLOWING = "enabled; the controller's targets are sent to the drive"
     HOMING = "enabled; homing"
     HALTED = "enabled; stopped by the halt bit until the next enable"
-    BRAKING = "controlled stop: the target ramps to zero"
+    BRAKING = "controlled stop: the target velocity ramps to zero"
     SETTLING = "controlled stop: the target is at standstill; waits for standstill of the axis and of the group"
     DISABLING = "commanded to disable by the drive's own ramp; not confirmed yet"
     QUICK_STOPPING = "commanded to quick stop by a user; not confirmed yet"
@@ -353,7 +353,7 @@ class StopGroup(Generic[J]):
         self.busy = False
 
     def stop(self, now: int) -> list[J]:
-        """Ramp every joint to zero, then disable all; return the joints that were enabled or being enabled."""
+        """Ramp every joint to a standstill, then disable all; return the joints that were enabled or being enabled."""
         moving = [joint for joint in self.joints if joint.enable_requested]
         for joint in self.joints:
             joint.stop(now)

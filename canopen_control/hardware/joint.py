@@ -272,7 +272,7 @@ class JointDrive(JointStatus):
             pdo.changed = True  # the drive gets targets at standstill before it is enabled
 
     def stop(self, now: int) -> None:
-        """Ramp to zero, then disable the drive together with its group."""
+        """Ramp to a standstill, then disable the drive together with its group."""
         self._now = now
         self.resume = False
         if self._motion.unmoved:

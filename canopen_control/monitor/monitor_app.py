@@ -464,7 +464,7 @@ class MonitorApp(App[None]):
         self.notify(_KEYS, title="Keys", timeout=20, markup=False)
 
     def action_stop(self) -> None:
-        """Request a latched STOP, which ramps to zero and disables the drives."""
+        """Request a latched STOP, which ramps all joints to a standstill and disables the drives."""
         if self.source.can_command:
             self._ask("STOP", Stop(latch=True, source=SOURCE))
         else:

@@ -79,7 +79,7 @@ class BackgroundRobot:
             raise CanopenError(f"robot {self.name} did not run within {START_S:g} s of its start")
 
     def shutdown(self) -> None:
-        """Ramp the drives to zero and disable them, leave the buses and join the thread."""
+        """Ramp the drives to a standstill and disable them, leave the buses and join the thread."""
         thread, session = self._thread, self._session
         if thread is None:
             return

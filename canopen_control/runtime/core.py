@@ -365,7 +365,7 @@ class RobotCore:
             raise
 
     def shutdown(self, why: str) -> None:
-        """Start stopping the robot: ramp to zero, disable the drives, leave the buses; a second call does nothing."""
+        """Begin to end the robot: ramp to standstill, disable the drives, leave the buses; idempotent."""
         if self._phase in (RobotState.STOPPING, RobotState.STOPPED):
             return
         now = self.reactor.now()
@@ -480,7 +480,7 @@ class RobotCore:
         )
 
     def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "a client") -> None:
-        """Ramp all drives to zero, then disable them; `done(error)` is called when all drives are without power.
+        """Ramp all drives to standstill, then disable them; call `done(error)` when all drives are without power.
 
         `latched_by` names the client that latches STOP (see `StopLatch`), None for a stop without a latch; `by` names
         the client in the events of the commands that end.

@@ -131,7 +131,7 @@ def _drives(_line: argparse.Namespace) -> Candidates:
 def _channels(_line: argparse.Namespace) -> Candidates:
     from canopen_control.host.sockets import list_sockets
 
-    yield from ((f"local:{name}", "embedded bus") for name in list_sockets("bus"))
+    yield from ((f"local:{name}", "built-in software bus") for name in list_sockets("bus"))
     yield from _interfaces(_line)
 
 

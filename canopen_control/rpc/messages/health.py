@@ -51,7 +51,7 @@ ROBOT_STATES: Final = {
     "running": StateWords("running", GOOD),
     "disabled": _NEEDS_ENABLE,
     "fault": StateWords("fault", BAD, "Remove the cause, then press Reset fault, then Enable.", "fault-reset"),
-    "stopping": StateWords("stopping", WARN, "The joints ramp to zero."),
+    "stopping": StateWords("stopping", WARN, "The joints ramp down to a standstill."),
     "stopped": StateWords("stopped", IDLE, "The robot has ended its run."),
 }
 """Meanings of the states of a robot as a whole; a state unknown to this version is shown by its name."""

@@ -329,7 +329,7 @@ ROBOT.declare(GRIPPER_METHODS)
 
 @ROBOT.method("stop", Effect.STOPS)
 class Stop(Request[Done], frozen=True, kw_only=True):
-    """Ramp all joints to zero and disable the drives; answered once nothing moves.
+    """Ramp all joints down to a standstill and disable the drives; answered once nothing moves.
 
     With `latch` true the stop is latched: nothing moves before `release`, for any client.
     """

@@ -1,7 +1,7 @@
 """Launch file of robby on virtual or real drives with the diff drive controller.
 
 `ros2 launch canopen_control diff_drive.launch.py`, with `use_real_hardware:=true can_interface_name:=can0` for
-real drives; without, virtual ones are started on the embedded bus, or on the interface that is named (vcan0). One
+real drives; without it, virtual drives are started on the built-in software bus, or on the named interface (vcan0). One
 process is the CANopen master, controller manager, robot_state_publisher and the ROS bridge in one; `canopen-control`
 must be on the PATH.
 """
