@@ -88,14 +88,14 @@ def robot_socket() -> str:
     """Return the page of a robot's socket."""
     from canopen_control.rpc.messages.robot import ROBOT
 
-    return _page(ROBOT, _ROBOT, "After `subscribe`, under a key of its own instead of an id.")
+    return _page(ROBOT, _ROBOT, "After `subscribe`, under a separate key instead of an id.")
 
 
 def drive_socket() -> str:
     """Return the page of a virtual drive's socket."""
     from canopen_control.rpc.messages.drive import DRIVE
 
-    return _page(DRIVE, _DRIVE, "To every connected client, under a key of its own instead of an id.")
+    return _page(DRIVE, _DRIVE, "To every connected client, under a separate key instead of an id.")
 
 
 def hub_socket() -> str:

@@ -28,9 +28,9 @@ BUS_YML: dict[str, dict[str, str]] = {
         "node_id": "node-ID of the master, whose heartbeat the drives monitor",
         "channel": "channel of the bus (`can0`, `local:NAME`, ...); `--can` takes precedence",
         "baudrate": "bit rate in kbit/s, used by `check` for the bus load, and compared by the preflight",
-        "sync_period": "period of SYNC in us, which is the cycle of the robot; 0: no SYNC, the cycle is the "
+        "sync_period": "period of SYNC in µs, which is the cycle of the robot; 0: no SYNC, the cycle is the "
         "`update_rate` of the controller manager",
-        "sync_window": "time in us for the synchronous PDOs; `check` reports where they need longer",
+        "sync_window": "time in µs for the synchronous PDOs; `check` reports PDOs that need longer",
         "sync_overflow": "largest value of the counter in SYNC, also written to the nodes (0x1019); 0: no counter",
         "sync_order": "`last`: SYNC follows the RPDOs of its cycle, and the drives apply them at once; `first`: SYNC "
         "begins the cycle, and its RPDOs have a whole period to arrive before the drives apply them. If another "
@@ -109,7 +109,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "switching_state": "state in which the mode is changed: 2 SWITCH ON DISABLED, 3 READY TO SWITCH ON, 4 SWITCHED "
         "ON, 5 OPERATION ENABLED; for drives that change modes only while disabled: an enabled drive is taken down "
         "to this state at standstill, and enabled again afterwards",
-        "fault_reset_timeout_ms": "timeout in ms of a fault reset, for drives that need longer",
+        "fault_reset_timeout_ms": "timeout of a fault reset in ms, for drives that need longer",
         "enable_settle_ms": "time in ms after OPERATION ENABLED in which the targets do not change, for drives that "
         "accept set-points only when the brake is released (Elmo)",
         "transition_timeout_ms": "timeout in ms of a transition of CiA 402",
@@ -128,7 +128,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "enabled": "whether the PDO exists (bit 31 of its COB-ID)",
         "cob_id": "COB-ID; `auto`: as in the predefined connection set; with bit 31 set, the PDO is off",
         "transmission": "transmission type: 1 to 240 at every n-th SYNC, 254 and 255 event-driven",
-        "inhibit_time": "minimum time between two transmissions, in 100 us",
+        "inhibit_time": "minimum time between two transmissions, in units of 100 µs",
         "event_timer": "time in ms after which an event-driven TPDO is sent again",
         "event_deadline": "another name of `event_timer`",
         "sync_start": "value of the SYNC counter at which the PDO starts",
@@ -155,6 +155,6 @@ BUS_YML: dict[str, dict[str, str]] = {
         "invalid": "raw numbers that mean no value, and are shown as nan",
         "max_rate": "largest change of an input in units per second: a faster change is reported as a jump, and the "
         "value is nan until the next boot of the node",
-        "safe": "value of an output when the master is gone (0x6207 and similar objects), or `keep`; absent: 0",
+        "safe": "value of an output when the master is lost (0x6207 and similar objects), or `keep`; absent: 0",
     },
 }

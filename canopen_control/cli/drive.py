@@ -11,7 +11,7 @@ and LSS. --scenario is a YAML timeline of faults and quirks:
       - {at: 12s, node: 3, plant: {stalled: 1}}
 
 --plant describes the simulated mechanics of the axes: motors with torque limit, inertia, friction, external torque and
-backlash, and a base with two wheels on a floor. The drives may also be in processes of their own:
+backlash, and a base with two wheels on a floor. Each drive may also run in its own process:
 
     axes:
       "3": {kind: loaded, torque_limit: 800, inertia: 2.0, friction: 30, external: -50, backlash: 20}
@@ -154,7 +154,7 @@ def _add_behaviour(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--like",
         metavar="NAME|FILE",
-        help="behave like the drives of a manufacturer: the name of a bundled personality, or a file of your own",
+        help="behave like the drives of a manufacturer: the name of a bundled personality, or your own file",
     )
     parser.add_argument("--scenario", metavar="FILE", help="file with a timeline of faults and quirks, see above")
     parser.add_argument(

@@ -13,7 +13,7 @@ transmission time. The seed chooses commands, switches and faults (--faults). Wi
       - {at: 5s, do: axis, name: enable}
       - {at: 6s, do: stall, target: master, for: 300ms}
 
---seeds N runs N seeds, each with a schedule of its own (20 s and all faults by default), in --jobs processes or on the
+--seeds N runs N seeds, each with its own schedule (20 s and all faults by default), in --jobs processes or on the
 Dask cluster at --dask. --aim M adds M schedules that inject faults in states not yet covered for that kind of fault. A
 failing schedule is reduced to a minimal one and written to --out: as a scenario with the command that replays it and a
 recording of its frames, next to a summary as JUnit and HTML.

@@ -110,10 +110,10 @@ def dead_man_words(supervision: Supervision) -> str:
     """Return a sentence about how the drive stops if this process ends."""
     if supervision.consumer:
         return (
-            f"the drive watches this computer's heartbeat (0x1016) and stops by itself {DEAD_MAN_S:g} s after its end"
+            f"the drive watches this computer's heartbeat (0x1016) and stops on its own {DEAD_MAN_S:g} s after its end"
         )
     if supervision.guarding:
-        return f"the drive is guarded (0x100C, 0x100D) and stops by itself {DEAD_MAN_S:g} s after the last guarding"
+        return f"the drive is guarded (0x100C, 0x100D) and stops on its own {DEAD_MAN_S:g} s after the last guarding"
     return "NONE: nothing stops the drive when this computer fails; have an emergency stop in reach"
 
 
