@@ -160,16 +160,18 @@ class Scale:
 class PositionUnwrapper:
     """Conversion of a stream of int32 positions into a continuous count.
 
+    `span` is the number of counts after which the drive's position wraps: 2**32, or that of its 0x607B.
     `max_step` is the largest step in counts that the motor can make between two updates; None accepts every step. It
     may be changed at any time, for instance to grow with the age of the last sample. A larger step is a jump: `jumps`
     counts jumps, `last_jump` is the size of the last one, and the count does not change. After a jump the reference is
     lost, so that a client that needs absolute positions must home again.
     """
 
-    __slots__ = ("_pending", "_raw", "count", "jumps", "last_jump", "max_step", "offset")
+    __slots__ = ("_half", "_pending", "_raw", "count", "jumps", "last_jump", "max_step", "offset", "span")
 
-    def __init__(self, max_step: int | None = None) -> None:
+    def __init__(self, max_step: int | None = None, span: int = _SPAN) -> None:
         self.max_step = max_step
+        self.span, self._half = span, span // 2
         self.count = 0
         self.offset = 0  # count minus raw: whole turns of the counter, and removed jumps
         self.jumps = 0
@@ -183,20 +185,20 @@ class PositionUnwrapper:
 
     def update(self, raw: int) -> int:
         """Return the continuous count for the next value of 0x6064."""
-        last, most = self._raw, self.max_step
+        last, most, half = self._raw, self.max_step, self._half
         if last is None:
             self._raw = self.count = raw
             return raw
         step = raw - last
-        if most is not None and most < _HALF and -most <= step <= most and not self._pending:
+        if most is not None and most < half and -most <= step <= most and not self._pending:
             self._raw = raw  # the usual case: no jump and no wrap-around
             self.count += step
             return self.count
         if not step and not self._pending:
             return self.count
         self._raw = raw
-        if not -_HALF <= step < _HALF:
-            step = (step + _HALF) % _SPAN - _HALF
+        if not -half <= step < half:
+            step = (step + half) % self.span - half
         if self._pending:
             self._pending = False
             self.offset = self.count - raw

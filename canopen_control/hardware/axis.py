@@ -293,7 +293,7 @@ class AxisProcessData:
         self.joint, self.node, self.number = joint, node, number
         self._image = image
         self.scale = configured_scale(node, number)
-        self.unwrap = PositionUnwrapper()
+        self.unwrap = PositionUnwrapper(span=_position_span(node, self.index(objects.POSITION_RANGE_LIMIT)))
         self.limits = AxisObjectLimits()
         self.rpm_to_dev = 60.0 / math.tau  # mode VL: 0x6042 is in revolutions of the motor per minute
         self.turn = abs(self.scale.pos_to_dev) * math.tau  # counts per revolution of the motor, else the joint
@@ -442,3 +442,26 @@ def configured_machine(node: RemoteNode) -> DriveMachine:
 def configured_scale(node: RemoteNode, axis: int) -> Scale:
     """Return the scale of an axis with the units of bus.yml."""
     return Scale(**node.config.units.of_axis(axis))
+
+
+def _position_span(node: RemoteNode, index: int) -> int:
+    """Return the counts after which a drive's position wraps: by 0x607B in bus.yml or in its file, else 2**32.
+
+    CiA 402-2, 0x607B: a position beyond one end of the range continues at the other end, as on a rotary table. Targets
+    stay relative to the position, and the drive wraps them.
+    """
+    written = {write.subindex: write.data for write in node.plan.writes if write.index == index}
+    ends: list[int] = []
+    for subindex in (1, 2):
+        entry, data = node.od.get(index, subindex), written.get(subindex)
+        value = int.from_bytes(data, "little", signed=True) if data is not None else entry and entry.value
+        if not isinstance(value, int):
+            return _WHOLE
+        ends.append(value)
+    span = ends[1] - ends[0] + 1
+    return span if 1 < span < _WHOLE - _EDGES else _WHOLE
+
+
+_WHOLE: Final = 1 << 32
+_EDGES: Final = 16
+"""Drives leave out some values at the ends of the whole range, such as -2**31."""

@@ -158,7 +158,7 @@ class Feedback:
 
     def restart(self) -> None:
         """Restart at the drive's raw position after homing."""
-        self._axis.unwrap = PositionUnwrapper()
+        self._axis.unwrap = PositionUnwrapper(span=self._axis.unwrap.span)
         self._position_values = self._raw_position = None
         self._derived_at = -_DERIVE_NS
         self._jumps = 0

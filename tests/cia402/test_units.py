@@ -93,6 +93,19 @@ def test_a_position_goes_on_across_every_wrap(start, steps):
     assert unwrapper.jumps == 0
 
 
+@given(st.integers(0, 999), st.lists(st.integers(-499, 499), max_size=50), st.sampled_from([None, 10, 5000]))
+def test_a_position_goes_on_across_the_ends_of_its_range(start, steps, most):
+    """0x607B with 1000 counts; a largest step of more than half the range accepts every step."""
+    unwrapper = PositionUnwrapper(most, span=1000)
+    count = unwrapper.update(start)
+    for step in steps:
+        if most is None or abs(step) <= most:
+            count += step
+            assert unwrapper.update(count % 1000) == count
+            assert unwrapper.raw_of(count) == count % 1000
+    assert unwrapper.jumps == 0
+
+
 @pytest.mark.parametrize(("start", "step"), [(INT32_MAX - 5, 10), (INT32_MIN + 5, -10)])
 def test_a_position_goes_on_beyond_either_end_of_the_counter(start, step):
     unwrapper = PositionUnwrapper()

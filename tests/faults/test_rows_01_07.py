@@ -60,8 +60,8 @@ def test_row_03_a_silent_drive_is_lost_after_the_consumer_time_and_the_rest_stop
     turning.bus.clear_history()
     turning.run(3000)
     assert turning.robot.hint.endswith(
-        ": wait for left_drive, then canopen-control axis fault-reset all if it is in fault, then canopen-control axis "
-        "enable all"
+        ": wait for left_drive, then canopen-control axis fault-reset all if a drive is in fault, then "
+        "canopen-control axis enable all"
     )
     requests = [frame for _, frame in turning.bus.history if frame.can_id == 0x603]
     assert len(requests) < 12, "no SDO storm"
@@ -80,7 +80,7 @@ def test_row_03_a_drive_that_is_only_silent_is_told_to_stop(turning):
     assert turning.stopped_after(LEFT) <= after + CYCLE_MS + RAMP_MS + CYCLE_MS
     (text,) = turning.texts("stop")
     assert text.endswith(
-        "; to continue when left_drive has returned: canopen-control axis fault-reset all if it is in fault, then "
+        "; to continue when left_drive has returned: canopen-control axis fault-reset all if a drive is in fault, then "
         "canopen-control axis enable all"
     )
 

@@ -1,11 +1,14 @@
 """States of a joint: continuous, plausible, nan where nothing is known."""
 
 import math
+import re
 from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support import makers
+from support.makers import drive
 
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.cia402.units import PositionUnwrapper, Scale, wrap_int32
@@ -15,6 +18,7 @@ from canopen_control.master.cycle import ProcessImage
 from canopen_control.od.model import DataType
 from canopen_control.urdf.joint_element import InterfaceInfo
 from canopen_control.urdf.ros2_control import ControlJoint
+from canopen_control.virtual.virtual_drive import VirtualDrive
 
 pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
 
@@ -287,3 +291,43 @@ def test_a_drive_in_rpm_is_recognised_while_it_still_gets_faster():
             jumps.append(feedback.unit_mismatch_of_jump())
     assert jumps
     assert all(jumps)
+
+
+def _ranged(text, low, high):
+    for sub, value in ((1, low), (2, high)):
+        text = re.sub(rf"(?ms)(^\[607Bsub{sub}\].*?^DefaultValue=)[^\n]*", rf"\g<1>{value}", text)
+    return text
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "span"),
+    [
+        (0, 655_359, 655_360),
+        (-1000, 999, 2000),
+        (0, 0, 1 << 32),
+        (999, -1000, 1 << 32),
+        (-(2**31), 2**31 - 1, 1 << 32),
+        (-(2**31) + 1, 2**31 - 1, 1 << 32),
+    ],
+)
+def test_the_range_of_positions_is_that_of_0x607b_if_it_is_one(robot, low, high, span):
+    made = robot("pv", edit=lambda text: _ranged(text, low, high))
+    assert made.simulated.core.joints["pan"].axis.unwrap.span == span
+
+
+def test_a_wheel_whose_drive_wraps_its_position_at_0x607b_goes_on(robot, monkeypatch):
+    """A modulo axis of 10 motor revolutions, within one of the wheel, so that only the range shows a wrap."""
+    attach = VirtualDrive._attach
+
+    def wrapped(self):
+        attach(self)
+        source = self._store.source_of(0x6064, 0)
+        self._store.on_read(0x6064, 0, lambda: source() % 655_360)
+
+    monkeypatch.setattr(VirtualDrive, "_attach", wrapped)
+    made = robot("pv", edit=lambda text: _ranged(text, 0, 655_359))
+    made.command("vel", 1.0, 1.0, seconds=4)
+    made.run(4.0)
+    assert made.position("pan") == pytest.approx(drive(made, 2).mover.plant.position / makers.COUNTS, abs=0.03)
+    assert made.position("pan") > 3.0
+    assert made.state == "running"
