@@ -175,7 +175,7 @@ class SendQueue:
 
 
 class WakeDescriptor:
-    """Wake-up descriptor for ports without a socket: `set` makes it readable, `clear` ends this; thread-safe."""
+    """Wake-up descriptor for ports without a socket: `set` makes it readable, `clear` unreadable; thread-safe."""
 
     def __init__(self) -> None:
         self._reader, self._writer = _open_wake()

@@ -508,7 +508,7 @@ class _Within:
 
 
 def _unpacked(data: bytes) -> bytes | None:
-    """Return the content of a container; None for an unknown compression, ValueError if too large."""
+    """Return the content of a container; None for an unknown compression. Raise ValueError if too large."""
     method, _ = blf.LOG_CONTAINER_STRUCT.unpack_from(data)
     packed = data[blf.LOG_CONTAINER_STRUCT.size :]
     if method == blf.NO_COMPRESSION:

@@ -272,7 +272,7 @@ def _never_in_time(config: BusConfig, period_ns: int) -> Iterator[Finding]:
 
 
 def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
-    """Find a cycle half a period after an external SYNC, which loses set-points when late."""
+    """Report a cycle half a period after an external SYNC, which loses set-points when late."""
     master = config.master
     if axes and not master.follows_closely and master.sync_producer in ("kernel", "other"):
         text = (

@@ -167,21 +167,21 @@ class MotorMap:
         device, view = self.device, self.view
         for subindex in device.subindices(index):
             del view.entries[index, subindex]
-        own = [o.axis_index(index, axis) for axis in self._axes]
-        for address, subindex in zip(own, self.subindices, strict=True):
+        indices = [o.axis_index(index, axis) for axis in self._axes]
+        for address, subindex in zip(indices, self.subindices, strict=True):
             self._add(address, 0, device[index, subindex], ObjectPlace(index, subindex))
             self._parts[index, subindex] = ((address, 0),)
         both = device.get(index, max(self.subindices) + 1)
-        if both is not None and both.data_type.bits == _HALF * len(own):
-            self._parts[both.address] = tuple((address, 0) for address in own)
+        if both is not None and both.data_type.bits == _HALF * len(indices):
+            self._parts[both.address] = tuple((address, 0) for address in indices)
 
     def _unpack(self, entry: Entry) -> None:
         """Assign to each axis its 16 bits of a packed object."""
-        own = [o.axis_index(entry.index, axis) for axis in self._axes]
+        indices = [o.axis_index(entry.index, axis) for axis in self._axes]
         part = replace(entry, data_type=DataType.UNSIGNED16, default=None, low=None, high=None)
-        for axis, address in enumerate(own):
+        for axis, address in enumerate(indices):
             self._add(address, 0, part, ObjectPlace(entry.index, 0, axis * _HALF, _HALF))
-        self._parts[entry.address] = tuple((address, 0) for address in own)
+        self._parts[entry.address] = tuple((address, 0) for address in indices)
 
     def _share(self, index: int) -> None:
         """Map the object of the first axis to all other axes."""

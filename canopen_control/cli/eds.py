@@ -472,9 +472,9 @@ def _convert(args: argparse.Namespace) -> int:
     write_whole(output, _converted(file.od, ending, args).encode())
     for issue in [] if args.json else file.issues:
         print(f"{args.file}:{issue.line}: {issue.severity.name.lower()}: {issue.text}")
-    own = sum(entry.parameter_value is not None for entry in file.od.entries.values())
-    if own and ending in _DEVICE_TYPES and not args.json:
-        print(f"{output}: without ParameterValue ({own} in the input); .dcf and .xdc include it")
+    count = sum(entry.parameter_value is not None for entry in file.od.entries.values())
+    if count and ending in _DEVICE_TYPES and not args.json:
+        print(f"{output}: without ParameterValue ({count} in the input); .dcf and .xdc include it")
     done = ConvertedDocument(args.file, str(output), len(file.od.objects), len(file.issues))
     print(json_text(done) if args.json else f"{output}: {done.objects} objects of {args.file}")
     return 0

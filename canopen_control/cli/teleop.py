@@ -173,7 +173,7 @@ class Sender:
         self._last, self._sent_ns, self._zeros = ZERO, 0, 0
 
     def send(self, velocities: Velocities, now: int) -> bool:
-        """Send velocities if due; return False if the robot refused them, RemoteError if the connection is lost."""
+        """Send velocities if due; return False if refused; raise RemoteError if the connection is lost."""
         changed = velocities != self._last
         if changed:
             self._zeros = 0 if velocities.moving else ZEROS

@@ -249,8 +249,8 @@ def parse_backup(data: bytes, name: str) -> ParameterSet:
 
 
 def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
-    own = file.od.node_id
-    if own is None:
+    file_node_id = file.od.node_id
+    if file_node_id is None:
         raise EdsError(path, 0, "has no node-ID ([DeviceComissioning]), so it is an EDS and not the DCF of a node")
     _refuse_unsound(file)
     od = file.od if node_id is None else file.od.for_node(node_id)
@@ -265,7 +265,7 @@ def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
     date = "" if lines is None else _get(lines, "Date")
     values = without_unused_slots(dict(sorted(chosen.items())))
     foreign = tuple(entry.address for entry in od if entry.address not in chosen and _is_set(entry))
-    return ParameterSet(od, node_id or own, identity, values, path, date, foreign)
+    return ParameterSet(od, node_id or file_node_id, identity, values, path, date, foreign)
 
 
 def _refuse_unsound(file: EdsFile) -> None:

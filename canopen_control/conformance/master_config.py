@@ -123,8 +123,8 @@ class ConfigurationObserver(MasterObserver):
             self._mapping(mux, value)
         elif index == _CONSUMER and subindex:
             node_id, milliseconds = parse_consumer_entry(value)
-            own = node_id == self.node.node_id and milliseconds > 0
-            self.findings.expect(not own, "MC15", f"{name_of(mux)} contains node {node_id}, the device itself")
+            is_own = node_id == self.node.node_id and milliseconds > 0
+            self.findings.expect(not is_own, "MC15", f"{name_of(mux)} contains node {node_id}, the device itself")
 
     def written(self, mux: Mux, code: int | None) -> None:
         if code is None:

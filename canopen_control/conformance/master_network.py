@@ -44,13 +44,13 @@ class HeartbeatObserver(MasterObserver):
         node_id = (frame.can_id & 0x7FF) - ERROR_CONTROL_COB_ID
         if not 1 <= node_id <= MAX_NODE_ID:
             return
-        own = node_id == self.node.node_id
+        is_own = node_id == self.node.node_id
         if frame.is_remote:
-            if own:
+            if is_own:
                 self._guard(now)
             return
-        self.findings.expect(not own, "MH05", f"a heartbeat {frame.data.hex().upper()} with the id of the device")
-        if own:
+        self.findings.expect(not is_own, "MH05", f"a heartbeat {frame.data.hex().upper()} with the id of the device")
+        if is_own:
             return
         good = len(frame.data) == 1 and not frame.data[0] & 0x80 and state_of_byte(frame.data[0]) is not None
         guarded = len(frame.data) == 1 and bool(frame.data[0] & 0x80)  # the answer of a guarded node

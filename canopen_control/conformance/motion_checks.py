@@ -271,10 +271,10 @@ for _code, _text in (
     def _quick_stop(node: CheckedNode, code: int = _code) -> None:
         is_drive(node)
         with option(node, o.QUICK_STOP_OPTION, code), moving(node, _PV) as motion:
-            own = o.QUICK_STOP_DECELERATION if code in (2, 6) else o.PROFILE_DECELERATION
+            deceleration = o.QUICK_STOP_DECELERATION if code in (2, 6) else o.PROFILE_DECELERATION
             other = o.PROFILE_DECELERATION if code in (2, 6) else o.QUICK_STOP_DECELERATION
             node.put(other, 0, 4 * motion.ramp, 4)
-            node.put(own, 0, motion.ramp // 2, 4)
+            node.put(deceleration, 0, motion.ramp // 2, 4)
             turn(node, motion, motion.velocity)
             control(node, 0x02)
             stop = until(node, motion, lambda one: still(one, motion.speed), 1.0, "standstill")

@@ -181,19 +181,19 @@ def read_controllers(
     _collect(root, blocks)
     empty = _Block(root, like(root))
     everywhere = blocks.pop(EVERYWHERE, empty).value
-    own = blocks.pop(MANAGER_SECTION, empty)
-    flat = flattened(own.value.merged_over(_common(everywhere)))
+    manager_block = blocks.pop(MANAGER_SECTION, empty)
+    flat = flattened(manager_block.value.merged_over(_common(everywhere)))
     declared, manager = _manager(flat, root)
-    controllers = _controllers(declared, blocks, everywhere, own.namespace)
+    controllers = _controllers(declared, blocks, everywhere, manager_block.namespace)
     if not controllers:
-        own.key.error("no controller has a type; give types under controller_manager: <name>: type: ...")
+        manager_block.key.error("no controller has a type; give types under controller_manager: <name>: type: ...")
     root.problems.raise_if_any(RobotConfigError)
     read = {id(root.problems): [str(warning) for warning in root.problems.warnings]}
     for controller in controllers.values():
         read.update((id(one), [str(text) for text in one.warnings]) for one in controller.params.files)
     warnings = [text for texts in read.values() for text in texts]
     lines = {name: key.line for name, key in flat.keys().items()}
-    place = str(path), own.key.line, own.namespace, lines
+    place = str(path), manager_block.key.line, manager_block.namespace, lines
     return ControllersFile(manager.update_rate, controllers, warnings, manager, *place, flattened(everywhere).keys())
 
 

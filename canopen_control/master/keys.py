@@ -344,9 +344,12 @@ class UnitKeys:
 
     def of_axis(self, axis: int) -> dict[str, float]:
         """Return the arguments of `units.Scale` for an axis; values in `channels` override those of the node."""
-        own = self.channels[axis] if axis < len(self.channels) else AxisUnitKeys()
+        channel = self.channels[axis] if axis < len(self.channels) else AxisUnitKeys()
         names = (*SCALES, "scale_eff_from_dev", "offset_pos_to_dev", "offset_pos_from_dev")
-        chosen = {name: getattr(own, name) if getattr(own, name) is not None else getattr(self, name) for name in names}
+        chosen = {
+            name: getattr(channel, name) if getattr(channel, name) is not None else getattr(self, name)
+            for name in names
+        }
         return {name.removeprefix("scale_"): value for name, value in chosen.items()}
 
 

@@ -422,9 +422,9 @@ class Network:
     def lay_out(self, node: RemoteNode, result: BootResult) -> None:
         """Set up a node's process data as configured by the boot, with the initial values read from the node."""
         self._last_records, self._repeated = b"", None  # the handlers and values change
-        own = {(kind, layout.number): layout for kind, layout in result.adopted}
+        adopted = {(kind, layout.number): layout for kind, layout in result.adopted}
         for planned, received in zip(node.plan.tpdos, node.received, strict=True):
-            layout = own.get(("tpdo", planned.number), planned)
+            layout = adopted.get(("tpdo", planned.number), planned)
             if (received.cob_id, received.codec.objects) != (layout.cob_id, layout.objects):
                 self._handlers.pop(received.cob_id, None)
                 self._pdos.pop(received.cob_id, None)
@@ -433,7 +433,7 @@ class Network:
                 self._pdos[received.cob_id] = received
                 self._reroute()
         for planned, sent in zip(node.plan.rpdos, node.sent, strict=True):
-            layout = own.get(("rpdo", planned.number), planned)
+            layout = adopted.get(("rpdo", planned.number), planned)
             if (sent.cob_id, sent.codec.objects) != (layout.cob_id, layout.objects):
                 if sent.cob_id not in self._pdos:
                     self._handlers.pop(sent.cob_id, None)

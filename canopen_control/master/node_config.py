@@ -127,9 +127,9 @@ def _require_modes(motion: MotionKeys, node: Node) -> None:
     for kind in ("position", "velocity", "effort", "torque"):
         number, key = getattr(motion, f"{kind}_mode"), f"{kind}_mode"
         served = "effort" if kind == "torque" else kind
-        own = None if kind == "torque" else motion.own_target(kind)
+        target = None if kind == "torque" else motion.own_target(kind)
         _check_own_target(motion, node, kind, number)
-        if number is None or _MODES.get(number) == served or (number < 0 and own is not None):
+        if number is None or _MODES.get(number) == served or (number < 0 and target is not None):
             continue
         place = node.get(key) or node
         fits = ", ".join(f"{mode} ({OperationMode(mode).name})" for mode, of in sorted(_MODES.items()) if of == served)

@@ -132,6 +132,6 @@ def _is_scaled(config: BusConfig, node: str, axis: int, quantity: str) -> bool:
     if units.counts_per_revolution is not None and quantity != "eff":
         return True
     keys = (f"scale_{quantity}_from_dev", f"scale_{quantity}_to_dev")
-    own = units.channels[axis] if axis < len(units.channels) else None
+    channel = units.channels[axis] if axis < len(units.channels) else None
     section = config.sections[node]
-    return any(section.get(key) is not None or getattr(own, key, None) is not None for key in keys)
+    return any(section.get(key) is not None or getattr(channel, key, None) is not None for key in keys)

@@ -495,7 +495,10 @@ class PlanBuilder:
 
 
 def _bytes_of(value: object, data_type: DataType) -> Value:
-    """Convert hexadecimal text for an OCTET_STRING or DOMAIN to bytes, ValueError if invalid; keep other values."""
+    """Return hexadecimal text for an OCTET_STRING or DOMAIN as bytes, other values as they are.
+
+    Raise ValueError if the text is invalid.
+    """
     if isinstance(value, str) and data_type in _BYTES:
         try:
             return bytes.fromhex(value)

@@ -222,9 +222,9 @@ class RemoteNode:
         self.name, self.node_id = config.name, config.node_id
         motors = plan.motors
         self._places: Mapping[tuple[int, int], ObjectPlace] = {} if motors is None else motors.places
-        own = od if motors is None else motors.device
+        device_od = od if motors is None else motors.device
         timeout_ns = config.boot.sdo_timeout_ms * 1_000_000
-        self.sdo = SdoClient(config.node_id, timeout_ns=timeout_ns, name=config.name, od=own)
+        self.sdo = SdoClient(config.node_id, timeout_ns=timeout_ns, name=config.name, od=device_od)
         self.state = NodeState.WAITING
         self.ready = False
         """Whether the node has booted and is not lost, so that its process data is valid."""

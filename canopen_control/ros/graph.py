@@ -219,8 +219,10 @@ class Graph:
     def services(self) -> Names:
         """Return the names and types of the services of other nodes, sorted by name."""
         self.spin(MOMENT_S)
-        own = f"/{self._node.get_name()}/"
-        return sorted(service for service in self._node.get_service_names_and_types() if not service[0].startswith(own))
+        own_prefix = f"/{self._node.get_name()}/"
+        return sorted(
+            service for service in self._node.get_service_names_and_types() if not service[0].startswith(own_prefix)
+        )
 
     def type_of(self, topic: str, seconds: float, chosen: str | None = None) -> str:
         """Return the type of a topic, or the full name of the `chosen` type if it has several.

@@ -194,15 +194,15 @@ class ParameterMethods:
         if name != MANAGER:
             self._robot.manager.set_parameters(name, values)
         else:
-            own = {declared.name for declared in declared_by(self._robot.setup.controllers.manager)}
-            foreign = [declared for declared in values if declared.name in own or "." not in declared.name]
+            declared_names = {declared.name for declared in declared_by(self._robot.setup.controllers.manager)}
+            foreign = [declared for declared in values if declared.name in declared_names or "." not in declared.name]
             checked(MANAGER, self._of_manager(), foreign)  # every such parameter is read-only or not declared
             self._spawned.set(values)
         call.reply(Done())
 
     def _of_manager(self) -> tuple[ParameterReading, ...]:
-        own = declared_by(self._robot.setup.controllers.manager)
-        return tuple(sorted((*own, *self._of_controllers()), key=lambda of_controller: of_controller.name))
+        declared = declared_by(self._robot.setup.controllers.manager)
+        return tuple(sorted((*declared, *self._of_controllers()), key=lambda of_controller: of_controller.name))
 
     def _of_controllers(self) -> Iterator[ParameterReading]:
         """Yield the parameters that the controller manager has for each controller, such as `NAME.type`."""

@@ -186,8 +186,8 @@ def _axes(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
         names = node.ros.channel_names or []
         for offset in axes:
             _, axis = axis_of(CONTROLWORD + offset)
-            own = names[axis] if axis < len(names) else f"{node.name}_{axis}"
-            yield own if len(axes) > 1 else node.name, node, axis
+            joint_name = names[axis] if axis < len(names) else f"{node.name}_{axis}"
+            yield joint_name if len(axes) > 1 else node.name, node, axis
 
 
 def _uncontrolled(plan: NodePlan, axis: int) -> str:

@@ -159,16 +159,16 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
     `obeyed` select hardware, and may be unknown to both.
     """
     own_arguments = read_launch(path).arguments
-    own = {name: value for name, value in words.items() if name in own_arguments}
-    further = {f"{name}?" if name in obeyed else name: value for name, value in words.items() if name not in own}
+    declared = {name: value for name, value in words.items() if name in own_arguments}
+    further = {f"{name}?" if name in obeyed else name: value for name, value in words.items() if name not in declared}
     reading = _Reading(path)
-    used = reading.read(path, own, 0)
+    used = reading.read(path, declared, 0)
     launched = reading.launched
     if not launched.files and not reading.uncertainties:
         reading.uncertainties.append(f"{path}: it names no file of a robot")
     launched.arguments |= further
     launched.known = tuple(own_arguments)
-    launched.idle = tuple(f"{name}:={value}" for name, value in own.items() if name not in used | set(obeyed))
+    launched.idle = tuple(f"{name}:={value}" for name, value in declared.items() if name not in used | set(obeyed))
     launched.spawned = tuple(dict.fromkeys(launched.spawned))
     launched.uncertainties = tuple(dict.fromkeys(reading.uncertainties))
     return launched
@@ -342,7 +342,7 @@ def _used(launch: LaunchFile, text: str) -> set[str]:
 
 
 def words_of(text: str) -> list[str]:
-    """Split a command into words like a shell, but keep launch substitutions in one piece."""
+    """Split a command into words as a shell does, but keep launch substitutions whole."""
     joined, count = _EXECUTABLE.sub("xacro", text), 1
     while count:  # the innermost substitution first
         joined, count = _SUBSTITUTION.subn(lambda match: match[0].translate(_PROTECTED), joined)

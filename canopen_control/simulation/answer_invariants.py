@@ -70,7 +70,7 @@ class _Axis:
 
 @dataclass(slots=True)
 class _Waiting:
-    """Breach that is reported at `deadline` unless the robot gives a reason before."""
+    """Violation that is reported at `deadline` unless the robot has given a reason by then."""
 
     axis: _Axis
     rule: str

@@ -236,9 +236,9 @@ class PdoRecords:
             if index == _SYNC or not value & INVALID_BIT:
                 users.setdefault(value & 0x7FF, index)
         for index in self._communication:
-            own = PdoParameters.from_value(store.number(index, 1, INVALID_BIT))
-            if own.enabled and not own.extended:
-                users.setdefault(own.cob_id, index)
+            parameters = PdoParameters.from_value(store.number(index, 1, INVALID_BIT))
+            if parameters.enabled and not parameters.extended:
+                users.setdefault(parameters.cob_id, index)
         return users
 
     def is_valid(self, communication: int) -> bool:

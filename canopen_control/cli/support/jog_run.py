@@ -148,7 +148,7 @@ class JogRun:
         self.travelled = 0.0  # rad
 
     def run(self) -> int:
-        """Run the jog from enabling to disabling; return the exit code, CanopenError if the drive caused a failure."""
+        """Run the jog from enabling to disabling; return the exit code; raise CanopenError if the drive failed."""
         with contextlib.ExitStack() as stack:
             client = stack.enter_context(RobotClient.connect(self._drive.robot))
             keyboard = stack.enter_context(Keyboard()) if sys.stdin.isatty() else None
