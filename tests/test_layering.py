@@ -16,11 +16,12 @@ PURE = frozenset(
     itertools math operator pathlib re string struct types typing""".split()  # noqa: SIM905 - one name a line is not a list
 )
 MARKS = frozenset({"mypy_extensions"})  # what may be derived from where it is compiled
-EVERYBODY = frozenset({"errors", "frame", "version"})
+EVERYBODY = frozenset({"duration", "errors", "frame", "version"})
 MESSAGES = "rpc.messages"  # of every socket: pure, for every subpackage
 
 #: subpackage -> (subpackages it may import beside its own, modules from outside)
 MAY_IMPORT = {
+    "duration": (set(), PURE),
     "errors": (set(), PURE),
     "frame": (set(), PURE),
     "version": (set(), PURE | {"importlib"}),

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import open_port
 from canopen_control.cia301.nmt import NmtState
-from canopen_control.cli.support.arguments import number, whole_number
+from canopen_control.cli.support.arguments import seconds, whole_number
 from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.support.target import LABEL, find_eds, parse_node_id, robot_on
 from canopen_control.conformance.check import CheckTouch
@@ -77,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--for",
         dest="duration",
-        type=number("number of seconds above 0", lambda value: value > 0),
+        type=seconds,
         metavar="S",
         help=f"with --master: time of the run in s (default: {DEFAULT_S:g}); faults that do not fit are left out",
     )
@@ -100,7 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--yes", action="store_true", help="do not ask before --configure, --store and --motion")
     parser.add_argument(
         "--timeout",
-        type=number("number of seconds above 0", lambda value: value > 0),
+        type=seconds,
         default=0.5,
         metavar="S",
         help="timeout of each answer in s (default: 0.5)",

@@ -17,7 +17,7 @@ import time
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from canopen_control.cli.support.arguments import number
+from canopen_control.cli.support.arguments import number, seconds
 from canopen_control.cli.support.output import json_alone, json_text, print_result
 from canopen_control.commissioning.quantity import LONGEST_S
 from canopen_control.errors import CanopenError, ConfigError
@@ -137,14 +137,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action.add_argument("topic", metavar="TOPIC")
         action.add_argument("type", nargs="?", metavar="TYPE", help="message type (default: the published type)")
         action.add_argument("--json", action="store_true", help=f"print JSON, a line for each {unit}")
-        action.add_argument("--for", type=_positive, metavar="S", dest="seconds", help="end after S seconds")
+        action.add_argument("--for", type=seconds, metavar="S", dest="seconds", help="end after S seconds")
         _add_timeout(action)
     echo.add_argument("--once", action="store_true", help="end after the first message")
     pub = topic.add_parser("pub", help="publish a message, repeatedly")
     _add_data(pub, "topic")
     pub.add_argument("--rate", type=_positive, default=1.0, metavar="HZ", help="messages per second (default: 1)")
     pub.add_argument("--once", action="store_true", help="publish once, as soon as there is a subscriber")
-    pub.add_argument("--for", type=_positive, metavar="S", dest="seconds", help="end after S seconds")
+    pub.add_argument("--for", type=seconds, metavar="S", dest="seconds", help="end after S seconds")
     service = groups.add_parser("service", help="list, call").add_subparsers(
         dest="action", metavar="ACTION", required=True
     )

@@ -38,7 +38,6 @@ Exit codes: 0 success; 1 an invariant was violated; 2 wrong usage or configurati
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import gc
 import math
@@ -56,12 +55,14 @@ from canopen_control.cli.run import (
     names_robot,
     world_of,
 )
-from canopen_control.cli.support.arguments import add_new_name, number, whole_number
+from canopen_control.cli.support.arguments import add_new_name, number, seconds, whole_number
 from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import ConfigError, nearest
 from canopen_control.host.quick_start import quick_start
 
 if TYPE_CHECKING:
+    import argparse
+
     from canopen_control.personality import Personality
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.robot_under_test import RobotUnderTest
@@ -90,17 +91,7 @@ def _speed(text: str) -> float:
 
 
 def _duration(text: str) -> int:
-    from canopen_control.virtual.scenario import nanoseconds_of
-
-    try:
-        duration = nanoseconds_of(text)
-    except ValueError:
-        duration = 0
-    if duration <= 0:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a time above 0: 1h, 5min, 30s, 500ms, or a number of seconds"
-        )
-    return duration
+    return round(seconds(text) * 1e9)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -18,7 +18,7 @@ import math
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
-from canopen_control.cli.support.arguments import finite
+from canopen_control.cli.support.arguments import seconds
 from canopen_control.cli.support.known_nodes import known_nodes
 from canopen_control.cli.support.output import json_line
 from canopen_control.client import RobotClient
@@ -148,7 +148,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--at", default="0,0,0", metavar="X,Y,Z", help="with payload: position on the link, in m")
     parser.add_argument(
-        "--for", type=finite, default=0.2, dest="seconds", metavar="S", help="with push: duration in s (default: 0.2)"
+        "--for", type=seconds, default=0.2, dest="seconds", metavar="S", help="with push: duration in s (default: 0.2)"
     )
     parser.add_argument(
         "--can", metavar="CHANNEL", help="channel of the drives (default: channel of the running robot)"
@@ -183,8 +183,6 @@ def _payload(args: argparse.Namespace) -> WorldAct:
 
 
 def _push(args: argparse.Namespace) -> WorldAct:
-    if args.seconds <= 0.0:
-        raise ConfigError(f"--for {args.seconds:g}: the duration of a push must be above 0")
     return PushRobot(force=_three(args.value), on=args.on, seconds=args.seconds)
 
 

@@ -11,6 +11,7 @@ import math
 import re
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from canopen_control.duration import seconds_of
 from canopen_control.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -50,7 +51,18 @@ def number_that(accept: Callable[[float], bool], noun: str) -> Callable[[str], f
     return read
 
 
-seconds_above_0: Final = number_that(lambda value: 0.0 < value < LONGEST_S, "time in seconds above 0")
+def seconds_above_0(text: str) -> float:
+    """Return the seconds in a number or a duration with a unit; raise ConfigError for 0 and below."""
+    try:
+        value = float(text)
+    except ValueError:
+        try:
+            value = seconds_of(text)
+        except ValueError:
+            value = math.nan
+    if not 0.0 < value < LONGEST_S:
+        raise ConfigError(f"{text!r} is not a time in seconds above 0, or with a unit: 500ms, 30s, 5min, 1h")
+    return value
 
 
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)"

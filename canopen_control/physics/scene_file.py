@@ -32,12 +32,13 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.duration import seconds_of
 from canopen_control.errors import nearest
 from canopen_control.physics import SDF_SUFFIXES
 from canopen_control.physics.physics_file import FloorContact, PhysicsError
 from canopen_control.physics.sdf_world import Solid, read_sdf_world
 from canopen_control.rpc.messages.drive import BlockJoint, WorldAct
-from canopen_control.virtual.scenario import WorldEvent, seconds_of
+from canopen_control.virtual.scenario import WorldEvent
 from canopen_control.yamlfile.convert import derived, position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
 from canopen_control.yamlfile.reader import load

@@ -22,6 +22,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.duration import nanoseconds_of
 from canopen_control.errors import ConfigError, nearest
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
 from canopen_control.simulation.fault_coverage import STATES
@@ -33,7 +34,6 @@ from canopen_control.virtual.scenario import (
     ScenarioFile,
     ScenarioStep,
     nanoseconds_at,
-    nanoseconds_of,
     world_words,
 )
 from canopen_control.yamlfile.reader import load

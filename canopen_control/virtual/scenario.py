@@ -20,11 +20,11 @@ and `seed` of the file are not used here.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
+from canopen_control.duration import nanoseconds_of
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.drive import (
     AddPayload,
@@ -120,11 +120,6 @@ class WorldEvent:
         return acts
 
 
-_TIME: Final = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s|min|h)?")
-_FACTORS: Final = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0, None: 1.0}
-_LONGEST_S: Final = 1e6
-
-
 @dataclass(frozen=True, slots=True)
 class Switching:
     """Timed event of a scenario: fault, quirk, change of a plant, or disturbance of the world."""
@@ -141,19 +136,6 @@ class Switching:
 
 class ScenarioError(ConfigError):
     """Error in a scenario file."""
-
-
-def seconds_of(value: float | str) -> float:
-    """Return the seconds in ``1h``, ``5min``, ``5s``, ``500ms`` or a number; raise ValueError if invalid."""
-    match = _TIME.fullmatch(str(value).strip())
-    if match is None or float(match[1]) > _LONGEST_S:
-        raise ValueError(f"{value!r} is not a time: 1h, 5min, 5s, 500ms, or a number of seconds")
-    return float(match[1]) * _FACTORS[match[2]]
-
-
-def nanoseconds_of(value: float | str) -> int:
-    """Return a time in ns, from the same texts as `seconds_of`."""
-    return round(seconds_of(value) * 1e9)
 
 
 @dataclass(frozen=True)

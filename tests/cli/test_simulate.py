@@ -44,8 +44,8 @@ def test_a_scenario_is_played(capsys, tmp_path):
     ("words", "said"),
     [
         (["nobody"], "nobody"),
-        (["robby", "--for", "0"], "'0' is not a time above 0"),
-        (["robby", "--for", "soon"], "'soon' is not a time above 0"),
+        (["robby", "--for", "0"], "'0' is not a time in seconds above 0"),
+        (["robby", "--for", "soon"], "'soon' is not a time in seconds above 0"),
         (["robby", "--seed", "red"], "'red' is not a seed"),
         (["robby", "--speed", "0"], "'0' is not a speed"),
         (["robby", "--faults", "silnt"], "did you mean 'silent'?"),

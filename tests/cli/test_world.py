@@ -76,7 +76,6 @@ def test_what_is_asked_for_happens(world, words, act):
         ("payload much", "'much': write KG"),
         ("push 1,2", "'1,2': write X,Y,Z"),
         ("push 1,2,nan", "write X,Y,Z"),
-        ("push 1,2,3 --for 0", "the duration of a push must be above 0"),
         ("friction 0.2 off", "only block takes on or off"),
         ("payload 1 --on roof", "the robot has no link 'roof'"),
     ],

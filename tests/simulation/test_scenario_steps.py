@@ -10,7 +10,7 @@ from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.random_schedule import draw_schedule, known_faults
 from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.scenario_steps import read_scenario_steps, scenario_text
-from canopen_control.virtual.scenario import ScenarioError, nanoseconds_of
+from canopen_control.virtual.scenario import ScenarioError
 
 
 def read(folder, text, *, name="scenario.yml", physics=False):
@@ -101,13 +101,6 @@ def test_a_step_behind_the_end_is_told_with_its_line(tmp_path):
 def test_a_seed_that_is_no_whole_number_from_0_on_is_told_with_its_line(tmp_path, seed):
     with pytest.raises(ScenarioError, match=r"scenario\.yml:1:7: seed: "):
         read(tmp_path, f"seed: {seed}\nsteps: []\n")
-
-
-@pytest.mark.parametrize(
-    ("text", "ns"), [("1h", 3600 * S), ("5min", 300 * S), ("5s", 5 * S), ("500ms", S // 2), (2, 2 * S)]
-)
-def test_times_have_units(text, ns):
-    assert nanoseconds_of(text) == ns
 
 
 def test_a_trajectory_of_several_points_is_written_and_read(tmp_path):

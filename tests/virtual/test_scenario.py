@@ -12,7 +12,7 @@ from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, SetGrip
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.node_host import NodeHost
 from canopen_control.virtual.plant import IndependentPlants, LoadedPlant
-from canopen_control.virtual.scenario import ScenarioError, Switching, Timeline, read_scenario, seconds_of
+from canopen_control.virtual.scenario import ScenarioError, Switching, Timeline, read_scenario
 
 
 def read(tmp_path, text, node_ids=(3,)):
@@ -43,17 +43,6 @@ def test_a_timeline_is_read_in_order_whatever_its_order_in_the_file(tmp_path):
 
 def test_with_one_node_it_need_not_be_named(tmp_path):
     assert read(tmp_path, "steps: [{at: 1s, fault: silent}]") == [Switching(S, 3, "silent")]
-
-
-@pytest.mark.parametrize(("text", "seconds"), [("5s", 5.0), ("500ms", 0.5), (2, 2.0), (0.25, 0.25), ("1.5 s", 1.5)])
-def test_times_are_seconds_or_milliseconds(text, seconds):
-    assert seconds_of(text) == seconds
-
-
-@pytest.mark.parametrize("text", ["", "soon", "-1s", "5m", "1e3s", "nan", "9999999"])
-def test_other_times_are_refused(text):
-    with pytest.raises(ValueError, match="not a time"):
-        seconds_of(text)
 
 
 def test_every_mistake_is_told_at_once_with_its_line(tmp_path):

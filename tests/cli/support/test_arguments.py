@@ -30,7 +30,7 @@ def test_a_timeout_is_above_0_and_at_most_a_minute(text):
 def test_a_time_is_finite_and_above_0(text):
     with pytest.raises(argparse.ArgumentTypeError, match="is not a time in seconds above 0"):
         seconds(text)
-    assert seconds("0.5") == 0.5
+    assert [seconds(text) for text in ("0.5", "500ms", "2s", "1min", "1e3")] == [0.5, 0.5, 2.0, 60.0, 1000.0]
 
 
 @pytest.mark.parametrize("text", ["x", "", "0", "11", "0x10", "1.0"])
