@@ -6,6 +6,7 @@ Rules:
   still belong to the last homing, or to another mode: "attained" and "error" count only after they were absent.
 - A method without motion may end between two statuswords. Only for such a method an old "attained" is accepted, some
   updates after the start.
+- Some drives never set bit 10 (JVL MIS): "attained" of an axis that stands still for a second is the end.
 - Some drives keep "attained" until they leave OPERATION_ENABLED (aidin_hand2): their next homing is detected only after
   they have left this state.
 - Every exit returns bit 4 to 0: success, error, interruption, abort and timeout. Only success sets `homed`.
@@ -84,6 +85,12 @@ class HomingStatus(Enum):
 
 _STATUS = tuple(HomingStatus)
 _RUNNING = (HomingStatus.IN_PROGRESS, HomingStatus.ATTAINED)
+_STANDING = _SECOND  # standstill after which "attained" without bit 10 (target reached) is the end
+_LATE = "not done in time; `homing_timeout_seconds` in bus.yml allows more time"
+_UNSEEN = (
+    "the drive did not start it in time; check in its manual that it supports this method and sets bit 12 (homing "
+    "attained)"
+)
 _LATCHED = (
     "not done in time: bit 12 (homing attained) was 1 before the start, so the end cannot be detected; disable and "
     "enable the drive and home again, or set `switching_state: 4` in bus.yml, so that it leaves OPERATION_ENABLED "
@@ -154,6 +161,7 @@ class HomingSequence:
         self._stopped_updates = 0
         self._attained_absent = self._error_absent = self._ran = False
         self._deadline = self._start_deadline = _NEVER
+        self._standing_since: int | None = None  # with "attained", but without bit 10
         self._events: list[HomingEvent] = []
 
     def start(self, method: int) -> None:
@@ -163,6 +171,7 @@ class HomingSequence:
             self._phase = _Phase.PREPARE
             self._updates = self._stopped_updates = 0
             self._attained_absent = self._error_absent = self._ran = False
+            self._standing_since = None
 
     def abort(self, reason: str = "aborted") -> None:
         """Abort homing at the next update with bit 4 = 0, so that the drive stops by its halt option (0x605D)."""
@@ -187,11 +196,11 @@ class HomingSequence:
         earliest = min(self._deadline, self._start_deadline)
         return None if earliest == _NEVER else earliest
 
-    def update(self, statusword: int | None, ready: bool, now: int) -> int:
+    def update(self, statusword: int | None, ready: bool, now: int, *, standing: bool = False) -> int:
         """Return bit 4 of the controlword to send.
 
         Call once per cycle; this method never raises an exception. `ready` is True if the drive is enabled in mode HM;
-        without this homing fails.
+        without this homing fails. `standing` is True if the axis is known to stand still.
         """
         if self._phase is _Phase.IDLE:
             return 0
@@ -201,9 +210,9 @@ class HomingSequence:
         if self._deadline == _NEVER:
             self._deadline = now + self._timeout
         if now >= self._deadline:
-            return self._fail("not done in time" if self._attained_absent else _LATCHED, status, now)
+            return self._fail(_LATE if self._attained_absent else _LATCHED, status, now)
         self._updates += 1
-        return self._prepare(status, now) if self._phase is _Phase.PREPARE else self._run(status, now)
+        return self._prepare(status, now) if self._phase is _Phase.PREPARE else self._run(status, now, standing)
 
     def _prepare(self, status: HomingStatus, now: int) -> int:
         """Record bits 12 and 13 for some updates before the start, since the first may belong to another mode."""
@@ -217,7 +226,7 @@ class HomingSequence:
         self._start_deadline = now + self._start_timeout
         return _START
 
-    def _run(self, status: HomingStatus, now: int) -> int:
+    def _run(self, status: HomingStatus, now: int, standing: bool) -> int:
         self._attained_absent |= not status.value & HomingStatus.ATTAINED.value
         self._error_absent |= not status.value & HomingStatus.ERROR_MOVING.value
         if status in _RUNNING:
@@ -226,6 +235,13 @@ class HomingSequence:
         self._stopped_updates = self._stopped_updates + 1 if status in _ENDED else 0
         if status is HomingStatus.COMPLETED and self._is_believable():
             return self._finish(now)
+        # JVL MIS (ros2_canopen, issue 245): bit 10 is never set
+        if status is not HomingStatus.ATTAINED or not self._attained_absent or not standing:
+            self._standing_since = None
+        elif self._standing_since is None:
+            self._standing_since = now
+        elif now - self._standing_since >= _STANDING:
+            return self._finish(now)
         # CiA 402-2, 0x6041 in mode HM: bit 13 (homing error)
         if self._error_absent and status.value & HomingStatus.ERROR_MOVING.value:
             return self._fail("the drive reports a homing error", status, now)
@@ -233,7 +249,7 @@ class HomingSequence:
         if self._ran and status is HomingStatus.NOT_RUNNING and self._stopped_updates > self._settle_updates:
             return self._fail("the drive interrupted it", status, now)
         if now >= self._start_deadline:
-            return self._fail("the drive did not start it in time", status, now)
+            return self._fail(_UNSEEN, status, now)
         return _START
 
     def _is_believable(self) -> bool:

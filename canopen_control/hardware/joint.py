@@ -531,8 +531,9 @@ class JointDrive(JointStatus):
                 run.abort(str(error))
             else:
                 self.targets.take_mode(OperationMode.HM)
-        ready = self.statechart.state in _MAY_HOME
-        self.machine.mode_bits = run.step(self.enable_requested, ready, now)
+        ready, position = self.statechart.state in _MAY_HOME, self.axis.position
+        standing = self.at_standstill and position is not None and position.fresh
+        self.machine.mode_bits = run.step(self.enable_requested, ready, now, standing=standing)
         if run.phase is HomingPhase.RUN:
             self._fire(PhaseTrigger.HOMING_RUNS)
         if run.over:

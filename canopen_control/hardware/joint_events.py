@@ -402,11 +402,11 @@ class JointHoming:
         if not self.over:
             self._fail(reason)
 
-    def step(self, enable_requested: bool, may_home: bool, now: int) -> int:
+    def step(self, enable_requested: bool, may_home: bool, now: int, *, standing: bool) -> int:
         """Run one cycle of the homing; return the mode-specific bits of the controlword.
 
         `enable_requested` is True if the axis is enabled or being enabled, `may_home` if its statechart permits
-        homing.
+        homing, `standing` if the axis is known to stand still.
         """
         machine = self._machine
         ready = may_home and machine.may_move and machine.mode == OperationMode.HM
@@ -418,7 +418,7 @@ class JointHoming:
                 self._sequence.start(self._method or 0)
         if self.phase is not HomingPhase.RUN:
             return 0
-        bits = self._sequence.update(machine.statusword, ready, now)
+        bits = self._sequence.update(machine.statusword, ready, now, standing=standing)
         for event in self._sequence.events():
             if isinstance(event, HomingDone):
                 self.phase, self.result = HomingPhase.HOMED, ""

@@ -74,7 +74,7 @@ def test_the_bits_of_the_last_homing_are_not_this_ones_end():
     machine, sent, events = home([DONE] * 30, start_timeout_ns=100)
     assert sent[-1] == 0
     assert not machine.homed
-    assert events[0].reason == "the drive did not start it in time"
+    assert events[0].reason.startswith("the drive did not start it in time; check in its manual that it supports")
     assert events[0].time == 130
 
 
@@ -107,9 +107,13 @@ def test_an_interruption_ends_it_but_a_glimpse_of_one_does_not():
 
 def test_one_that_does_not_start_or_does_not_end_has_its_time():
     _, _, events = home([STOPPED] * 30, start_timeout_ns=100)
-    assert [(event.reason, event.time) for event in events] == [("the drive did not start it in time", 130)]
+    assert [(event.reason.partition(";")[0], event.time) for event in events] == [
+        ("the drive did not start it in time", 130)
+    ]
     machine, sent, events = home([STOPPED, *[RUNNING] * 200], timeout_ns=1000, start_timeout_ns=100)
-    assert [(event.reason, event.time) for event in events] == [("not done in time", 1000)]
+    assert [(event.reason, event.time) for event in events] == [
+        ("not done in time; `homing_timeout_seconds` in bus.yml allows more time", 1000)
+    ]
     assert sent[-1] == 0
     assert machine.next_deadline() is None
 
@@ -165,3 +169,22 @@ def test_whatever_comes_bit_4_is_up_only_while_it_runs_and_homed_needs_a_done(st
         assert len(events) <= 1
         assert not (events and machine.active)
         assert machine.homed <= homed
+
+
+@pytest.mark.parametrize(
+    ("words", "done"),
+    [
+        ([RUNNING] * 3 + [ATTAINED] * 12, True),
+        ([RUNNING] * 3 + [ATTAINED] * 10, False),
+        ([RUNNING] * 3 + [ATTAINED] * 6 + [RUNNING] + [ATTAINED] * 6, False),
+        ([ATTAINED] * 30, False),  # that of the last homing
+    ],
+)
+def test_a_drive_without_bit_10_has_homed_when_it_has_stood_still_for_a_second(words, done):
+    """JVL's MIS motors set bit 12 alone (ros2_canopen, issue 245)."""
+    for standing in (True, False):
+        machine = HomingSequence(start_timeout_ns=10_000_000_000)
+        machine.start(1)
+        for turn, word in enumerate([words[0]] * 4 + words):
+            machine.update(word, True, turn * 100_000_000, standing=standing)
+        assert machine.homed is (done and standing)

@@ -8,6 +8,7 @@ from support.generic import write_generic
 
 from canopen_control.errors import DriveError, NotYetEnabled
 from canopen_control.hardware.axis_statechart import Action
+from canopen_control.hardware.feedback import Feedback
 
 LIMIT = 0.8  # rad/s
 
@@ -115,3 +116,15 @@ def test_a_lost_node_ends_it(servo):
     servo.until(lambda: answers)
     assert "node 2 (drive_one)" in answers[0]
     assert servo.joint(2).homing is None
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_drive_without_bit_10_is_homed_once_it_stands_still(robot, monkeypatch, moving):
+    made = robot("csp")
+    for node in (2, 3):
+        made.drives[node].quirk("homing_without_bit_10")
+    if moving:  # a drive that still backs off from its switch
+        monkeypatch.setattr(Feedback, "at_standstill", property(lambda _self: False, lambda _self, _value: None))
+    made.do("axis", name="home")
+    made.run(3.0)
+    assert made.simulated.core.joints["pan"].homed is not moving
