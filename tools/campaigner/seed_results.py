@@ -169,21 +169,22 @@ _BUILDS: Final = {
 }
 _HEAD: Final = """# Seeds of the nightly campaign
 
-What came of the nightly campaign in virtual time, `tools/campaign --hours 1`, up to {date}: {seeds:,} of {planned:,}
-seeds, each with a schedule of its own of commands, stops, switches and everything that can break
-([a robot in virtual time](../guide/simulation.md)), and an observer that judges
-[invariants](../guide/simulation.md#invariants). `tools/campaign --page` writes this page of `seeds.json`. All
-were run by one version of the package, `{code}` by the check sum of its files, of those of the robots and of the
-EDS files, {build}; the times are those of a machine that did other things too.
+Results of the nightly campaign in virtual time, `tools/campaign --hours 1`, up to {date}: {seeds:,} of {planned:,}
+seeds. Each seed has its own schedule of commands, stops, switches and failures
+([a robot in virtual time](../guide/simulation.md)), and an observer checks the
+[invariants](../guide/simulation.md#invariants). `tools/campaign --page` writes this page from `seeds.json`. All seeds
+were run with one version of the package,
+{build} (`{code}`: checksum of the package, the robots and the
+EDS files). The times were measured on a computer that also ran other programs.
 
 | robot | seeds | planned | each, s | hours of the robot | times real time | frames | breaches | SHA-256 of all |
 |---|---|---|---|---|---|---|---|---|
 """
 _TROUBLES: Final = """
-## What went wrong, and in which state of the robot
+## Injected failures, by the state of the robot
 
-How often each kind of trouble began while a robot was in a state: faults of drives by their name, and what happens to
-supplies, processes and buses.
+The tables count how often each kind of failure began while a robot was in a state: faults of drives by their name, and
+failures of supplies, processes and buses.
 
 """
 
@@ -217,10 +218,11 @@ def _parts(results: Results) -> Iterator[str]:
 
 
 _CELLS: Final = """
-## What went wrong, by the states of the nodes that it hit
+## Injected failures, by the states of the affected nodes
 
-How often each kind of trouble hit a node in a state of axis power, CiA 402, NMT and boot; a trouble of a bus or of the
-robot's process hits all its nodes. What is empty was not met.
+The tables count how often each kind of failure affected a node in a state of axis power, CiA 402, NMT and boot; a
+failure of a bus or of the robot's process affects all its nodes. An empty cell means that the combination has not
+occurred.
 """
 
 
