@@ -134,7 +134,7 @@ class Robot:
         """Command a controller with one value per joint; velocity and effort commands expire after the command timeout.
 
         Outputs of a GPIO command controller can be given by name, `{"io/lamp": 1.0}`; other outputs are unchanged.
-        Returns the joints that do not follow, such as a single disabled axis, each with the reason and the remedy.
+        Return the joints that do not follow, such as a single disabled axis, each with the reason and the remedy.
         """
         if isinstance(values, Mapping):
             by_name = messages.CommandByName(controller=controller, values=dict(values), source=_SOURCE)

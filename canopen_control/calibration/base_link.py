@@ -88,7 +88,7 @@ class FiledEnds:
 def read_ends(path: Path, count: int, report: Callable[[str], object]) -> FiledEnds:
     """Read end positions from a file, ignoring empty lines and ``# comments``.
 
-    Raises ConfigError with all errors and their lines, or if there are fewer than `count` positions.
+    Raise ConfigError with all errors and their lines, or if there are fewer than `count` positions.
     """
     try:
         lines = read_utf8(path).splitlines()
@@ -222,7 +222,7 @@ class BaseLink:
     def drive(self, path: SquarePath) -> Driven:
         """Drive a square to its end, and return the end position.
 
-        Raises ControlError or RemoteError if the square cannot be completed. In any case the base is stopped.
+        Raise ControlError or RemoteError if the square cannot be completed. In any case the base is stopped.
         """
         starts: tuple[Planar, TruePose | None] | None = None
         begun = time.monotonic()

@@ -56,7 +56,7 @@ def given_in(path: Path, controller: str, names: Sequence[str]) -> dict[str, flo
 def write_corrected(path: Path, copy: Path, controller: str, values: Mapping[str, float]) -> list[Change]:
     """Write a copy with other parameter values, and return the changes.
 
-    Raises ConfigError, without leaving a copy, if that is not possible.
+    Raise ConfigError, without leaving a copy, if that is not possible.
     """
     if copy.exists() and copy.samefile(path):
         raise ConfigError(

@@ -103,7 +103,7 @@ def relative(end: Planar, start: Planar) -> Planar:
 def correction(runs: Sequence[SquareRun], side: float, separation: float, least: int = 1) -> Correction:
     """Compute the correction from runs around squares of `side`, with a current track of `separation`, both in m.
 
-    Raises ImplausibleEnds for invalid numbers, errors larger than the side, or fewer than `least` runs per direction.
+    Raise ImplausibleEnds for invalid numbers, errors larger than the side, or fewer than `least` runs per direction.
     """
     _refuse_sizes(side, separation)
     for number, run in enumerate(runs, 1):
@@ -247,7 +247,7 @@ class SquarePath:
     def twist(self, pose: Planar, now: float) -> tuple[float, float]:
         """Return the twist to command, in m/s and rad/s, for the odometry `pose` at `now` in s.
 
-        Raises ControlError if the base deviates from the square or takes too long.
+        Raise ControlError if the base deviates from the square or takes too long.
         """
         if self._start is None:
             self._start, self._since = pose, now

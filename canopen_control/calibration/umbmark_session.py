@@ -141,7 +141,7 @@ def calibrate(
 ) -> CalibrationResult:
     """Calibrate a base; `report` receives progress texts, `corrected` each set of new multipliers by name.
 
-    Raises ControlError, RemoteError or ImplausibleEnds if the calibration fails; the initial values are then restored.
+    Raise ControlError, RemoteError or ImplausibleEnds if the calibration fails; the initial values are then restored.
     """
     wheels = base.wheel_values()
     original = wheels.factors

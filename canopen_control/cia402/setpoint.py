@@ -164,7 +164,7 @@ class SetPointHandshake:
     ) -> None:
         """Send a set-point in device units after the current motion, or at once with `immediately`.
 
-        Raises LocalProtocolError if a set-point waits already, see `can_take`.
+        Raise LocalProtocolError if a set-point waits already, see `can_take`.
         """
         if not (self.can_take or immediately):
             raise LocalProtocolError(

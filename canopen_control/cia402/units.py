@@ -41,7 +41,7 @@ def counts_per_revolution(
 
     Each pair is (subindex 1, subindex 2): increments and motor revolutions, motor and shaft revolutions, feed and shaft
     revolutions. A feed constant defines the user unit, and the other two are then only conversions inside the drive.
-    Raises ConfigError for a value that is not positive.
+    Raise ConfigError for a value that is not positive.
     """
     pairs = (encoder_resolution, gear_ratio) if feed_constant is None else (feed_constant,)
     if not all(part > 0 for pair in pairs for part in pair):

@@ -209,7 +209,7 @@ class JointLimiter:
     def enforce(self, actual: list[float], desired: list[float], period: float) -> bool:
         """Clamp the desired values, by quantity, and return whether any was changed; `period` is in s.
 
-        Raises ControlError for a position command to a joint that is far outside its range.
+        Raise ControlError for a position command to a joint that is far outside its range.
         """
         if period <= 0.0:
             return False

@@ -175,7 +175,7 @@ class ControllerManager:
     def configure(self, name: str, params: Params | None = None) -> None:
         """Configure a controller that is not active, with new or stored parameters.
 
-        Raises ControlError for an active controller, and ConfigError for invalid parameters, which leave it
+        Raise ControlError for an active controller, and ConfigError for invalid parameters, which leave it
         UNCONFIGURED.
         """
         controller = self.get(name)
@@ -357,7 +357,7 @@ class ControllerManager:
 
         `values` are all values, or some by interface names; times are in ns. `source` names the sender; the command
         ends with the connection `holder`, unless it commands standstill. A refusal is reported once, until a command is
-        accepted. Returns the joints that do not follow an accepted command, with the reason and the remedy. `sender`
+        accepted. Return the joints that do not follow an accepted command, with the reason and the remedy. `sender`
         is the source with its identity, by default the source alone.
         """
         controller = self.get(name)

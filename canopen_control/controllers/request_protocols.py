@@ -67,7 +67,7 @@ class FollowsTrajectories(Protocol):
     def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
         """Cancel the active trajectory; with `only`, cancel it only if it belongs to this goal. `why` is reported.
 
-        Raises ControlError if there is nothing to cancel.
+        Raise ControlError if there is nothing to cancel.
         """
         ...
 
@@ -87,7 +87,7 @@ class Grips(Protocol):
     def grip(self, goal: GripperGoal, now: int) -> None:
         """Start a goal in the next cycle, which aborts the previous goal.
 
-        Raises ControlError if the goal is refused; `now` is in ns.
+        Raise ControlError if the goal is refused; `now` is in ns.
         """
         ...
 

@@ -99,7 +99,7 @@ class SteeringKinematics(PlanarPose):
     def update_position(self, traction: Sequence[float], steering: Sequence[float], dt: float) -> bool:
         """Integrate the positions of traction and steered wheels in rad; `dt` is in s.
 
-        Returns whether the time step was long enough for new mean velocities.
+        Return whether the time step was long enough for new mean velocities.
         """
         for index in range(self.traction_count):
             self._speeds[index] = quotient(traction[index] - self._positions[index], dt)
@@ -109,7 +109,7 @@ class SteeringKinematics(PlanarPose):
     def update_velocity(self, traction: Sequence[float], steering: Sequence[float], dt: float) -> bool:
         """Integrate the speeds of the traction wheels in rad/s and the positions of the steered wheels in rad.
 
-        Returns whether the time step was long enough for new mean velocities; `dt` is in s.
+        Return whether the time step was long enough for new mean velocities; `dt` is in s.
         """
         self.angle = self.measured_angle(steering)
         linear = self.measured_speed(traction, self.angle)

@@ -244,7 +244,7 @@ def plan_switch(
 ) -> SwitchPlan:
     """Check a switch request and return its plan, without changing anything.
 
-    Raises ControlError, InterfaceConflict or UnknownInterface if the request is refused.
+    Raise ControlError, InterfaceConflict or UnknownInterface if the request is refused.
     """
     leaving = _possible(controllers, deactivate, (ControllerState.ACTIVE,), "deactivate", strict=strict)
     allowed = (ControllerState.INACTIVE,)
@@ -432,7 +432,7 @@ class UpdateLoop:
     def update(self, now: int, period: float) -> float:
         """Update all active controllers except broadcasters, if the manager's period has passed.
 
-        `now` is in ns, `period` is that of the cycle in s. Returns the time since the previous update in s, negative if
+        `now` is in ns, `period` is that of the cycle in s. Return the time since the previous update in s, negative if
         no update was due.
         """
         self.now = now

@@ -295,7 +295,7 @@ class InterfaceRegistry:
     def claim(self, names: Sequence[str], owner: str) -> list[CommandInterface]:
         """Claim command interfaces for a controller, all or none.
 
-        Raises UnknownInterface, or InterfaceConflict if another controller owns one. Interfaces that the controller
+        Raise UnknownInterface, or InterfaceConflict if another controller owns one. Interfaces that the controller
         already owns are accepted.
         """
         commands = [self.command(name) for name in names]

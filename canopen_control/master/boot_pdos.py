@@ -387,7 +387,7 @@ def _restore_own(
 def _enable(
     plan: NodePlan, writes: Sequence[PlannedWrite], device: _DevicePdo, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, _DevicePdo]:
-    """Validate a PDO with the node's own mapping, with the planned COB-ID if accepted; raise BootError J if refused."""
+    """Make a PDO valid with its own mapping, and the planned COB-ID if accepted; raise BootError J otherwise."""
     pdo = writes[0].pdo or ("", 0)
     communication = cob_id_of(pdo)
     planned = next(write.data for write in reversed(writes) if is_cob_id(write))

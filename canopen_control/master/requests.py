@@ -137,14 +137,14 @@ class BootTransfers:
         return content if place is None else place.part_of(content)
 
     def try_read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload an optional object; None if the node refuses. Raises SdoTimeout or SdoLengthError."""
+        """Upload an optional object; None if the node refuses. Raise SdoTimeout or SdoLengthError."""
         try:
             return (yield from self.read(index, subindex))
         except SdoAbort:
             return None
 
     def read_optional(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload an object for comparison; None if refused or, with a warning, of another length. Raises SdoTimeout."""
+        """Upload an object for comparison; None if refused or, with a warning, of another length. Raise SdoTimeout."""
         try:
             return (yield from self.try_read(index, subindex))
         except SdoLengthError as error:
@@ -154,7 +154,7 @@ class BootTransfers:
             return None
 
     def number(self, index: int, subindex: int = 0, *, signed: bool = False) -> Generator[Request, Answer, int | None]:
-        """Upload an optional object as a number; None if the node refuses. Raises SdoTimeout or SdoLengthError."""
+        """Upload an optional object as a number; None if the node refuses. Raise SdoTimeout or SdoLengthError."""
         data = yield from self.try_read(index, subindex)
         return None if data is None else int.from_bytes(data, "little", signed=signed)
 

@@ -105,7 +105,7 @@ def without_target(
 ) -> tuple[tuple[JointDrive, ...], list[JointDrive]]:
     """Leave axes that cannot be enabled, because no RPDO has a target, out of an enable of "all".
 
-    Returns the other axes, and the omitted axes. If every axis lacks a target none is omitted, so that the enable is
+    Return the other axes, and the omitted axes. If every axis lacks a target none is omitted, so that the enable is
     refused with the reason.
     """
     omitted = [joint for joint in joints if joint.lacks_target] if action is Action.ENABLE and name == ALL else []

@@ -412,7 +412,7 @@ class RobotCore:
         """Pass a command to a controller; raise ControlError if STOP is latched or the controller refuses the command.
 
         `stamp` is the creation time in Unix s. The command ends when `client_disconnected` is called with the `holder`;
-        without a holder it ends only by its timeout. Returns why joints do not follow the command, by joint name.
+        without a holder it ends only by its timeout. Return why joints do not follow the command, by joint name.
         """
         self._refuse_while_stopping("a command to", controller)
         self.latch.refuse("a command to", controller)

@@ -113,7 +113,7 @@ class AnswerInvariants:
             self._reports.append((now, event))
 
     def reported(self, node_id: int, since: int, word: str = "") -> bool:
-        """Whether the robot has reported, since a time, why a node is at standstill, or an event with `word`."""
+        """Whether the robot has reported, after `since`, why a node is at standstill, or an event with `word`."""
         axis = self._axes.get(node_id)
         if axis is None:
             return False

@@ -62,7 +62,7 @@ def obj_triangles(content: bytes) -> list[Triangle]:
 def dae_triangles(content: bytes) -> list[Triangle]:
     """Return the faces of a COLLADA file as placed by its scenes, in m with z up, without colours.
 
-    Raises ValueError, KeyError or IndexError if the file is invalid.
+    Raise ValueError, KeyError or IndexError if the file is invalid.
     """
     try:
         root = ET.fromstring(content)
@@ -149,7 +149,7 @@ MAX_BYTES: Final = 50_000_000  # maximum file size; a larger file would stall a 
 def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None = None) -> Path:
     """Return the path of a mesh by its URI: `package://NAME/...`, `file://...`, or a path relative to the description.
 
-    Raises ConfigError if the file does not exist. A package is searched near the description, in ROS_PACKAGE_PATH, and
+    Raise ConfigError if the file does not exist. A package is searched near the description, in ROS_PACKAGE_PATH, and
     in share/ of AMENT_PREFIX_PATH.
     """
     parts = urlsplit(uri)

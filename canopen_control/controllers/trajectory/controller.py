@@ -411,7 +411,7 @@ class JointTrajectoryController(Controller):
     def send_goal(self, goal: TrajectoryGoal | JointTrajectory, now: int) -> None:
         """Start a goal or a trajectory in the next cycle; a new goal aborts the previous goal.
 
-        Raises ControlError on a refusal. See `set_trajectory` for a trajectory without a goal.
+        Raise ControlError on a refusal. See `set_trajectory` for a trajectory without a goal.
         """
         if isinstance(goal, JointTrajectory):
             self.set_trajectory(goal, now)
