@@ -8,7 +8,7 @@ from support.generic import write_generic
 
 from canopen_control.errors import DriveError, NotYetEnabled
 from canopen_control.hardware.axis_statechart import Action
-from canopen_control.hardware.feedback import Feedback
+from canopen_control.hardware.joint import JointDrive
 
 LIMIT = 0.8  # rad/s
 
@@ -124,7 +124,7 @@ def test_a_drive_without_bit_10_is_homed_once_it_stands_still(robot, monkeypatch
     for node in (2, 3):
         made.drives[node].quirk("homing_without_bit_10")
     if moving:  # a drive that still backs off from its switch
-        monkeypatch.setattr(Feedback, "at_standstill", property(lambda _self: False, lambda _self, _value: None))
+        monkeypatch.setattr(JointDrive, "at_standstill", property(lambda _self: False))
     made.do("axis", name="home")
     made.run(3.0)
     assert made.simulated.core.joints["pan"].homed is not moving
