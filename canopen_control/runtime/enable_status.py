@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import time
 from typing import TYPE_CHECKING, Final
 
@@ -233,13 +234,21 @@ def _remedy(joints: Sequence[JointDrive], of: str = _ALL) -> str:
 
 
 def return_hint(absent: Sequence[RemoteNode]) -> str:
-    """Return the advice for absent nodes: start stopped nodes and ended virtual drives again, otherwise wait."""
+    """Return the advice for absent nodes: start stopped nodes and ended virtual drives again, correct, or wait."""
     if names := [node.name for node in absent if node.is_taken_out]:
         return f"start the stopped nodes: {', '.join(f'canopen-control nmt start {name}' for name in names)}"
     if ended := _ended(absent):
         commands = " and ".join(dict.fromkeys(node.restart_command for node in ended))
         return f"start {', '.join(node.name for node in ended)} again in another terminal: {commands}"
+    if failed := [(node.name, letter[1]) for node in absent if (letter := _BOOT_ERROR.match(node.reason))]:
+        letters = "".join(dict.fromkeys(letter for _, letter in failed))
+        names = ", ".join(name for name, _ in failed)
+        return f"remove the cause of boot error {letters} of {names}, which `canopen-control status` shows"
     return f"wait for {', '.join(node.name for node in absent)}"
+
+
+# CiA 302-2, error status: another device type (C) or identity (D, M, N, O), or a refused configuration (J)
+_BOOT_ERROR: Final = re.compile("boot error ([CDJMNO]):")
 
 
 def _ended(absent: Sequence[RemoteNode]) -> list[RemoteNode]:

@@ -1,6 +1,7 @@
 """Who follows commands, and what is said where nobody does; on whole robots in simulated time."""
 
 import pytest
+from support import makers
 from support.apiclient import Client, base64_of
 from support.busalone import IO, AloneBench, write_drives
 from support.iomodule import with_io_module
@@ -615,3 +616,23 @@ def test_a_virtual_drive_whose_process_has_ended_is_started_again_by_its_command
         "left_drive, right_drive are not enabled and will not move: start left_drive again in another terminal: "
         "canopen-control drive --node-id 3; then canopen-control axis enable all"
     )
+
+
+def test_a_node_that_refuses_its_configuration_is_not_waited_for(tmp_path):
+    """A drive exchanged for one whose 0x1016 is read-only: waiting does not help, its boot fails every second."""
+    robot = makers.robot(tmp_path, "pv")
+    try:
+        robot.drives[2].start_with(["consumer_refused"])
+        robot.drives[2].power_off(0.5)
+        robot.run(3.0)
+        assert robot.simulated.core.hint.endswith(
+            " and will not move: remove the cause of boot error J of pan_drive, which `canopen-control status` shows, "
+            "then canopen-control axis fault-reset all if a drive is in fault, then canopen-control axis enable all"
+        )
+        robot.drives[2].quirk_off("consumer_refused")
+        robot.run(3.0)
+        robot.enable()
+        robot.run(1.0)
+        assert (robot.state, robot.simulated.core.hint) == ("running", None)
+    finally:
+        robot.close()
