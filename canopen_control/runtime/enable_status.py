@@ -242,8 +242,8 @@ def return_hint(absent: Sequence[RemoteNode]) -> str:
         return f"start {', '.join(node.name for node in ended)} again in another terminal: {commands}"
     if failed := [(node.name, letter[1]) for node in absent if (letter := _BOOT_ERROR.match(node.reason))]:
         letters = "".join(dict.fromkeys(letter for _, letter in failed))
-        names = ", ".join(name for name, _ in failed)
-        return f"remove the cause of boot error {letters} of {names}, which `canopen-control status` shows"
+        unbootable = ", ".join(name for name, _ in failed)
+        return f"remove the cause of boot error {letters} of {unbootable}, which `canopen-control status` shows"
     return f"wait for {', '.join(node.name for node in absent)}"
 
 
