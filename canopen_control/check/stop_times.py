@@ -231,7 +231,7 @@ def _facts(
         index: number_read for index in _OBJECTS if (number_read := value(o.axis_index(index, number))) is not None
     }
     limits = setup.description.joints[joint.name].limits if joint.name in setup.description.joints else None
-    most = math.inf if limits is None else limits.velocity * abs(node.units.of_axis(number)["vel_to_dev"])
+    most = math.inf if limits is None else limits.speed * abs(node.units.of_axis(number)["vel_to_dev"])
     profile = value(o.axis_index(o.MAX_PROFILE_VELOCITY, number))
     if profile and profile < _UNLIMITED:
         most = min(most, profile)

@@ -25,6 +25,7 @@ from canopen_control.urdf.robot_model import RobotModel, model_of
 from canopen_control.urdf.ros2_control import (
     Ros2ControlSystem,
     check_owners,
+    check_ranges,
     read_system,
     read_transmissions,
     system_of_ros1,
@@ -232,6 +233,7 @@ def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = N
         simulated = any(child.filename.endswith("gazebo_ros_control.so") for child in gazebo)
         hardware = (system_of_ros1(model.name, transmissions, simulated=simulated),)
     check_owners(document, hardware)
+    check_ranges(document, hardware, model.joints)
     document.raise_if_any()
     notes = tuple(_notes(path, hardware, old if tags else ()))
     return UrdfDescription(path, urdf, model, hardware, gazebo, bool(old and not tags), notes)

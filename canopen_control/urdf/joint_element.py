@@ -169,7 +169,7 @@ class Joint:
         limits = self.limits
         if interface == POSITION:
             return (-math.inf, math.inf) if self.type == "continuous" else (limits.lower, limits.upper)
-        most = {VELOCITY: limits.velocity, EFFORT: limits.effort}.get(interface, math.inf)
+        most = {VELOCITY: limits.speed, EFFORT: limits.effort}.get(interface, math.inf)
         return -most, most
 
     def position_in(self, positions: Mapping[str, float | None]) -> float:

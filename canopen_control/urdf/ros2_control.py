@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -204,6 +205,27 @@ def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint])
                 f'interfaces, or give it mimic="false" if it has its own drive',
             )
     return ControlJoint(name, element.parameters(), commands, states, mimic, element.place)
+
+
+def check_ranges(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem], joints: Mapping[str, Joint]) -> None:
+    """Report ranges without a value: reversed bounds in a tag, or two ranges of a position that do not overlap."""
+    for part in (part for system in hardware for part in (*system.joints, *system.gpios)):
+        joint = joints.get(part.name)
+        low, high = (-math.inf, math.inf) if joint is None else joint.range_of(POSITION)
+        if low > high and joint is not None:
+            document.error(
+                joint, f"joint {part.name}: lower {low:g} of <limit> is greater than upper {high:g}; exchange them"
+            )
+        for name, bounds in part.command_interfaces.items():
+            least, most = bounds.minimum, bounds.maximum
+            if not bounds.limited:
+                continue
+            if least > most:
+                text = f"{part.name}: min {least:g} of the command interface {name!r} is greater than max {most:g}"
+                document.error(part, f"{text}; exchange them")
+            elif name == POSITION and low <= high and max(low, least) > min(high, most):
+                text = f"{part.name}: min {least:g} to max {most:g} of the command interface {name!r} lies outside"
+                document.error(part, f"{text} the joint's <limit>, {low:g} to {high:g}; correct one of the two")
 
 
 def check_owners(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem]) -> None:

@@ -195,6 +195,16 @@ def test_a_drive_that_brakes_for_longer_than_a_stop_may_last_is_a_warning(tmp_pa
     assert "joint_1 needs 209 s to brake from 2086076 units/s (ramp of 0x6084 (10000)); a stop that takes" in found[0]
 
 
+@pytest.mark.parametrize(("limit", "speed"), [("-2.0", "2086076"), ("0", "6553600")])
+def test_stop_times_use_the_speed_to_which_commands_are_limited(tmp_path, limit, speed):
+    """A velocity limit of 0 is unknown (the drive's 0x607F applies), and of a negative one the magnitude counts."""
+    config = tmp_path / "arm"
+    shutil.copytree(data_path("config", "arm6"), config)
+    text = (config / "arm6.urdf").read_text()
+    (config / "arm6.urdf").write_text(text.replace('velocity="2.0"', f'velocity="{limit}"'))
+    assert f"s at most from {speed} units/s" in check(config).stops[0].words
+
+
 def test_several_buses_are_checked_each_for_itself_and_together(tmp_path):
     config = copy_robby(tmp_path, bus={"  right_drive:\n    node_id: 2\n": "  right_drive:\n    node_id: 2\n"})
     text = (config / "bus.yml").read_text()

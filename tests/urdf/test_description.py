@@ -101,6 +101,16 @@ def test_every_mistake_is_told_at_once_with_its_place():
         ('<state_interface name="position"/>\n', '<state_interface name="position"/>' * 2,
          "'position' is defined twice"),
         ("<robot", "<robt", "the root element is <robt>"),
+        ('<limit lower="-1" upper="2" velocity', '<limit lower="2" upper="-1" velocity',
+         "joint shoulder: lower 2 of <limit> is greater than upper -1; exchange them"),
+        ('<param name="min">-1.5</param>', '<param name="min">3</param>',
+         "shoulder: min 3 of the command interface 'position' is greater than max 1.5; exchange them"),
+        ('<param name="min">-1.5</param><param name="max">1.5</param>',
+         '<param name="min">2.5</param><param name="max">3</param>',
+         "min 2.5 to max 3 of the command interface 'position' lies outside the joint's <limit>, -1 to 2; correct"),
+        ('<command_interface name="out"/>',
+         '<command_interface name="out"><param name="min">1</param><param name="max">0</param></command_interface>',
+         "io: min 1 of the command interface 'out' is greater than max 0"),
     ],
 )  # fmt: skip
 def test_what_ros2_control_refuses_is_refused(old, new, wanted):

@@ -57,6 +57,8 @@ def test_limits_are_known_by_the_name_of_an_interface():
     spans = [lift.range_of(each) for each in ("position", "velocity", "effort", "acceleration")]
     assert spans == [(-1.0, 2.0), (-3.0, 3.0), (-4.0, 4.0), (-math.inf, math.inf)]
     assert (wheel.range_of("position"), wheel.range_of("velocity")) == ((-math.inf, math.inf), (-3.0, 3.0))
+    speeds = [Joint("j", "continuous", "a", "b", limits=UrdfLimits(velocity=most)) for most in (-3.0, 0.0)]
+    assert [joint.range_of("velocity") for joint in speeds] == [(-3.0, 3.0), (-math.inf, math.inf)]
 
 
 def test_a_wheel_turns_and_a_slide_slides_whatever_the_length_of_the_axis():
