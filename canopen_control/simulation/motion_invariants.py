@@ -160,7 +160,7 @@ class MotionInvariants:
             return
         since = self._followed_ns
         for view in self._views.values():
-            watched = view.config.master.heartbeat_producer * _MS * 5
+            watched = view.config.master.heartbeat_ms * _MS * 5
             silent = watched > 0 and 0 < view.master_at < now - watched - GRACE_NS
             for node in view.nodes.values():
                 limit = node.timeout_ns

@@ -127,7 +127,7 @@ class BusHistory:
     def _silences(self) -> list[tuple[int, int | None]]:
         """Return the intervals without SYNC or heartbeat of the master; the end None means until the last frame."""
         config = self._config.master
-        period = max(config.sync_period * 1000, 0 if config.sync_period else config.heartbeat_producer * _MS)
+        period = max(config.sync_period * 1000, 0 if config.sync_period else config.heartbeat_ms * _MS)
         return _gaps(self._master, 5 * period, self._end) if period else []
 
     # -- a node

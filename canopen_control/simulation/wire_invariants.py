@@ -230,7 +230,7 @@ class WireInvariants:
     ) -> None:
         self._robot, self._wire, self._view, self._report = robot, wire, view, report
         master = view.config.master
-        self._sync_ns, self._heartbeat_ns = master.sync_period * 1000, master.heartbeat_producer * _MS
+        self._sync_ns, self._heartbeat_ns = master.sync_period * 1000, master.heartbeat_ms * _MS
         self._ours = master.sync_producer != "other"
         self._rate = master.baudrate * 1000
         period = self._sync_ns or robot.setup.cycle_ns

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 from support.simulated import BASE, FORWARD, MS, S, setup_of
 
@@ -103,6 +105,13 @@ def test_a_master_that_is_silent_is_stalled_and_killed_where_it_boots_nodes_anew
     assert shown(acts_of_of_recorded_faults(healthy(master=[(2, 4)]), (4.1, CanFrame(NMT, b"\x81\x00")))) == [
         ("kill", "", "", 2.0, 2.0)
     ]
+
+
+def test_a_master_without_sync_is_silent_without_its_heartbeat_of_the_default_period():
+    bus = setup_of().bus
+    quiet = replace(bus, master=replace(bus.master, sync_period=0, heartbeat_producer=0))
+    [act] = BusHistory(quiet, sorted(healthy(master=[(2, 4)]), key=lambda each: each[0]), []).acts()
+    assert (act.kind, act.target) == ("stall", "master")
 
 
 def test_commands_that_no_boot_gives_are_a_strangers():

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 from support.simulated import MS, S, setup_of
 
@@ -15,18 +17,22 @@ from canopen_control.simulation.wire_view import WireView
 class Judged:
     """Rules of a wire that hear what they are given; the robot is not started."""
 
-    def __init__(self):
+    def __init__(self, bus=None):
+        bus = bus or setup_of().bus
         self.robot = RobotUnderTest(setup_of(), 1)
         self.wire = self.robot.wires[BUS_NAME]
         self.told = []
-        self.rules = WireInvariants(
-            self.robot, self.wire, WireView(setup_of().bus), lambda rule, text: self.told.append(rule)
-        )
+        self.rules = WireInvariants(self.robot, self.wire, WireView(bus), lambda rule, text: self.told.append(rule))
         self.now = self.robot.now_ns + 10 * S
 
     def hear(self, can_id, data=b"", *, after=0, label=MASTER):
         self.now += after
         self.rules.hear(self.now, label, pack_records([CanFrame(can_id, data)]))
+
+
+def replace_in_master(**keys):
+    bus = setup_of().bus
+    return replace(bus, master=replace(bus.master, **keys))
 
 
 @pytest.fixture
@@ -45,6 +51,18 @@ def test_a_sync_and_a_heartbeat_in_time_are_no_news_late_ones_are(judged):
     judged.hear(0x701, b"\x05")
     judged.hear(0x701, b"\x05", after=200 * MS)
     assert judged.told == ["late"] * 2
+
+
+def test_the_heartbeat_is_judged_by_its_default_if_bus_yml_is_silent():
+    made = Judged(replace_in_master(heartbeat_producer=0))
+    try:
+        made.hear(0x701, b"\x05")
+        made.hear(0x701, b"\x05", after=100 * MS)
+        assert made.told == []
+        made.hear(0x701, b"\x05", after=200 * MS)
+        assert made.told == ["late"]
+    finally:
+        made.robot.close()
 
 
 def test_who_cannot_send_is_not_late(judged):
