@@ -13,6 +13,7 @@ robot can be built from it.
 from __future__ import annotations
 
 import contextlib
+import shlex
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -280,7 +281,7 @@ def _lines(written: Written, channel: str) -> list[str]:
     guessed = list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.is_known))
     if guessed:
         lines.append(f"counts per revolution are guessed for {_some(guessed)} (guesses in bus.yml); measure them")
-    name = str(written.folder)
+    name = shlex.quote(str(written.folder))
     if written.problems:
         lines += [f"PROBLEM, marked in bus.yml too: {text}" for text in written.problems]
         unable = [node.name for node in robot.nodes if node.unusable]

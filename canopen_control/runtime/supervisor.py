@@ -328,7 +328,7 @@ class Supervisor:
 
     def _spawn_drives(self, bus: BusConfig, channel: str) -> None:
         for node in bus.nodes.values():
-            eds = bus.eds_paths[node.name]
+            eds = bus.eds_paths[node.name].resolve()
             arguments = [
                 "canopen_control",
                 "drive",
@@ -353,7 +353,7 @@ class Supervisor:
             (channel,) = setup.channels.values()
             arguments = ["canopen_control", "drive", "--node-id", ids, "--can", channel, "--plant", str(plant)]
             for bus, node in nodes:
-                arguments += ["--eds", f"{node.node_id}={bus.eds_paths[node.name]}"]
+                arguments += ["--eds", f"{node.node_id}={bus.eds_paths[node.name].resolve()}"]
         quirks = {tuple(unit_quirks(bus, node.name)) for bus, node in nodes}
         if len(quirks) == 1:  # the process applies its quirks to all of its drives
             arguments += [f"--quirk={quirk}" for quirk in quirks.pop()]

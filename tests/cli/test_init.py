@@ -51,6 +51,13 @@ def test_a_robot_is_made_and_the_next_commands_are_named(capsys):
     assert main(["check", "turntable", "--strict"]) == 0
 
 
+def test_the_next_commands_are_valid_for_a_folder_with_a_space(capsys):
+    assert main(["init", "my robots/head", *TMCM, "--node-id", "5"]) == 0
+    *_, demo, preflight = capsys.readouterr().out.splitlines()
+    assert demo.endswith(": canopen-control demo 'my robots/head'")
+    assert preflight.endswith(": canopen-control preflight 'my robots/head' --can can0")
+
+
 def test_joints_are_named_in_one_list(capsys):
     assert main(["init", "head", *TMCM, "--node-id", "5,6", "--joint", "pan,tilt"]) == 0
     assert [line.split()[4] for line in capsys.readouterr().out.splitlines()[1:3]] == ["pan,", "tilt,"]

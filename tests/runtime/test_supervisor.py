@@ -1,6 +1,7 @@
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError
 from canopen_control.host.environment import MODULE
 from canopen_control.host.files import state_dir
@@ -426,6 +428,23 @@ def test_who_dies_now_and_then_is_never_given_up():
     for number in range(50):
         assert restarts.died(number * (WINDOW_NS // 2)).startswith("it is restarted")
     assert not restarts.given_up
+
+
+def test_the_command_that_starts_a_drive_again_is_valid_in_every_folder(tmp_path, monkeypatch):
+    shutil.copytree(data_path("config", "robby"), tmp_path / "my robby")
+    shutil.copy(data_path("eds", "TMCM-1270.eds"), tmp_path / "my robby")
+    monkeypatch.chdir(tmp_path)
+    reactor = Reactor()
+    supervisor = Supervisor("test", reactor, print)
+    monkeypatch.setattr(supervisor, "_start", partial(_idle, supervisor))
+    try:
+        supervisor.start_drives(read_robot(find_robot("my robby"), can=["local:a"]))
+        _, command = supervisor._drive_commands["drive-left_drive"]
+    finally:
+        supervisor.end()
+        reactor.close()
+    words = shlex.split(command)
+    assert words[words.index("--eds") + 1] == str(tmp_path / "my robby" / "TMCM-1270.eds")
 
 
 def test_a_drive_that_is_killed_is_told_with_the_command_that_starts_it_again(monkeypatch):

@@ -427,7 +427,7 @@ class JointTrajectoryController(Controller):
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         del values, now, stamp
-        raise self.refusal("accepts only trajectories and goals")
+        raise self.refusal("accepts only trajectories and goals; send one with canopen-control trajectory")
 
     def cancel(self, goal: TrajectoryGoal, why: str | None = None) -> None:
         """Cancel an active goal: the joints brake and are held. `why` is reported."""
