@@ -339,7 +339,7 @@ self.reactor.call_later(300_000_000, begin)
         Change(
             "cia402.units",
             "PositionUnwrapper.update",
-            "not -_HALF <= step < _HALF",
+            "not -half <= step < half",
             "False",
         ),
         (_scenario("robby", "robby_wrap"),),

@@ -304,7 +304,9 @@ class BaseLink:
                     newest = message
                     break
             if newest is None:
-                raise ControlError(f"the robot has sent nothing for {_SILENT_S:g} s; does it hang?")
+                raise ControlError(
+                    f"the robot has sent nothing for {_SILENT_S:g} s; its process may be stopped or blocked"
+                )
             for message in self._robot.messages(0):
                 newest = message if isinstance(message, StateSample) else newest
             yield newest

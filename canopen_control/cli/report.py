@@ -148,7 +148,9 @@ def _watched(args: argparse.Namespace) -> FlightFile:
 
     file = watch(args.name, args.duration)
     if not file.states:
-        raise CanopenError(f"robot {file.meta.robot} sent no sample within {args.duration:g} s; does it hang?")
+        raise CanopenError(
+            f"robot {file.meta.robot} sent no sample within {args.duration:g} s; its process may be stopped or blocked"
+        )
     return file
 
 

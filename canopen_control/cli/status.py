@@ -210,7 +210,9 @@ def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNames
     """
     label = f"robot {robot}"
     with LineClient(socket_path("robot", robot), timeout, label=label) as stream:
-        greeting = _object_in(stream.receive(timeout), f"{label} does not answer; does it hang?")
+        greeting = _object_in(
+            stream.receive(timeout), f"{label} does not answer; its process may be stopped or blocked"
+        )
         hello = greeting.get("hello")
         if not isinstance(hello, dict) or hello.get("protocol") != _PROTOCOL:
             return None

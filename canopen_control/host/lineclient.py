@@ -115,7 +115,9 @@ class LineClient:
             remaining = remaining[sent:]
             if not sent and not self._poll(select.POLLOUT, deadline):
                 self.hang_up()  # part of the line may have been sent, so that the stream is unusable
-                raise RemoteError("Timeout", f"{self.label} has not read for {timeout:g} s; check whether it hangs")
+                raise RemoteError(
+                    "Timeout", f"{self.label} has not read for {timeout:g} s; check whether it is stopped or blocked"
+                )
 
     def receive(self, timeout: float | None = 5.0) -> bytes | None:
         """Return the next line without its newline, or None if no line arrived within `timeout` s.

@@ -255,7 +255,9 @@ def _flock(fd: int, path: Path, deadline: float) -> None:
             return fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             if time.monotonic() >= deadline:
-                raise CanopenError(f"another process holds {path}.lock for too long; check whether it hangs") from None
+                raise CanopenError(
+                    f"another process holds {path}.lock for too long; check whether it is stopped or blocked"
+                ) from None
         time.sleep(_LOCK_POLL_S)
 
 

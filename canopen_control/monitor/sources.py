@@ -349,7 +349,7 @@ class RobotLink:
                 elif isinstance(message, StateSample):
                     self.state, self._last_message, self.why = message, time.monotonic(), ""
                     on_sample()
-            self.why = f"robot {self.name} has been silent for more than {_SILENCE_S:g} s; does it hang?"
+            self.why = f"robot {self.name} sent nothing for {_SILENCE_S:g} s; its process may be stopped or blocked"
 
     def _keep(self, event: RobotEvent) -> None:
         """Store an event unless already known, since the stream repeats events of the status."""

@@ -174,7 +174,7 @@ class Client(Generic[H, P]):
     def _read_hello(self) -> H:
         first = self._receive(self.timeout)
         if first is None:
-            raise RemoteError("Timeout", f"{self._stream.label} does not answer; does it hang?")
+            raise RemoteError("Timeout", f"{self._stream.label} does not answer; its process may be stopped or blocked")
         return read_hello(self.api, first, self._stream.label)
 
     def _wait(self, ready: Callable[[], bool], timeout: float | None) -> bool:
