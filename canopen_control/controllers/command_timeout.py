@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 
 DEFAULT_TIMEOUT_S: Final = 2.0
+_LONG_S: Final = 60.0
 UNLIMITED: Final = "endless_command"
 """Kind of the event that reports commands without a time limit."""
 MOVING: Final = frozenset({VELOCITY, EFFORT, ACCELERATION})
@@ -124,8 +125,13 @@ def timeout_ns(timeout: float | None, interfaces: Iterable[str]) -> int:
     return round(timeout * 1e9)
 
 
-def unlimited_warning(key: str, timeout: float | None, interfaces: Iterable[str]) -> str | None:
-    """Return a warning about an explicit timeout of 0 for velocities, efforts or accelerations, else None."""
-    if timeout != 0.0 or not MOVING.intersection(interfaces):
+def timeout_warning(key: str, timeout: float | None, interfaces: Iterable[str]) -> str | None:
+    """Return a warning about an explicit timeout of velocities, efforts or accelerations that is 0 or long, else None.
+
+    A value of more than a minute is usually one in ms; the unit is s.
+    """
+    if timeout is None or 0.0 < timeout <= _LONG_S or not MOVING.intersection(interfaces):
         return None
+    if timeout:
+        return f"{key} is {timeout:g} s: moving joints continue for that time when the sender disappears"
     return f"{key} is 0, so commands never expire: moving joints continue when the sender disappears"

@@ -13,7 +13,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, zero_targets
-from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, unlimited_warning
+from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, timeout_warning
 from canopen_control.controllers.params import ForwardParams, GroupParams, MultiParams, SingleParams
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import OK, TARGET, ReturnType
@@ -131,7 +131,7 @@ class ForwardCommandController(Controller):
 
     def _set_timeout(self, timeout: float | None, interfaces: Sequence[str]) -> None:
         self.command_timeout.limit_ns = timeout_ns(timeout, interfaces)
-        if (text := unlimited_warning("command_timeout", timeout, interfaces)) is not None:
+        if (text := timeout_warning("command_timeout", timeout, interfaces)) is not None:
             self.report(UNLIMITED, text)
 
 

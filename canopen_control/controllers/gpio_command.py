@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, StateCopy
-from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, unlimited_warning
+from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, timeout_warning
 from canopen_control.controllers.params import CommonParams, refuse_all
 from canopen_control.errors import ControlError, RobotConfigError, nearest
 from canopen_control.hardware.interfaces import OK, ReturnType
@@ -180,7 +180,7 @@ class GpioCommandController(Controller):
         self._names = settings.outputs
         kinds = [name.rpartition("/")[2] for name in self._names]
         self.command_timeout.limit_ns = timeout_ns(settings.command_timeout, kinds)
-        if (text := unlimited_warning("command_timeout", settings.command_timeout, kinds)) is not None:
+        if (text := timeout_warning("command_timeout", settings.command_timeout, kinds)) is not None:
             self.report(UNLIMITED, text)
 
     def command_interface_names(self) -> list[str]:

@@ -21,7 +21,7 @@ from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.base import Controller, ControllerState, zero_targets
 from canopen_control.controllers.base_params import BaseParams
-from canopen_control.controllers.command_timeout import UNLIMITED, unlimited_warning
+from canopen_control.controllers.command_timeout import UNLIMITED, timeout_warning
 from canopen_control.controllers.limiters import RateLaw, RateLimiter, VelocityLimits
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose
 from canopen_control.errors import ControlError, RobotConfigError
@@ -259,7 +259,7 @@ class MobileBase(Controller):
             self.report(
                 ONE_UPDATE, f"{self.timeout_key} is 0, so a twist is used for one update only; give a time in s"
             )
-        elif (text := unlimited_warning(self.timeout_key, timeout, (VELOCITY,))) is not None:
+        elif (text := timeout_warning(self.timeout_key, timeout, (VELOCITY,))) is not None:
             self.report(UNLIMITED, text)
 
     @abstractmethod

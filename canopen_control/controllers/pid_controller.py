@@ -14,7 +14,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, finite, zero_targets
-from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, unlimited_warning
+from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, timeout_warning
 from canopen_control.controllers.params import DofGains, PidParams, read_pid_params
 from canopen_control.controllers.pid import Pid
 from canopen_control.controllers.trajectory.point import shortest_angular_distance
@@ -124,7 +124,7 @@ class PidController(Controller):
             settings.command_timeout, settings.reference_and_state_interfaces[:1]
         )
         kind = settings.reference_and_state_interfaces[:1]
-        if (text := unlimited_warning("command_timeout", settings.command_timeout, kind)) is not None:
+        if (text := timeout_warning("command_timeout", settings.command_timeout, kind)) is not None:
             self.report(UNLIMITED, text)
         self._references = [
             self._reference(dof, interface)

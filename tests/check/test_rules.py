@@ -191,6 +191,19 @@ def test_a_timeout_of_zero_is_for_ever(name, tmp_path):
     ]
 
 
+@pytest.mark.parametrize("name", ["robby", "diffbot_sim", "mobile_base_ros1"])
+@pytest.mark.parametrize(("seconds", "told"), [(60, 0), (500, 1)])
+def test_a_timeout_that_was_written_in_ms_is_a_warning(name, seconds, told, tmp_path):
+    old, _, key = TIMEOUTS[name]
+    files = changed(tmp_path, name, controllers={old: f"{key}: {seconds}.0"})
+    texts = [line for line in found(files) if f"{key} is " in line]
+    assert len(texts) == told
+    assert all(
+        "500 s: moving joints continue for that time when the sender disappears; give the time without" in line
+        for line in texts
+    )
+
+
 @pytest.mark.parametrize("name", ["robby", "diffbot_sim", "arm6"])
 def test_an_update_rate_above_the_sync(name, tmp_path):
     files = changed(tmp_path, name, controllers={"update_rate: 50": "update_rate: 100"})
