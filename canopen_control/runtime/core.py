@@ -549,8 +549,8 @@ class RobotCore:
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]
         if pacer.missed != pacer.reported and (missed := pacer.newly_missed(now)):
-            text = f"a cycle was missed (maximum lateness {self.pacer.late_max / 1e6:.0f} ms); is the computer busy?"
-            text += cost_of_skipping(self.joints.values())
+            lateness, cost = pacer.late_max / 1e6, cost_of_skipping(self.joints.values())
+            text = f"a cycle was missed (maximum lateness {lateness:.0f} ms){cost}; is the computer busy?"
             self.report(Event(now, "cycle_missed", "", text, Level.WARNING, count=missed))
         for event in manager.events() if manager.new_events else ():
             level = _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)
