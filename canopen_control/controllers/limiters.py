@@ -89,6 +89,11 @@ class RateLaw:
         if self._has_j and self._min_j > self._max_j:
             raise ValueError("Invalid second derivative limits")
 
+    @property
+    def brakes(self) -> bool:
+        """Whether a motion can end: a deceleration limit of 0 keeps the speed, also when the commands have ended."""
+        return not self._has_a or self._dec < 0.0 < self._dec_reverse
+
     def limit(self, v: float, v0: float, v1: float, dt: float) -> float:
         """Apply all limits to `v`; `v0` is the last limited value, `v1` the one before; `dt` is in s."""
         if self._has_j:

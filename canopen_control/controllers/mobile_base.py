@@ -94,9 +94,15 @@ class LimitedTwist:
 
 def _law(controller: str, axis: str, limits: VelocityLimits) -> RateLaw:
     try:
-        return RateLaw(limits)
+        law = RateLaw(limits)
     except ValueError as error:
         raise RobotConfigError(f"{controller}: {axis}: {error}: a minimum is above its maximum") from error
+    if not law.brakes:  # a motion whose commands have ended would go on
+        raise RobotConfigError(
+            f"{controller}: {axis}: a deceleration limit is 0, so the base would never brake; give max_deceleration "
+            "and max_deceleration_reverse other values, or, if they are absent, the acceleration limits"
+        )
+    return law
 
 
 def fill(values: list[float], value: float) -> None:

@@ -341,6 +341,19 @@ def test_its_references_have_upstreams_names():
     assert [each.name for each in base.reference_interfaces()] == case["expect_reference"]
 
 
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"max_acceleration": 0.5, "max_deceleration": 0.0},
+        {"max_acceleration": 0.5, "max_deceleration_reverse": 0.0},
+        {"max_acceleration": 0.0},
+    ],
+)
+def test_a_deceleration_limit_of_zero_is_refused_since_the_base_would_never_brake(limits):
+    with pytest.raises(RobotConfigError, match=r"base: linear\.x: a deceleration limit is 0, so the base would never"):
+        robot(**{f"linear__x__{key}": value for key, value in limits.items()})
+
+
 def test_a_jerk_limit_of_zero_is_told_to_freeze_the_robot():
     _, control, _ = robot(linear__x__max_jerk=0.0)
     assert [each.text for each in control.events() if each.kind == "parameter"] == [
