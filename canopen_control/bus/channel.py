@@ -148,7 +148,7 @@ def _check_socketcand(spec: ChannelSpec, text: str) -> None:
 
 
 def _for_python_can(spec: ChannelSpec) -> ChannelSpec:
-    """Convert host and port of a socketcand channel to keywords for python-can; return other channels unchanged."""
+    """Convert the host and port of a socketcand channel to python-can keywords; return other channels unchanged."""
     served = _SERVED.fullmatch(spec.name) if spec.interface == _SOCKETCAND else None
     if served is None:
         return spec

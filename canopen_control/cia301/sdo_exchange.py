@@ -310,7 +310,7 @@ class Phase:
         exchange.handle_abort(request, int.from_bytes(data[4:8], "little"), now)
 
     def expire(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
-        """Process the expired deadline of the phase."""
+        """Handle the expiry of the deadline of the phase."""
 
     def abandon(self, exchange: SdoTransfer) -> None:
         """Send an abort for a cancelled request if the server has received it."""

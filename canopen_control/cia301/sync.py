@@ -206,7 +206,7 @@ class SyncConsumer:
             self.event_queue.put(SyncEvent(SyncEventKind.MISSED, now))
 
     def next_deadline(self) -> int | None:
-        """Return the time at which the next SYNC is considered missed, or None if SYNC is not monitored."""
+        """Return the time at which the next SYNC is considered missed, or None if none is due."""
         return self._deadline_ns
 
     def frames(self) -> list[CanFrame]:

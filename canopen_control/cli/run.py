@@ -316,7 +316,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
 
 
 def _bridge_of(args: argparse.Namespace, files: RobotFiles) -> contextlib.AbstractContextManager[Child]:
-    """Start the process of the ROS bridge before the robot is prepared; raise ConfigError if the bridge cannot run."""
+    """Return a context manager that runs the ROS bridge process; raise ConfigError if the bridge cannot run."""
     from canopen_control.host.fork import allow_forks
     from canopen_control.host.sockets import check_name
     from canopen_control.ros.installation import require_ros

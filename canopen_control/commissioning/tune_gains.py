@@ -374,7 +374,7 @@ def settable_gains(
 
 @dataclass(frozen=True, slots=True)
 class GainPlace:
-    """Axis and its `named` gain objects; `stores` also saves the gains in the drive (0x1010)."""
+    """Axis and its `named` gain objects; if `stores`, the gains are also saved in the drive (0x1010)."""
 
     axis: int = 0
     named: tuple[str, ...] = ()

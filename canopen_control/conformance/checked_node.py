@@ -128,7 +128,7 @@ class CheckedNode:
         return self._first(can_id)
 
     def heartbeat(self, seconds: float) -> NmtState | None:
-        """Return the NMT state in the next heartbeat or boot-up message, or None after the timeout."""
+        """Wait for the next heartbeat or boot-up message; return its NMT state, or None on timeout."""
         self._frames.clear()
         frame = self.wait_for(ERROR_CONTROL_COB_ID + self.node_id, seconds)
         return None if frame is None or not frame.data else state_of_byte(frame.data[0])

@@ -62,7 +62,7 @@ class SenderWatch:
         self._reported = False
 
     def take(self, sender: CommandSender, now: int) -> tuple[str, str] | None:
-        """Record the sender of a command; return the names of two senders once when they begin to alternate."""
+        """Record the sender of a command; when two senders begin to alternate, return their names, once."""
         known = self._known
         if known and known[-1].identity == sender.identity:
             return None

@@ -93,7 +93,7 @@ class GripperParams(CommonParams):
 
 @dataclass(frozen=True)
 class ParallelGripperParams(GripperParams):
-    """Parameters of parallel_gripper_action_controller/GripperActionController, with its default effort."""
+    """Parameters of parallel_gripper_action_controller/GripperActionController, whose default effort is another."""
 
     max_effort: float = setting(10.0, low=0.0)
 

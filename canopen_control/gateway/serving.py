@@ -238,7 +238,7 @@ def _words(identity: LssIdentity) -> str:
 
 
 def _checked(refused: int, ask: Callable[[], LssResult]) -> LssResult:
-    """Run an LSS service and convert errors to GatewayRefusal; `refused` is the number for LSS error code 1."""
+    """Run an LSS service and turn errors into GatewayRefusal; `refused` is the gateway error for LSS error 1."""
     try:
         return ask()
     except LssRefused as refusal:

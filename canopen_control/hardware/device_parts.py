@@ -229,7 +229,7 @@ class NodeInputs:
         return device_input
 
     def read(self, now: int) -> None:
-        """Update all inputs; after a boot, begin with the values read by the boot."""
+        """Update all inputs; after a boot, start with the values read during the boot."""
         node = self.node
         self.lost |= self.ready and not node.ready
         self.ready = node.ready

@@ -369,7 +369,7 @@ class JointDrive(JointStatus):
         return bool(self._events)
 
     def _take_update(self, word: int | None, before: int | None) -> None:
-        """Collect the events of a new statusword, mode or timeout; send no targets while the drive may not move."""
+        """Collect the events of a new statusword, mode or timeout; stop following targets if the drive must stand."""
         machine, current = self.machine, self.targets.current
         if machine.evaluations != self._evaluations or word != before:
             self._evaluations = machine.evaluations

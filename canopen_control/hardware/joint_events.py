@@ -316,7 +316,7 @@ class MotionWatch:
         self.late = cyclic and not self._moved and self._standing == _LATE_CHECKS
 
     def _check_direction(self, way: int, here: int, step: int, scale: float) -> None:
-        """Count checks with motion away from the target, except while the motion reverses towards it."""
+        """Count checks in which the axis moves away from its target, unless this motion has moved towards it before."""
         if abs(step) < _STEP * scale:
             self.moves_away = self._ended_away(way, here, scale)
             self._rest, self._right, self._away = here, False, 0

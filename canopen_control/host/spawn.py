@@ -107,7 +107,7 @@ class Child:
                 os.killpg(self.pid, signal.SIGKILL)
 
     def cut_lifeline(self) -> None:
-        """Close lifeline and gate; the child then behaves as if this process had ended."""
+        """Close the lifeline and the gate; the child then behaves as if this process had ended."""
         pipes, self._lifeline, self._gate = (self._lifeline, self._gate), -1, -1
         for pipe in pipes:
             if pipe >= 0:

@@ -52,7 +52,7 @@ def is_cob_id(write: PlannedWrite) -> bool:
 
 
 def cob_id_of(pdo: tuple[str, int]) -> int:
-    """Return the index of a PDO's communication record, whose subindex 1 is the COB-ID."""
+    """Return the index of the object whose subindex 1 is a PDO's COB-ID, its communication record."""
     return COMMUNICATION[pdo[0]] + pdo[1] - 1
 
 

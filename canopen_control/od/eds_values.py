@@ -46,7 +46,7 @@ class Parsed(NamedTuple):
 
 
 class Number(NamedTuple):
-    """Parsed integer; `is_hex` is True if the number may be a two's complement."""
+    """Parsed integer; `is_hex` is True if the number may be in two's complement."""
 
     value: int
     is_hex: bool = False

@@ -242,7 +242,7 @@ class JointPlant:
         return owner.torque is not None or now < owner.demand.end_ns or owner.demand.final_velocity != 0.0
 
     def order(self) -> tuple[object, ...]:
-        """Return demand and settings of the drive, for detecting changes."""
+        """Return the drive's demand and settings, to detect changes."""
         owner = self.owner
         if owner is None:
             return ()

@@ -562,7 +562,7 @@ class RosSession:
         self._report_outpaced()
 
     def _report_outpaced(self) -> None:
-        """Report which controllers publish faster than the state stream, after a change."""
+        """Report which controllers publish faster than the state stream, if this has changed."""
         text = outpaced(self.controllers.values(), self._rate)
         if text is not None and text != self._outpaced:
             self.ask(PublishEvent(kind="ros_rate", text=f"ROS: {text}"), lambda _done, _error: None)

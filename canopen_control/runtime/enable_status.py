@@ -306,7 +306,7 @@ class MandatoryNodes(RobotObserver):
             self._require(f"axis {action.value}")
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
-        """Raise ControlError for controllers that command axes while a mandatory node is missing or STOP is latched."""
+        """Raise ControlError if a controller needs command interfaces, and a node is missing or STOP is latched."""
         names = list(controllers)
         self._latch.check_controllers(names)
         for name in names:

@@ -124,7 +124,7 @@ def check_physics(setup: RobotSetup) -> None:
 def write_plant(
     setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None, folder: Path | None = None
 ) -> Path:
-    """Write the plant file and a copy of the URDF; return the path of the plant file. Raise ConfigError on failure.
+    """Write the plant file and a copy of the URDF; return the path of the plant file. Raise CanopenError on failure.
 
     `folder` defaults to the folder of the robot's logs.
     """
@@ -187,7 +187,7 @@ def _bus_of(setup: RobotSetup, node: str) -> str:
 
 
 def _encoders(setup: RobotSetup) -> Iterator[str]:
-    """Yield the lines of the plant file about encoders: nodes of joints without command interfaces."""
+    """Yield the encoder lines of the plant file, for nodes whose joints have no command interfaces."""
     nodes = {name: node.node_id for bus in setup.buses.values() for name, node in bus.nodes.items()}
     for part in (joint for tag in setup.description.hardware for joint in tag.joints):
         device = part.parameters.get("device_name", "")

@@ -371,7 +371,7 @@ class StatusInvariants:
 
 
 def _has_event(events: list[RobotEvent], node: str, since: int, kind: str = "") -> bool:
-    """Whether a node has an event of a kind (a prefix) since about `since`."""
+    """Whether a node has had an event whose kind starts with `kind`, since about `since`."""
     earliest = since / 1e9 - _MARGIN_S
     return any(event.node == node and event.time > earliest and event.kind.startswith(kind) for event in events)
 

@@ -112,7 +112,7 @@ class Actor:
             self._time.at(self._wake_at, self._woken)
 
     def call(self, work: Callable[[], object]) -> None:
-        """Call a function in the reactor of the process, like a client request."""
+        """Call a function in the process's reactor, as a client request would."""
         self.reactor.call_soon(work)
         self.arrived()
 

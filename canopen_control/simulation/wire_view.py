@@ -89,7 +89,7 @@ class ObservedNode:
 
     @property
     def follows(self) -> bool:
-        """Whether the drive is enabled and commanded to move: no halt (bit 8), no active limit (bit 11)."""
+        """Whether the drive is enabled, not halted (controlword bit 8) and not at a limit (statusword bit 11)."""
         return self.controlword & 0x18F == _ENABLED and self.statusword & (_STATE | _LIMIT) == _SHOWN_ENABLED
 
     @property

@@ -60,7 +60,7 @@ def installed_packages(package: str, environment: Mapping[str, str] | None = Non
 
 
 def installed_file(package: Path, name: Path) -> Path:
-    """Return the source path of an installed file, since CMake's install(DIRECTORY ...) may rename folders.
+    """Return where an installed file is in the source tree; CMake's install(DIRECTORY ...) may have renamed folders.
 
     `name` is the path relative to the package. This path is returned if it exists, or if no rule installs it.
     """

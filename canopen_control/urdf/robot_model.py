@@ -46,7 +46,7 @@ class Visual:
 
 @dataclass(frozen=True, slots=True)
 class UrdfLink:
-    """Link of the robot, with its visual shapes; `place` is the position of the tag.
+    """Link of the robot, with its visual shapes; `place` is the line and column of the tag.
 
     `radius` in m is that of the only cylinder or sphere in <collision>, else in <visual>; None if there is not exactly
     one.

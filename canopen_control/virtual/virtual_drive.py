@@ -122,7 +122,7 @@ class AxisReadings:
         return -1.0 if self.inverted.value else 1.0
 
     def demand(self) -> tuple[float, float]:
-        """Return position and velocity of the demand, in plant counts and counts/s."""
+        """Return the demanded position and velocity, in plant counts and counts/s."""
         return self.mover.state(self.mover.time)
 
     def position(self) -> int:

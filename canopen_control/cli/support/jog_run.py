@@ -57,7 +57,7 @@ _CHUNK: Final = 1024
 
 
 class Keyboard:
-    """Context manager that reads keys from standard input; ConfigError if this is not a terminal.
+    """Context manager that reads keys from standard input; raises ConfigError if it is not a terminal.
 
     `ended` is True when no more input can arrive: after end of file, SIGTERM (`terminated`) or SIGHUP.
     """

@@ -54,7 +54,7 @@ def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True)
 
 @contextlib.contextmanager
 def open_session(args: argparse.Namespace, node: str | None = None) -> Iterator[NodeSession]:
-    """Context with a session with a node, by default the NODE of the arguments.
+    """Context manager for a session with a node, by default the NODE argument.
 
     If --can names the channel of a running robot, its nodes are reached through that robot.
     """

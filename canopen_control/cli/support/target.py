@@ -128,7 +128,7 @@ def refuse_as_node(args: argparse.Namespace, word: str, right: str, *, file: str
 
 
 def robot_on(channel: str) -> tuple[str, NodeListing] | None:
-    """Return name and node listing of the running robot on `channel`, or None."""
+    """Return the name and the node listing of the robot running on `channel`, or None."""
     address = str(parse_channel(channel))
     for name in find_robots():
         try:

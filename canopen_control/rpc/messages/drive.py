@@ -99,7 +99,7 @@ class SwitchFault(Request[ActiveFaults], frozen=True, kw_only=True):
 
 
 class QuirkListing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Quirk of a drive: behaviour of a manufacturer's healthy drives that deviates from the standards.
+    """Quirk of a drive: a deviation from the standards that a manufacturer's healthy drives show.
 
     `does` is the behaviour of the drive, `clause` the clause from which it deviates, `source` where the behaviour is
     documented, `acts` the affected part, "axis" or "node". A quirk with a strength has a `unit`, a `default` and the

@@ -122,7 +122,7 @@ _THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
 
 
 class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(_THREE)}):
-    """3D scene of the robot, updated by the `scene`, `ghost`, `trail` and `truth` of feed messages.
+    """3D scene of the robot, updated by the fields `scene`, `ghost`, `trail` and `truth` of feed messages.
 
     `trail` is the path by odometry, `truth` the true path of the base, if a simulation provides it. In a browser
     without WebGL a sentence appears instead.
@@ -150,7 +150,7 @@ class StripCharts(Element, component="strip_charts.js"):
 
 
 class TreeRow(TypedDict):
-    """Constant row of the object tree: `a` is the address as text, `object` the name of the array or record.
+    """Static part of a row of the object tree: `a` is the address as text, `object` the name of the array or record.
 
     `fixed` is the reason why the user cannot write the object, else "".
     """

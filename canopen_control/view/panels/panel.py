@@ -49,7 +49,7 @@ class PanelContext(Protocol):
         ...
 
     def release(self, page: str) -> None:
-        """End the motion of a page's held button at once."""
+        """End the motion that a page's held button commanded, at once."""
         ...
 
     def refresh_faults(self) -> None:
