@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 
 NAN: Final = math.nan
+LONGEST_STOP_S: Final = 10.0  # of a controlled stop, as in `hardware.axis_statechart`
 
 
 # Rate limiter (control_toolbox::RateLimiter): limits jerk, then acceleration, then velocity, compared with the two
@@ -60,6 +61,11 @@ class VelocityLimits:
 
 def _or(value: float, default: float) -> float:
     return default if math.isnan(value) else value
+
+
+def slow_stop(name: str, seconds: float, key: str) -> str:
+    """Return a warning about a deceleration limit with which a stop takes longer than `LONGEST_STOP_S`."""
+    return f"{name} needs {seconds:.0f} s to stop from its velocity limit; raise the magnitude of {key}"
 
 
 class RateLaw:
@@ -93,6 +99,17 @@ class RateLaw:
     def brakes(self) -> bool:
         """Whether a motion can end: a deceleration limit of 0 keeps the speed, also when the commands have ended."""
         return not self._has_a or self._dec < 0.0 < self._dec_reverse
+
+    @property
+    def brake_s(self) -> float:
+        """Time in s of a stop from the velocity limit, or from 1 m/s or rad/s without one; 0 without a deceleration."""
+        if not (self._has_a and self.brakes):
+            return 0.0
+        return max(self._max_v, -self._min_v) / self._slowest if self._has_v else 1.0 / self._slowest
+
+    @property
+    def _slowest(self) -> float:
+        return min(-self._dec, self._dec_reverse)
 
     def limit(self, v: float, v0: float, v1: float, dt: float) -> float:
         """Apply all limits to `v`; `v0` is the last limited value, `v1` the one before; `dt` is in s."""

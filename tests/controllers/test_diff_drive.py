@@ -361,6 +361,24 @@ def test_a_jerk_limit_of_zero_is_told_to_freeze_the_robot():
     ]
 
 
+@pytest.mark.parametrize(
+    ("limits", "texts"),
+    [
+        ({"max_velocity": 1.0, "max_acceleration": 0.5}, []),
+        ({"max_velocity": 1.0, "max_acceleration": 0.5, "max_deceleration": -0.01}, ["100"]),
+        ({"max_velocity": 1.0, "max_acceleration": 0.5, "max_deceleration_reverse": 0.02}, ["50"]),
+        ({"max_acceleration": 0.05}, ["20"]),
+    ],
+)
+def test_a_deceleration_limit_with_which_a_stop_takes_long_is_reported(limits, texts):
+    _, control, _ = robot(**{f"linear__x__{key}": value for key, value in limits.items()})
+    assert [each.text for each in control.events() if each.kind == "parameter"] == [
+        f"base: linear.x needs {seconds} s to stop from its velocity limit; raise the magnitude of "
+        "linear.x.max_deceleration"
+        for seconds in texts
+    ]
+
+
 def test_frames_carry_the_prefix_and_the_pose_can_be_set():
     _, control, base = robot(odom_frame_id="odom", base_frame_id="base_link", tf_frame_prefix="r1")
     assert base.frame_ids("/ns") == ("r1/odom", "r1/base_link")

@@ -334,6 +334,8 @@ class JointTrajectoryController(Controller):
         self._default = self.tolerances = settings.tolerances()
         if (reason := self._acceptance.cannot_brake()) is not None:
             self.report("decelerate_on_cancel", reason)
+        elif (slow := self._acceptance.slow_brake()) is not None:
+            self.report("parameter", slow)
         positions = tuple(settings.command_interfaces) == (POSITION,)
         self.speed = SpeedScaling(settings.initial_scaling_factor, allowed=positions)
 

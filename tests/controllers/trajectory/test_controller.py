@@ -359,6 +359,15 @@ def test_a_deceleration_that_has_no_effect_is_told(given, told):
     assert (told in texts[0]) if told else not texts
 
 
+@pytest.mark.parametrize(("deceleration", "slow"), [(2.0, False), (0.001, True)])
+def test_a_deceleration_with_which_a_stop_takes_long_is_reported(deceleration, slow):
+    arm = Arm(constraints={**BRAKES, "b": {"max_deceleration_on_cancel": deceleration}})
+    texts = [each.text for each in arm.manager.events() if each.kind == "parameter"]
+    key = "constraints.b.max_deceleration_on_cancel"
+    assert bool(texts) is slow
+    assert all("b needs " in text and text.endswith(f"raise the magnitude of {key}") for text in texts)
+
+
 @pytest.mark.parametrize("factor", [-0.1, math.nan, math.inf])
 def test_a_scaling_that_is_none_is_refused(arm, factor):
     with pytest.raises(ControlError, match="give 0 or more"):
