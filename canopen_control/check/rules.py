@@ -18,6 +18,7 @@ from canopen_control.cia402 import objects
 from canopen_control.controllers.base import sample_type_of
 from canopen_control.controllers.command_timeout import DEFAULT_TIMEOUT_S, UNLIMITED
 from canopen_control.controllers.controllers_file import ManagerParams, is_within
+from canopen_control.controllers.limiters import SLOW_STOP
 from canopen_control.controllers.mobile_base import ONE_UPDATE
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, nearest
@@ -608,6 +609,12 @@ def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
                 line = config.params.line("command_timeout") or config.params.line("cmd_vel_timeout") or config.line
                 fix = f"give the time without a command after which the joints stop, such as {DEFAULT_TIMEOUT_S:g} s"
                 yield Finding(config.path, line, Severity.WARNING, notice.text, fix)
+            if notice.kind == SLOW_STOP:
+                text, _, fix = notice.text.partition("; ")
+                key = fix.rpartition(" ")[2]  # without it the acceleration limit is that of a stop, too
+                default = f"{key.partition('max_')[0]}max_acceleration"
+                line = config.params.line(key) or config.params.line(default) or config.line
+                yield Finding(config.path, line, Severity.WARNING, text, fix)
 
 
 COMMAND_PERIOD_S: Final = 0.1

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 
 NAN: Final = math.nan
+SLOW_STOP: Final = "slow_stop"
 LONGEST_STOP_S: Final = 10.0  # of a controlled stop, as in `hardware.axis_statechart`
 
 
@@ -105,11 +106,13 @@ class RateLaw:
         """Time in s of a stop from the velocity limit, or from 1 m/s or rad/s without one; 0 without a deceleration."""
         if not (self._has_a and self.brakes):
             return 0.0
-        return max(self._max_v, -self._min_v) / self._slowest if self._has_v else 1.0 / self._slowest
+        slowest = min(-self._dec, self._dec_reverse)
+        return max(self._max_v, -self._min_v) / slowest if self._has_v else 1.0 / slowest
 
     @property
-    def _slowest(self) -> float:
-        return min(-self._dec, self._dec_reverse)
+    def longest_brake(self) -> str:
+        """Name of the limit that `brake_s` results from."""
+        return "max_deceleration" if -self._dec <= self._dec_reverse else "max_deceleration_reverse"
 
     def limit(self, v: float, v0: float, v1: float, dt: float) -> float:
         """Apply all limits to `v`; `v0` is the last limited value, `v1` the one before; `dt` is in s."""

@@ -22,7 +22,14 @@ from mypy_extensions import mypyc_attr
 from canopen_control.controllers.base import Controller, ControllerState, zero_targets
 from canopen_control.controllers.base_params import BaseParams
 from canopen_control.controllers.command_timeout import UNLIMITED, timeout_warning
-from canopen_control.controllers.limiters import LONGEST_STOP_S, RateLaw, RateLimiter, VelocityLimits, slow_stop
+from canopen_control.controllers.limiters import (
+    LONGEST_STOP_S,
+    SLOW_STOP,
+    RateLaw,
+    RateLimiter,
+    VelocityLimits,
+    slow_stop,
+)
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import ERROR, OK, CommandInterface, ReturnType
@@ -260,8 +267,9 @@ class MobileBase(Controller):
         for axis, limit in zip(self.twist_axes, limits, strict=False):
             if limit.freezes:
                 self.report("parameter", f"{axis}.max_jerk is 0, which keeps the speed constant; remove it")
-            if (seconds := RateLaw(limit.limits()).brake_s) > LONGEST_STOP_S:
-                self.report("parameter", slow_stop(axis, seconds, f"{axis}.max_deceleration"))
+            law = RateLaw(limit.limits())
+            if law.brake_s > LONGEST_STOP_S:
+                self.report(SLOW_STOP, slow_stop(axis, law.brake_s, f"{axis}.{law.longest_brake}"))
         self.command_timeout.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
         if self._once:
             self.report(

@@ -174,3 +174,12 @@ def test_scales_of_the_same_sign_are_found_for_joints_that_name_a_node_id(tmp_pa
     text = files.description.read_text()
     files.description.write_text(text.replace('<param name="device_name">${side}_drive</param>', ids))
     assert found(files) == [named]
+
+
+def test_a_deceleration_with_which_a_stop_takes_long_is_a_warning_with_its_line(tmp_path):
+    place = "    linear.x.max_acceleration: 1.0"
+    files = changed(tmp_path, "robby", controllers={place: "    linear.x.max_acceleration: 0.01"})
+    line = line_of(files, "controllers", "linear.x.max_acceleration")
+    (text,) = [each for each in found(files) if "s to stop" in each]
+    assert f"ros2_controllers.yaml:{line}: warning: robby_base_controller: linear.x needs " in text
+    assert text.endswith("raise the magnitude of linear.x.max_deceleration_reverse")

@@ -12,6 +12,7 @@ from support.properties import examples
 
 from canopen_control.controllers.base import ControllerState, DriveGeometry
 from canopen_control.controllers.diff_drive import Odometry, wheel_velocities
+from canopen_control.controllers.limiters import SLOW_STOP
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import ReturnType
 from canopen_control.rpc.messages.parameters import ParameterValue
@@ -365,17 +366,17 @@ def test_a_jerk_limit_of_zero_is_told_to_freeze_the_robot():
     ("limits", "texts"),
     [
         ({"max_velocity": 1.0, "max_acceleration": 0.5}, []),
-        ({"max_velocity": 1.0, "max_acceleration": 0.5, "max_deceleration": -0.01}, ["100"]),
-        ({"max_velocity": 1.0, "max_acceleration": 0.5, "max_deceleration_reverse": 0.02}, ["50"]),
-        ({"max_acceleration": 0.05}, ["20"]),
+        ({"max_velocity": 1.0, "max_acceleration": 0.5, "max_deceleration": -0.01}, [("100", "")]),
+        ({"max_velocity": 1.0, "max_acceleration": 0.5, "max_deceleration_reverse": 0.02}, [("50", "_reverse")]),
+        ({"max_acceleration": 0.05}, [("20", "")]),
     ],
 )
 def test_a_deceleration_limit_with_which_a_stop_takes_long_is_reported(limits, texts):
     _, control, _ = robot(**{f"linear__x__{key}": value for key, value in limits.items()})
-    assert [each.text for each in control.events() if each.kind == "parameter"] == [
+    assert [each.text for each in control.events() if each.kind == SLOW_STOP] == [
         f"base: linear.x needs {seconds} s to stop from its velocity limit; raise the magnitude of "
-        "linear.x.max_deceleration"
-        for seconds in texts
+        f"linear.x.max_deceleration{reverse}"
+        for seconds, reverse in texts
     ]
 
 

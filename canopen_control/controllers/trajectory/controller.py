@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, overload
 
 from canopen_control.controllers.base import Controller
 from canopen_control.controllers.command_timeout import GoalState
+from canopen_control.controllers.limiters import SLOW_STOP
 from canopen_control.controllers.trajectory.executor import SpeedScaling, TrajectoryExecutor
 from canopen_control.controllers.trajectory.goal import ResultCode, TrajectoryGoal
 from canopen_control.controllers.trajectory.joint_group import JointGroup
@@ -335,7 +336,7 @@ class JointTrajectoryController(Controller):
         if (reason := self._acceptance.cannot_brake()) is not None:
             self.report("decelerate_on_cancel", reason)
         elif (slow := self._acceptance.slow_brake()) is not None:
-            self.report("parameter", slow)
+            self.report(SLOW_STOP, slow)
         positions = tuple(settings.command_interfaces) == (POSITION,)
         self.speed = SpeedScaling(settings.initial_scaling_factor, allowed=positions)
 

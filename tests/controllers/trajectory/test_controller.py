@@ -11,6 +11,7 @@ from support.trajectories import cases
 from support.trajectory_player import Player
 
 from canopen_control.controllers.command_timeout import GoalState
+from canopen_control.controllers.limiters import SLOW_STOP
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.controllers.trajectory.goal import ResultCode, TrajectoryGoal
 from canopen_control.controllers.trajectory.params import POINT_LIMITER, GoalTolerances
@@ -362,7 +363,7 @@ def test_a_deceleration_that_has_no_effect_is_told(given, told):
 @pytest.mark.parametrize(("deceleration", "slow"), [(2.0, False), (0.001, True)])
 def test_a_deceleration_with_which_a_stop_takes_long_is_reported(deceleration, slow):
     arm = Arm(constraints={**BRAKES, "b": {"max_deceleration_on_cancel": deceleration}})
-    texts = [each.text for each in arm.manager.events() if each.kind == "parameter"]
+    texts = [each.text for each in arm.manager.events() if each.kind == SLOW_STOP]
     key = "constraints.b.max_deceleration_on_cancel"
     assert bool(texts) is slow
     assert all("b needs " in text and text.endswith(f"raise the magnitude of {key}") for text in texts)
