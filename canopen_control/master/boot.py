@@ -169,7 +169,10 @@ def _identify(
 
 
 def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
-    """Whether a node that must not be reset is OPERATIONAL (CiA 302-2, "check node state"); BootError E or F."""
+    """Whether a node that must not be reset is OPERATIONAL (CiA 302-2, "check node state").
+
+    Raise BootError E or F if its state is not received.
+    """
     yield NextStep("keep alive")
     timeout = plan.supervision_ns or STATE_NS
     state = yield AwaitHeartbeat(timeout)
@@ -228,7 +231,7 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
 
 
 def _leave_running(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Compare the configuration of a running node; differences are a warning (letter L of CiA 302-2).
+    """Compare the configuration of a running node; warn about differences (letter L of CiA 302-2).
 
     Missing supervision parameters are written nevertheless; a difference in a used PDO is a BootError.
     """
@@ -273,7 +276,10 @@ def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
 
 
 def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
-    """Send NMT start, at most `NMT_TRIES` times, until a heartbeat or TPDO confirms OPERATIONAL; else BootError T."""
+    """Send NMT start, at most `NMT_TRIES` times, until a heartbeat or TPDO confirms OPERATIONAL.
+
+    Raise BootError T if none does; if nothing can confirm the state, send NMT start once.
+    """
     yield NextStep("start")
     if not plan.supervision_ns and not plan.tpdos:
         yield SendNmt(NmtCommand.START)  # nothing could confirm the state
@@ -288,7 +294,10 @@ def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
 def _read_optional(
     plan: NodePlan, letter: str, transfers: BootTransfers, index: int, subindex: int, *, signed: bool = False
 ) -> Generator[Request, Answer, int | None]:
-    """Read an optional number; None if the node refuses, BootError with `letter` if the response is invalid."""
+    """Read an optional number; return None if the node refuses.
+
+    Raise BootError with `letter` if there is no answer, or one of the wrong length.
+    """
     try:
         return (yield from transfers.number(index, subindex, signed=signed))
     except (SdoTimeout, SdoLengthError) as error:
@@ -329,7 +338,7 @@ class FinishedStep:
 
 
 class BootTask:
-    """Boot of a node in progress, which ends with either a `result` or an `error`.
+    """Running boot of a node, which ends with either a `result` or an `error`.
 
     `count_tpdos` returns the number of TPDOs received from the node: a new TPDO proves OPERATIONAL like a heartbeat.
     """
@@ -371,7 +380,7 @@ class BootTask:
         return isinstance(self._waiting, AwaitBootUp)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`; 0 means at once (after a TPDO), None that no tick is needed."""
+        """Return the time of the next `tick`, 0 to check for a TPDO at once, or None if no tick is needed."""
         if self._accepts_tpdos:
             return 0
         return self._deadline if isinstance(self._waiting, _WAITS) else None

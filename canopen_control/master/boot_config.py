@@ -57,7 +57,7 @@ _FIRST_OBJECT = 0x1000  # smaller indexes are data types, mapped as dummy entrie
 def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     """Read the initial values of RPDO objects into `transfers.presets`, except objects that move an axis.
 
-    A refused object gets 0; raise BootError J without an answer.
+    A refused object gets 0. Raise BootError J if the node does not answer.
     """
     motion = {index + offset for index in MOTION for offset in plan.axes}
     mapped = {entry[:2]: entry for layout in plan.rpdos for entry in layout.objects}
@@ -74,9 +74,9 @@ def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 
 
 def read_signals(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Read initial values and scales of a device's signals into `transfers.presets`.
+    """Read the initial values and scales of a device's signals into `transfers.presets`.
 
-    This is necessary because an input that is sent on change may not change for hours. Refused objects are skipped.
+    This is necessary because an input that is sent on change may stay the same for hours. Refused objects are skipped.
     """
     reads = [read for read in plan.reads if address_of(read) not in transfers.presets]
     if reads:
@@ -90,7 +90,7 @@ def read_signals(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 def _read_value(
     plan: NodePlan, mapped: MappedObject, title: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, Value | None]:
-    """Read a mapped object; None if the node refuses, BootError J if it does not respond."""
+    """Read a mapped object; return None if the node refuses, raise BootError J if it does not answer."""
     index, subindex = address_of(mapped)
     try:
         data = yield from transfers.try_read(index, subindex)
@@ -101,7 +101,7 @@ def _read_value(
 
 
 def value_of(mapped: MappedObject, data: bytes) -> Value | None:
-    """Decode SDO data to a value of a mapped object; None if the value does not fit into the mapping."""
+    """Decode SDO data as the value of a mapped object; None if it is invalid or does not fit into the mapping."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])
@@ -122,7 +122,7 @@ _SUPERVISION = frozenset((0x100C, 0x100D, 0x1016, 0x1017, 0x1029, _ABORT_CONNECT
 
 
 def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Configure a node by its plan; raise BootError J if an essential object cannot be configured."""
+    """Configure a node as planned; raise BootError J if an essential object cannot be configured."""
     grouped = groups(plan.writes)
     counter = [group for group in grouped if group[0].index in _SYNC_COUNTER]
     for group in counter:  # first, because a SYNC with an unexpected counter causes EMCY 0x8240
@@ -144,8 +144,8 @@ def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, An
 def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     """Compare polarity and factors with the EDS values that the scales of bus.yml assume.
 
-    Raise BootError J if they differ. Different factors are accepted if they result in the counts per revolution of
-    bus.yml and those of the EDS do not: then bus.yml was written for this drive.
+    Raise BootError J if they differ or cannot be read. Different factors are accepted if they result in the counts per
+    revolution of bus.yml and those of the EDS do not: then bus.yml was written for this drive.
     """
     values: dict[tuple[int, int], int] = {}
     by_file: dict[tuple[int, int], int] = {}
@@ -243,7 +243,7 @@ def _held(
 def _configure_object(
     plan: NodePlan, write: PlannedWrite, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Read, compare, write and verify one object; raise BootError J if an essential object keeps a different value."""
+    """Read, compare, write and verify one object; raise BootError J if this fails for an essential object."""
     current = None
     if write.compare:
         current = yield from _present(plan, write, transfers)
@@ -293,7 +293,7 @@ def _present(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> G
 
 
 def _write(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, bool]:
-    """Write an object; return False if the node refuses an optional write, BootError J for any other failure."""
+    """Write an object; return False if the node refuses an optional write, raise BootError J for any other failure."""
     try:
         yield from transfers.write(*write.address, write.data, STORE_NS if write.index in (STORE, RESTORE) else None)
     except (SdoAbort, SdoTimeout) as error:
@@ -315,7 +315,10 @@ def _is_supervision(write: PlannedWrite) -> bool:
 
 
 def _report_difference(plan: NodePlan, write: PlannedWrite, after: bytes, transfers: BootTransfers) -> None:
-    """Report an object that differs from the written value: BootError J for communication objects, else a warning."""
+    """Warn about an object whose value differs from the written one.
+
+    Raise BootError J instead for 0x6007 and for communication objects other than EMCY.
+    """
     text = f"{_what(write)} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
     if (write.index < _FIRST_OWN and write.index != _EMCY) or axis_of(write.index)[0] == _ABORT_CONNECTION:
         raise boot_error(plan, "J", text)

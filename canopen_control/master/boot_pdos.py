@@ -156,7 +156,7 @@ class _DevicePdo:
 def release_cob_ids(
     grouped: Sequence[Sequence[PlannedWrite]], transfers: BootTransfers
 ) -> Generator[Request, Answer, DeviceValues]:
-    """Invalidate all PDOs that use a COB-ID planned for another PDO; return the COB-IDs that were left unchanged.
+    """Invalidate all PDOs that use a COB-ID planned for another PDO; return the COB-IDs read and left unchanged.
 
     Some devices, such as the maxon EPOS4, refuse to make a PDO valid if another valid PDO has the same COB-ID.
     """
@@ -185,10 +185,10 @@ def release_cob_ids(
 def configure_pdo(
     plan: NodePlan, group: Sequence[PlannedWrite], transfers: BootTransfers, read_values: DeviceValues
 ) -> Generator[Request, Answer, None]:
-    """Read, compare, write and verify one PDO; if the node refuses, use its own configuration.
+    """Read, compare, write and verify one PDO; if the node refuses a write, use its own configuration.
 
-    Raise BootError J if the node's own configuration is unusable.
-    Values in `read_values` were read before in this boot, and are not read again.
+    Raise BootError J if that is unusable, too, or if the node does not answer.
+    Values in `read_values` were already read in this boot, and are not read again.
     """
     current: DeviceValues = {}
     try:
@@ -387,7 +387,10 @@ def _restore_own(
 def _enable(
     plan: NodePlan, writes: Sequence[PlannedWrite], device: _DevicePdo, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, _DevicePdo]:
-    """Make a PDO valid with its own mapping, and the planned COB-ID if accepted; raise BootError J otherwise."""
+    """Make a PDO valid with the node's own mapping, at the planned COB-ID or else the node's own.
+
+    Return the PDO as read back; raise BootError J if the node accepts neither COB-ID.
+    """
     pdo = writes[0].pdo or ("", 0)
     communication = cob_id_of(pdo)
     planned = next(write.data for write in reversed(writes) if is_cob_id(write))

@@ -86,7 +86,7 @@ def bits_of(length: int) -> tuple[int, int]:
 
 
 def budget_of(config: BusConfig, period_ns: int) -> Budget:
-    """Return the frames of a bus with their rates, for a cycle of `period_ns`."""
+    """Return the budget of a bus for a cycle of `period_ns`."""
     unbounded: list[str] = []
     shares = list(_shares(config, period_ns, unbounded))
     return Budget(tuple(shares), config.master.baudrate * 1000, period_ns, tuple(unbounded))

@@ -64,7 +64,7 @@ class NotFound(ConfigError):
 class Sources:
     """Files that a bus.yml in `folder` names; `issues` are the problems found in each EDS.
 
-    `bundled` are the folders in which each bundled file in use was searched before, by path.
+    `bundled` maps the path of each bundled file in use to the folders that were searched before.
     """
 
     def __init__(self, folder: Path, dcf_path: str = "") -> None:
@@ -96,7 +96,7 @@ class Sources:
         raise NotFound(f"file {name!r} not found in {searched}{unset}")
 
     def unused_namesake(self, bundled: Path) -> Path | None:
-        """Return a file near bus.yml with the name of a bundled file in use, in any case, and another content."""
+        """Return a file near bus.yml with the name of a bundled file (in any case) but other content, or None."""
         folders = [self._folder, *(entry for entry in _entries(self._folder) if entry.is_dir())]
         named = (file for folder in folders for file in _entries(folder) if file.name.lower() == bundled.name.lower())
         readable = (file for file in named if file.is_file() and os.access(file, os.R_OK))
@@ -105,7 +105,7 @@ class Sources:
     def dictionary(self, path: Path, node_id: int | None) -> ObjectDictionary:
         """Return the object dictionary of a file for a node-ID (None: the file's own node-ID).
 
-        Raise EdsError if invalid.
+        Raise EdsError if the file is invalid.
         """
         if (path, node_id) not in self._dictionaries:
             if path not in self._files:
@@ -147,11 +147,11 @@ _IGNORED_ID = 255  # node-ID of a node that ros2_canopen's generator leaves out
 
 @dataclass(frozen=True)
 class BusConfig:
-    """Configuration of a bus from bus.yml; nodes, object dictionaries, plans and EDS paths are by node name.
+    """Configuration of a bus from bus.yml; nodes, object dictionaries, plans and EDS paths are keyed by node name.
 
     The dictionary of a device with several motors in one object set is the view of its axes. `period_line` is the line
-    of sync_period, 0 without that key; `sections` are the YAML nodes by name. `unreadable` are the nodes with errors in
-    their keys, with their node-IDs (0: unreadable). `substitutes` are sentences about bundled files in use.
+    of sync_period, 0 without that key; `sections` are the YAML nodes by name. `unreadable` maps each node with
+    errors in its keys to its node-ID, 0 if unknown. `substitutes` are sentences about bundled files in use.
     """
 
     path: str
@@ -174,7 +174,7 @@ class BusConfig:
 
 
 def read_bus(path: str | Path, *, peer_merge: bool = False, allow_unsupervised: bool = False) -> BusConfig:
-    """Read a bus.yml and the files that it names; BusConfigError lists all errors.
+    """Read a bus.yml and the files that it names; raise BusConfigError, which lists all errors.
 
     With `peer_merge` the keys of `defaults` replace a node's own keys, as in ros2_canopen's generator;
     `allow_unsupervised` sets the key of this name for all nodes.
@@ -292,7 +292,7 @@ class _Reader:
         return inside or any("`master:`" in MISNAMED_ROOT.get(key, "") for key in self._root.keys())  # noqa: SIM118
 
     def _in_kbits(self, section: Node) -> Node:
-        """Convert a bit rate in bit/s to kbit/s, with a note; ros2_canopen does not use the bit rate."""
+        """Return the section with a bit rate in bit/s converted to kbit/s, and note it; ros2_canopen ignores it."""
         place, pairs = section.get("baudrate"), {key.text: (key, value) for key, value in section.pairs()}
         if place is None or type(place.value) is not int or place.value not in [1000 * rate for rate in BIT_RATES]:
             return section

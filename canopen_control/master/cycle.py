@@ -186,7 +186,7 @@ class Output:
             pdo.changed = True
 
     def record(self, value: Value) -> None:
-        """Store a value that the node already has; only RPDOs that move an axis are sent for it."""
+        """Store a value that the node already has; only those of its RPDOs that move an axis are sent."""
         self.value = value
         for pdo, position in self.places:
             pdo.values[position] = value
@@ -194,7 +194,7 @@ class Output:
 
 
 class SentPdo:
-    """RPDO of a node with the packed `record`; sent only while `enabled`.
+    """RPDO of a node, with its packed frame `record`; sent only while `enabled`.
 
     `values` are the raw numbers in mapping order, which the outputs set. `repeated` is set if the RPDO is sent
     automatically. `refresh` is the number of cycles after which an unchanged RPDO is repeated because the node
@@ -246,7 +246,7 @@ class SentPdo:
             output.places.append((self, position))
 
     def start(self) -> None:
-        """Enable the RPDO when the node becomes OPERATIONAL; an RPDO that moves an axis is sent at once."""
+        """Enable the RPDO when the node becomes OPERATIONAL; an RPDO that moves an axis is sent in the next cycle."""
         self.enabled, self.changed = True, self.repeated
 
     def pack(self) -> None:
@@ -404,7 +404,7 @@ class AxisControlword(Output):
 
     @property
     def counts(self) -> bool:
-        """Whether the axis' enabling bits are used, because the axis is not in a fault."""
+        """Whether the enabling bits of the axis are used; they are ignored while the axis is in a fault."""
         status = self.statusword
         return status is None or not status.fresh or status.value & _FAULT_MASK not in _FAULTS
 
@@ -431,7 +431,7 @@ def combined(axes: Sequence[AxisControlword]) -> int:
 
 
 def share_objects(image: ProcessImage, node_id: int, motors: MotorMap) -> None:
-    """Add to `image` the objects that the axes of a node share, per axis; the node's PDOs must be in `image`."""
+    """Add the objects that a node's axes share to `image`, once per axis; the node's PDOs must already be there."""
     for address, copies in motors.shared.items():
         for copy in copies:
             image.share(node_id, address, copy)

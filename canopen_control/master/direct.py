@@ -61,7 +61,7 @@ class Core(FrameListener, Protocol):
 class DirectBus:
     """Port of a bus, with blocking calls for SDO, NMT and LSS services.
 
-    `states` are the last NMT states shown by boot-ups, heartbeats or guarding answers, by node-ID. `timeout_s` is the
+    `states` maps each node-ID to the NMT state in its last boot-up, heartbeat or guarding answer. `timeout_s` is the
     timeout of an SDO answer. `listeners` receive every frame. Every call raises BusError when the bus is lost.
     """
 
@@ -169,7 +169,7 @@ class DirectBus:
         return request.data
 
     def _error(self, request: SdoRequest) -> CanopenError | None:
-        """Convert a request's error; a timeout becomes BusError on a bus that is down, SdoStopped in state STOPPED."""
+        """Return a request's error, or None; a timeout is a BusError if the bus is down, SdoStopped in STOPPED."""
         error = request.error
         if isinstance(error, SdoTimeout) and self._down:
             return BusError(f"{self._down}; node {error.node_id} could not be read")
@@ -178,7 +178,7 @@ class DirectBus:
         return error
 
     def _run(self, client: SdoClient, request: SdoRequest) -> None:
-        """Drive one SDO client until a request has ended, in about two thirds of the round trip of `serve`."""
+        """Drive one SDO client until a request has ended; about a third faster than `serve`."""
         cores = (client,)
         now = time.monotonic_ns()
         while True:
@@ -238,7 +238,7 @@ class DirectBus:
     # -- the loop
 
     def serve(self, cores: Sequence[Core], done: Callable[[], bool], seconds: float | None = None) -> bool:
-        """Transfer the frames of protocol cores until `done()` is True; return False if `seconds` pass before."""
+        """Transfer the frames of protocol cores until `done()` is True; return False if `seconds` pass first."""
         now = time.monotonic_ns()
         end = None if seconds is None else now + round(seconds * 1e9)
         while True:

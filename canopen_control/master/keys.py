@@ -214,7 +214,7 @@ class MasterConfig:
 
     @property
     def follows_closely(self) -> bool:
-        """Whether the cycle follows another producer's SYNC after an eighth of a period, else after half a period."""
+        """Whether the cycle starts an eighth of a period after another producer's SYNC, instead of half a period."""
         return self.sync_order != "last"
 
     def sync_words(self, *, by_kernel: bool | None = None) -> str:
@@ -378,7 +378,7 @@ class MotionKeys:
     transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)
 
     def own_target(self, interface: str) -> tuple[int, int] | None:
-        """Return index and subindex of a command interface's configured target, or None for the mode's default."""
+        """Return the target object that bus.yml sets for a command interface, as (index, subindex), or None."""
         text = getattr(self, f"{interface}_target")
         if isinstance(text, int):
             return (text, 0) if 0 < text <= 0xFFFF else None
@@ -390,8 +390,8 @@ class MotionKeys:
 class SignalKeys:
     """Signal of a device, with its scale; None keeps the value of the device's profile.
 
-    The value is the raw number times `factor` plus `offset`; raw numbers in `invalid` are nan. `safe` is the value of
-    an output after the loss of the master, `max_rate` the maximum rate of change of an input.
+    The value is the raw number times `factor` plus `offset`; raw numbers in `invalid` are read as nan. `safe` is the
+    value of an output after the loss of the master, `max_rate` the maximum rate of change of an input.
     """
 
     name: str

@@ -21,7 +21,7 @@ _INDEX: Final = re.compile(r"index: (0x[0-9A-Fa-f]+)")
 
 
 def known_drive(vendor: int, product: int, words: str) -> Personality | None:
-    """Return the personality of a device by vendor id and product code (0: unknown), else by a name in the EDS.
+    """Return a drive's personality by vendor id and product code (0: unknown), else by a name in the EDS, or None.
 
     A name in `words`, the text of the EDS, counts only if the personality or the device has no known vendor id.
     """

@@ -230,7 +230,7 @@ class Network:
 
     @property
     def waits(self) -> bool:
-        """Whether a response is pending or a node is not ready, so that received frames must be processed at once."""
+        """Whether received frames must be processed at once: with guarding, a pending response or a node not ready."""
         return self._guarding is not None or any(not node.ready or node.sdo.busy for node in self._by_id.values())
 
     @property
@@ -339,7 +339,7 @@ class Network:
         self._handlers[can_id] = receive
 
     def bus_failed(self, text: str, now: int) -> None:
-        """Mark all nodes as lost because the bus has failed; `bus_back` boots them again."""
+        """Mark all ready and booting nodes as lost because the bus has failed; `bus_back` boots them again."""
         for node in self.nodes.values():
             if node.ready or node.boot_step:
                 node.lost(now, text)
@@ -475,7 +475,7 @@ class Network:
             self._handlers[default] = on_default_identifier
 
     def _checked(self, node: RemoteNode, pdo: ReceivedPdo) -> Callable[[bytes, int, int], None]:
-        """Return a handler for a TPDO that also reports frames of the wrong length."""
+        """Return a TPDO handler that also reports frames of the wrong length."""
         right, receive = pdo.codec.length, pdo.receive
 
         def on_pdo(data: bytes, length: int, now: int) -> None:

@@ -65,7 +65,7 @@ def tolerated(
 
 
 def _addable(key: str, section: Node, unused: Collection[str]) -> bool:
-    """Whether a key has an effect and its section has neither the key nor another one that defines the same."""
+    """Whether a key has an effect, and its section has neither the key nor one with the same purpose."""
     rivals = SCALES if key in NAMED_SCALES else ()
     return key not in unused and all(section.get(name) is None for name in (key, *rivals))
 
@@ -221,7 +221,7 @@ _DRIVERS: Final = tuple(name.lower() for name in (*DRIVE_DRIVERS, "402", "Proxy"
 
 
 def _foreign_driver(node: Node) -> str:
-    """Return the `driver` of a node, with a warning, if ros2_canopen does not have this driver, otherwise ""."""
+    """Return the `driver` of a node, with a warning, if ros2_canopen has no such driver, else ""."""
     place = node.get("driver")
     driver = "" if place is None or not isinstance(place.value, str) else place.value
     if place is None or not driver or any(name in driver.lower() for name in _DRIVERS):
@@ -268,7 +268,7 @@ def _supervision(keys: SupervisionKeys, master: MasterConfig, options: FileOptio
 
 
 def _required(keys: BootKeys, node: Node) -> bool:
-    """Whether the robot waits for a node: by `required`, else by `mandatory`, else if the node is booted."""
+    """Whether the robot waits for a node, as set by `required` or `mandatory`; by default if the node is booted."""
     place = node.get("required") or node
     if None not in (keys.required, keys.mandatory) and keys.required != keys.mandatory:
         place.error("`required` and `mandatory` mean the same and differ; keep one")
@@ -285,7 +285,7 @@ def _effort_mode(keys: MotionKeys, node: Node) -> int | None:
 
 
 def _units(keys: UnitKeys, node: Node) -> UnitKeys:
-    """Return the units of a node; scales follow from counts_per_revolution, or are checked as written."""
+    """Return the units of a node, with scales computed from counts_per_revolution, or as written and checked."""
     named = [key for key in NAMED_SCALES if node.get(key) is not None]
     scales = [key for key in SCALES if node.get(key) is not None]
     if not named:

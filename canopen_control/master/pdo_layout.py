@@ -103,7 +103,7 @@ def _objects(
 
 
 def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
-    """Return the scale of a device signal, or None without a signal or if device objects determine the scale."""
+    """Return the scale of the signal that is a mapped object, or None if none is or device objects determine it."""
     for signal in plan.signals.values():
         if signal.address == (mapped.index, mapped.subindex) and signal.bit is None and not signal.scales:
             own = signal.data_type in (None, mapped.data_type)
@@ -112,7 +112,7 @@ def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
 
 
 def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Collection[tuple[str, int]]) -> _Meaning:
-    """Return the scale of a drive object in bus.yml, or no scale if bus.yml does not define one."""
+    """Return the scale that bus.yml sets for a drive object, or the raw scale if it sets none."""
     base, axis = objects.axis_of(mapped.index)
     quantity = _QUANTITIES.get(base) if plan.axes and not mapped.subindex else None
     if quantity is None or not _is_scaled(config, plan.name, axis, quantity.scale):

@@ -152,7 +152,7 @@ class NodePlan:
 
 
 def plan_node(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePlan:
-    """Plan the configuration of a node; the plan must not be used after a call of `builder.complain`.
+    """Plan the configuration of a node; do not use the plan if `builder.complain` was called.
 
     `source` is the name of the EDS for messages.
     """
@@ -283,7 +283,7 @@ def _warn_of_two_motors(builder: PlanBuilder) -> None:
 
 
 def _check_identity(builder: PlanBuilder) -> None:
-    """Warn if vendor id or product code differ between bus.yml and EDS, so that the EDS is for another device."""
+    """Warn if the vendor id or product code in bus.yml differs from the EDS, which is then for another device."""
     expected, device = builder.node.identity, builder.od.device
     for key, value, actual in (
         ("vendor_id", expected.vendor_id, device.vendor_number),

@@ -389,7 +389,7 @@ class PlanBuilder:
     def write_raw(
         self, index: int, subindex: int, data: bytes, reason: str, *, pdo: tuple[str, int] | None = None
     ) -> None:
-        """Add the write of bytes from a file; report missing objects and wrong lengths."""
+        """Add a write of bytes from a file; report a missing object or a wrong length."""
         entry = self.od.get(index, subindex)
         place = f"0x{index:04X}:{subindex:02X}"
         key = "configuration_file" if self.node.boot.configuration_file else "dcf"
@@ -401,7 +401,7 @@ class PlanBuilder:
         self._add(index, subindex, data, reason, False, pdo)
 
     def write_downloaded(self, index: int, subindex: int) -> None:
-        """Plan the write of the value that a DCF gives for an object, unless `sdo:` in bus.yml writes a number."""
+        """Add the write of the value that a file gives for an object, unless `sdo:` in bus.yml writes a number."""
         data = self._downloaded.get((index, subindex))
         if data is not None and self.listed_value(index, subindex) is None:
             self.write_raw(index, subindex, data, self.download_reason)
@@ -421,7 +421,7 @@ class PlanBuilder:
         return None if data is None else int.from_bytes(data, "little", signed=signed)
 
     def final(self, index: int, subindex: int) -> int | None:
-        """Return an object's number after the writes planned so far, or else the value of the EDS.
+        """Return the number in the last planned write of an object, else in the EDS; None if unknown.
 
         The value of a file counts only after its write was added.
         """
@@ -433,7 +433,7 @@ class PlanBuilder:
         return self._eds_value(index, subindex)
 
     def _eds_value(self, index: int, subindex: int) -> int | None:
-        """Return the EDS value of an object: its default if writable, not the ParameterValue of a DCF."""
+        """Return the number that the EDS gives an object, or None; a DCF's ParameterValue only if it is read-only."""
         entry = self.od.get(index, subindex)
         value = None if entry is None else entry.default if entry.writable else entry.value
         return value if isinstance(value, int) else None
@@ -460,7 +460,7 @@ class PlanBuilder:
         return self.downloaded_value(index, subindex)
 
     def default(self, index: int, subindex: int) -> int | None:
-        """Return the number that a file, else the EDS, gives an object, ignoring bus.yml; None if unknown."""
+        """Return the number that a file (for PDO records also `sdo:`), else the EDS, gives an object, or None."""
         data = self._downloaded.get((index, subindex))
         return self._eds_value(index, subindex) if data is None else int.from_bytes(data, "little")
 
@@ -495,7 +495,7 @@ class PlanBuilder:
 
 
 def _bytes_of(value: object, data_type: DataType) -> Value:
-    """Return hexadecimal text for an OCTET_STRING or DOMAIN as bytes, other values as they are.
+    """Convert hexadecimal text for an OCTET_STRING or DOMAIN to bytes; return other values unchanged.
 
     Raise ValueError if the text is invalid.
     """

@@ -175,7 +175,7 @@ def _with(keys: SignalKeys, signal: Signal) -> Signal:
 
 
 def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
-    """Plan the values of outputs after the loss of the master; warn about outputs that would keep their values."""
+    """Plan the values that outputs take when the master is lost; warn about outputs that would keep theirs."""
     live = _mapped_signals(builder, "rpdo")
     outputs = [safe_output for safe_output in safe_outputs(signals, builder.od) if safe_output.output in live]
     keeping = [output for output in outputs if not _plan_safe(builder, output)]
@@ -197,7 +197,7 @@ def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -
 
 
 def _plan_safe(builder: PlanBuilder, output: SafeOutput) -> bool:
-    """Plan error mode and error value of an output; return False if it would unintentionally keep its value."""
+    """Plan the error mode and error value of an output; return False if it would unintentionally keep its value."""
     if output.mode_at is None:
         return not output.mode  # bus.yml requests that all outputs keep their values
     mode = builder.requested_value(*output.mode_at)
@@ -344,7 +344,7 @@ def _wrong_default(builder: PlanBuilder, kind: str, number: int, cob_id: int) ->
 
 
 def _switch_off(builder: PlanBuilder, kind: str, number: int, cob_id: int | None, *, in_file: bool) -> None:
-    """Plan to make a PDO invalid that is not listed or has no valid COB-ID, even if the EDS has it invalid."""
+    """Plan to invalidate a PDO that is not listed or has no valid COB-ID, even if it is invalid in the EDS."""
     reason = STORED
     if cob_id is None or not (cob_id & INVALID_BIT or _usable(cob_id)):
         builder.remark(kind, f"{kind.upper()} {number} has no valid COB-ID in {builder.file}; it is disabled")
@@ -580,7 +580,10 @@ def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> t
 
 
 def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int:
-    """Return the valid COB-ID of a PDO: by bus.yml, else by the EDS, else predefined; bit 30 is as in the EDS."""
+    """Return the COB-ID of a PDO, without bit 31: from bus.yml, else from the EDS, else predefined or spare.
+
+    Bit 30 is as in the EDS.
+    """
     default, key = builder.default(COMMUNICATION[kind] + number - 1, 1) or 0, f"{kind}.{number}"
     if isinstance(pdo.cob_id, int):
         # CiA 301, 7.3.5: restricted identifiers
@@ -602,7 +605,10 @@ def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int
 
 
 def _spare(builder: PlanBuilder, key: str, pdo: PdoConfig) -> int:
-    """Return the next COB-ID for a PDO above 4 with `cob_id: auto`, as ros2_canopen's generator does; 0 if off."""
+    """Return the next COB-ID for a PDO above 4 with `cob_id: auto`, as ros2_canopen's generator does.
+
+    Return 0 if the PDO is off or has no `cob_id`.
+    """
     if not pdo.is_on:
         return 0
     if pdo.cob_id is None:

@@ -76,7 +76,7 @@ class NodeLog:
 
     @property
     def deadline(self) -> int | None:
-        """Time of the next event to report by `tick`, or None."""
+        """Time at which `tick` reports the next event, or None."""
         return self._gate.deadline
 
     def tick(self, now: int) -> None:
@@ -266,7 +266,7 @@ class RemoteNode:
 
     @property
     def absence(self) -> str:
-        """Sentence on why the node is not operational, with the command that starts the node again, if any."""
+        """Sentence that says why the node is not operational, with the command that starts it again, if any."""
         command = f"canopen-control nmt start {self.name}" if self.is_taken_out else self.restart_command
         again = f"; start it again: {command}" if command else ""
         return f"{self.label} is not operational: {self.reason or 'it has not booted yet'}{again}"
@@ -418,7 +418,7 @@ class RemoteNode:
 
     @property
     def reason(self) -> str:
-        """Present error without the name of the node, "" without an error."""
+        """Current error without the name of the node, or "" if there is none."""
         return without_node(self.error or "", self.node_id, self.name)
 
     @property
@@ -538,7 +538,7 @@ class RemoteNode:
             self._owner.report(Event(now, kind, self.name, text, level))
 
     def _stop_silent_drive(self, now: int) -> None:
-        """Send a quick stop by SDO, and RPDOs for another `STOPPING_NS`, since a silent drive may still receive.
+        """Send a quick stop by SDO, and RPDOs for another `STOPPING_NS`; a silent drive may still receive them.
 
         The owner of the axes provides the values; the SDO also reaches a drive in an NMT state without PDOs.
         """

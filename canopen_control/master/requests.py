@@ -169,12 +169,12 @@ class BootTransfers:
 
 
 def boot_error(plan: NodePlan, letter: str, detail: str) -> BootError:
-    """Return a BootError with the text for the letter and with `detail`, the object or reason."""
+    """Return a BootError with the text for `letter`, followed by `detail`, the object or reason."""
     return BootError(plan.node_id, letter, f"{LETTERS[letter]}: {detail}", plan.name)
 
 
 def reason_of(error: SdoAbort | SdoTimeout | SdoLengthError) -> str:
-    """Return why an SDO request failed as text, without node and object."""
+    """Return a text that says why an SDO request failed, without naming the node or object."""
     if isinstance(error, SdoAbort):
         return f"abort 0x{error.code:08X} ({error.text})"
     if isinstance(error, SdoLengthError):
