@@ -1,8 +1,8 @@
 """Action servers for goals that the robot accepts, executes and times.
 
 The robot accepts or refuses a goal; a cancellation is always accepted. The robot executes and times the goal; this
-module only reports to the client. Every goal has a connection to the robot of its own: the goal ends with this bridge,
-and when the action client that sent the goal leaves the graph, unless the controller lets the goal outlive the client.
+module only reports to the client. Every goal has its own connection to the robot, so that the goal ends with this
+bridge. It also ends when the action client that sent it leaves the graph, unless the controller lets the goal continue.
 A request for the result of a refused goal is answered with the reason.
 """
 
@@ -52,7 +52,7 @@ _MAX_RESULTS: Final = 64
 
 
 class GoalRequest(NamedTuple):
-    """Received goal that is not answered yet; `client` is the sending DDS participant, None if unknown."""
+    """Goal that has not been answered yet; `client` is the DDS participant that sent it, or None if unknown."""
 
     uuid: bytes
     goal: RosMessage
@@ -62,8 +62,8 @@ class GoalRequest(NamedTuple):
 class AsyncActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without types
     """Action server that answers goals asynchronously; callbacks run in the executor's thread.
 
-    `on_goal(request)` is answered by `answer`, `on_cancel(uuid)` is followed by `finish`. `on_lost(uuid)` reports an
-    accepted goal whose client disconnected before the answer.
+    After `on_goal(request)`, call `answer`; after `on_cancel(uuid)`, call `finish` when the goal has ended.
+    `on_lost(uuid)` reports an accepted goal whose client disconnected before the answer.
     """
 
     def __init__(
@@ -206,7 +206,7 @@ class TrajectorySender:
             answer(None, str(error))
 
     def close(self) -> None:
-        """Close the connection, whereupon the robot brakes; a second call does nothing."""
+        """Close the connection, which makes the robot brake; a second call does nothing."""
         client, self._client = self._client, None
         if client is not None:
             client.close()
@@ -264,7 +264,7 @@ class GoalAnswer(Protocol):
 
 
 class ActionResult(Protocol):
-    """Result of an ended goal, as reported by the robot."""
+    """Result of a goal that has ended, as reported by the robot."""
 
     @property
     def state(self) -> str:
@@ -299,7 +299,7 @@ class FollowedGoal(Generic[V]):
         return self._was_present and not is_present
 
     def feedback_due(self, time: float) -> bool:
-        """Whether feedback is due at `time` in s; if so, the next interval begins."""
+        """Whether feedback is due at `time` in s; if so, the next interval starts."""
         rate = self.verdict.feedback_rate if self.verdict is not None else math.inf
         if self.last_feedback <= time < self.last_feedback + 1.0 / rate:
             return False
@@ -310,7 +310,7 @@ class FollowedGoal(Generic[V]):
 class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     """Action server of one controller; subclasses convert goals, feedback and results of one action type.
 
-    `kind` is the class of the controller's samples from which feedback is made.
+    `kind` is the class of the controller's samples that are converted to feedback.
     """
 
     def __init__(self, ros: NodeContext, controller: ControllerReading, action: type, name: str, kind: type[S]) -> None:
@@ -350,7 +350,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
 
     @abstractmethod
     def cancels(self, why: str | None) -> Request[Done]:
-        """Return the request that cancels a connection's goal; `why` is None if the client cancels it."""
+        """Return the request that cancels the connection's goal; `why` is None if the client requested this."""
 
     @abstractmethod
     def failed(self, text: str) -> E:

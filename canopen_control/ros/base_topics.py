@@ -57,8 +57,8 @@ _TYPES: Final[dict[str, type]] = {f"{_PACKAGE}Twist": Twist, f"{_PACKAGE}TwistSt
 class TwistSubscription:
     """Subscription of a twist topic as Twist or TwistStamped; with "auto" the type follows the publishers.
 
-    `kind` is this choice; with "auto", `first` is the type until a publisher exists ("": no subscription yet).
-    `on_message` receives a Twist or a TwistStamped.
+    `kind` is "Twist", "TwistStamped" or "auto". With "auto", `first` is the type until a publisher exists; "" means no
+    subscription until then. `on_message` receives a Twist or a TwistStamped.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class TwistSubscription:
             self._ros.unsubscribe(self._subscription)
 
     def _change(self, name: str) -> None:
-        """Unsubscribe from the old type; the next check subscribes to the new one."""
+        """Subscribe with the type `name`; an old subscription is only ended, and the next check subscribes."""
         if self._subscription is None:
             self._subscribe(name)
         else:
@@ -160,7 +160,7 @@ class OdometrySetting(Endpoint):
 
 
 class OdometryReset(Endpoint):
-    """Service `~/reset_odometry` of the tricycle controller, which sets the pose to 0."""
+    """Service `~/reset_odometry` of the tricycle controller; it sets the pose to 0."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller, self._name = ros, controller.name, f"{controller.name}/reset_odometry"
@@ -179,9 +179,10 @@ class OdometryReset(Endpoint):
 
 
 def send_twist(ros: NodeContext, controller: ControllerReading, topic: str, message: Twist | TwistStamped) -> None:
-    """Send a finite twist of `topic` to an active base controller; other twists are dropped with a warning.
+    """Send a twist received on `topic` to a base controller.
 
-    A base is commanded on several topics, so their publishers are watched together.
+    Drop the twist with a warning if it is not finite or the controller is not active. A base is commanded on several
+    topics, so their publishers are watched together.
     """
     twist, stamp = message, None
     if isinstance(message, TwistStamped):

@@ -44,7 +44,7 @@ _RCLPY_END_S: Final = 1.5  # for rclpy's shutdown
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run until the robot or parent process ends, or a signal arrives; return 0, or 1 if the bridge could not start."""
+    """Run the bridge until it is stopped; return the exit code: 0, or 1 if the bridge could not start."""
     arguments, ros_arguments = _parse(list(sys.argv[1:] if argv is None else argv))
     try:
         require_ros()
@@ -146,7 +146,7 @@ class Bridge:
             _print(_SIM_TIME)
 
     def run(self) -> int:
-        """Run until the bridge is stopped, then leave the graph; return 0, or 1 if the robot could not be locked."""
+        """Run until the bridge is stopped, then leave the graph; return 0, or 1 if the robot is missing or locked."""
         if self._gate is None:
             self._begin()
         else:

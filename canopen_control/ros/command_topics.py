@@ -112,7 +112,10 @@ class GpioCommands(Endpoint):
 
 
 def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, float]:
-    """Return the values in a message by "gpio/interface"; raise ValueError with the reason if it is invalid."""
+    """Return the values in a message by "gpio/interface".
+
+    Raise ValueError with the reason if the message is invalid or the controller is not active.
+    """
     if not controller.active:
         raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
     groups, inner = list(message.interface_groups), list(message.interface_values)
@@ -184,7 +187,10 @@ class PidReferences(Endpoint):
         )
 
     def _values_of(self, message: RosMessage) -> list[float]:
-        """Return values and derivatives in the controller's order; raise ValueError with the reason if invalid."""
+        """Return the values and derivatives in a message, in the controller's order.
+
+        Raise ValueError with the reason if the message is invalid or the controller is not active.
+        """
         controller = self._controller
         if not controller.active:
             raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
@@ -243,7 +249,7 @@ def _dofs_of(controller: ControllerReading) -> list[str]:
 
 
 def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
-    """Return the index of each degree of freedom in a message; raise ValueError unless each is named exactly once."""
+    """Return the index of each degree of freedom in `names`; raise ValueError unless each is named exactly once."""
     if sorted(names) == sorted(dofs):
         return [names.index(dof) for dof in dofs]
     unknown = next((name for name in names if name not in dofs), None)

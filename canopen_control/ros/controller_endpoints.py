@@ -188,7 +188,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         sender.client.ask(self.request(goal), answer)
 
     def refused(self, verdict: GripperVerdict | None, text: str) -> RosMessage:
-        """Return a result of unknown values; it has no field for the reason, which is logged instead."""
+        """Return a result with unknown values; it has no field for the reason, which is logged instead."""
         del verdict, text
         return self.result(self.failed(""), self._action.Result())
 

@@ -255,7 +255,7 @@ class ControllerNodes:
         return self._nodes[name][0]
 
     def forget(self, name: str) -> None:
-        """Destroy the node `name`, if any; its endpoints have been closed by the caller."""
+        """Destroy the node `name`, if it exists; the caller must have closed its endpoints."""
         node = self._nodes.pop(name, None)
         if node is not None:
             ros, parameters = node

@@ -36,13 +36,13 @@ def stamp_of(unix_s: float) -> tuple[int, int]:
 
 
 def joint_arrays(joints: Mapping[str, JointReading], names: Sequence[str] = ()) -> JointArrays:
-    """Return joint states in the order of `names`, or of all joints alphabetically; nan if unknown."""
+    """Return the states of `names` in this order, or of all joints sorted by name; unknown values are nan."""
     values = {name: joint.values for name, joint in joints.items()}
     return arrays_of(values, [name for name in names if name in values] if names else sorted(values))
 
 
 def arrays_of(values: Mapping[str, Values], names: Sequence[str]) -> JointArrays:
-    """Return position, velocity and effort of the joints in `names`; `values` is by joint and interface name."""
+    """Return the position, velocity and effort of each joint in `names`; `values` has them by joint and interface."""
     columns = [
         [unknown_as_nan(values[name].get(kind)) for name in names] for kind in ("position", "velocity", "effort")
     ]
@@ -61,7 +61,7 @@ def seconds_of(seconds: int, nanoseconds: int) -> float | None:
 
 
 def diagonal(values: Sequence[float]) -> list[float]:
-    """Return a 6x6 covariance matrix, row by row, with this diagonal; all zeros if `values` is empty."""
+    """Return a 6x6 covariance matrix with the diagonal `values`, row by row; all zeros if `values` is empty."""
     covariance = [0.0] * 36
     for row, value in enumerate(values[:6]):
         covariance[7 * row] = float(value)
@@ -75,7 +75,7 @@ def odometry_pose(sample: OdometrySample) -> Transform:
 
 
 def transform_of(sample: Sample) -> Transform | None:
-    """Return the transform of an odometry or pose sample; None for others, a disabled one or an unknown pose."""
+    """Return the transform of an odometry or pose sample; None if disabled or unknown, or for any other sample."""
     if isinstance(sample, OdometrySample):
         return odometry_pose(sample) if sample.enable_odom_tf and math.isfinite(sample.x) else None
     if not isinstance(sample, PoseSample) or sample.child_frame_id is None:

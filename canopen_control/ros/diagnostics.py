@@ -134,7 +134,7 @@ class Rosout(Endpoint):
             self._publisher.publish(message)
 
     def _repeats_cause(self, event: RobotEvent, name: str, level: int) -> bool:
-        """Whether an event only repeats the cause of the node's previous event, such as a lost heartbeat."""
+        """Whether an event only repeats the cause of the node's previous event; if not, record it as that event."""
         last = self._causes.get(name)
         same = last is not None and abs(event.time - last.time) <= _SAME_S and level <= last.level
         if last is not None and same and event.kind != "stop" and event.text.endswith(last.text):

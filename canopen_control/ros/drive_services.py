@@ -77,7 +77,7 @@ class DriveTargets:
     def command(
         self, controller: ControllerReading, joint: str, target: float, joints: Mapping[str, JointReading]
     ) -> list[float]:
-        """Return a controller's command with a new target for `joint` and the current commands of the others."""
+        """Return a controller's command with a new target for `joint` and the current commands of the other joints."""
         now = time.monotonic()
         self._last_targets[controller.name, joint] = (now, target)
         return [self._value(controller, name, joints.get(name), now) for name in controller.joints]
@@ -88,7 +88,7 @@ class DriveTargets:
 
 
 class DriveServices(Endpoint):
-    """Services of one node, or with `joint` only of the axis of this joint."""
+    """Services of one node; if `joint` is given, they act only on the axis of this joint."""
 
     def __init__(self, ros: NodeContext, node: RosNode, targets: DriveTargets, joint: str | None = None) -> None:
         self._ros, self._node, self._targets, self._own = ros, node, targets, joint

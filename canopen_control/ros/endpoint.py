@@ -47,7 +47,7 @@ def client_of(header: RosMessage) -> bytes | None:
 
 
 class ActionClients:
-    """DDS participants that have a client of one action; `action` is its full name."""
+    """DDS participants that have a client of one action; `action` is the full name of the action."""
 
     def __init__(self, node: Node, action: str) -> None:
         self._node, self._action = node, action
@@ -60,7 +60,7 @@ class ActionClients:
         return set(map(_participant, publishers))
 
     def runs_here(self, participant: bytes) -> bool:
-        """Whether a participant is a running process on this host; False for a process in another container."""
+        """Whether a participant belongs to a running process on this host; False for one in another container."""
         host = self._host()
         return host is not None and participant[:4] == _VENDOR + host and runs(_process(participant))
 
@@ -98,7 +98,7 @@ def _process(participant: bytes) -> int:
 
 
 def runs(lowest: int, procfs: Path = _PROCFS) -> bool:
-    """Whether a process exists whose id has the lower 16 bits `lowest`; zombies do not count."""
+    """Whether a process exists whose id has `lowest` as its lower 16 bits; zombies do not count."""
     for number in range(lowest, _PIDS, 65536):
         try:
             text = (procfs / str(number) / "stat").read_text()
@@ -130,7 +130,7 @@ _NUMBERS: Final = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?")
 
 
 def without_numbers(text: str) -> str:
-    """Replace the numbers in a message by "#", which gives a key for messages of the same kind."""
+    """Replace each number in a message with "#", so that messages of the same kind have the same key."""
     return _NUMBERS.sub("#", text)
 
 
@@ -151,7 +151,7 @@ class Throttle:
 
 
 class Refusals:
-    """Refused commands of each controller; only the first one, and finally their number, is reported.
+    """Refused commands of each controller; the first refusal is reported, and at the end the number of refusals.
 
     The commands of a publisher that continues while the drives are off are refused fifty times a second for the same
     reason. A new reason is reported again; a message in which only the numbers differ is not a new reason.
@@ -204,7 +204,7 @@ class Endpoint:
     """Base class of the topics, services and actions of a controller, a node or the robot; handlers are optional."""
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Handle the state of the endpoint's controller, after this or another controller has changed."""
+        """Handle a new reading of the endpoint's controller; called when this or another controller has changed."""
 
     def on_state(self, state: StateSample) -> None:
         """Handle a sample of the robot's state stream."""
@@ -228,9 +228,9 @@ _CALM_S: Final = 10.0  # time without one after which an alternation is reported
 class PublisherWatch:
     """Detection of publishers that command one controller alternately, on one topic or on several topics.
 
-    The EventsExecutor of rclpy does not pass on who has published a message. So the values decide: they repeatedly
-    change and return to the values before, while the topics have several publishers. Publishers of the same values, or
-    of which only one is active, are normal.
+    The EventsExecutor of rclpy does not report the publisher of a message. So the detection uses the values: they
+    repeatedly change and then return to the previous values, while the topics have several publishers. Several
+    publishers are normal if they send the same values, or if only one of them is active.
     """
 
     def __init__(self) -> None:
@@ -241,7 +241,7 @@ class PublisherWatch:
         self._reported = False
 
     def take(self, ros: NodeContext, topic: str, values: Sequence[float], now: float) -> None:
-        """Record a command, and warn about several publishers once when they begin to alternate; `now` is in s."""
+        """Record a command received at `now` in s; warn once when several publishers start to alternate."""
         self._topics[topic] = (ros, now)
         last, before = self._last, self._before
         self._before, self._last = last, values
@@ -263,7 +263,7 @@ class PublisherWatch:
 
 
 def _returns(values: Sequence[float], last: Sequence[float], before: Sequence[float]) -> bool:
-    """Whether values take back the last change; False if a value is nan."""
+    """Whether `values` reverse the change from `before` to `last`, at least nearly."""
     change = max((abs(value - other) for value, other in zip(values, last, strict=True)), default=0.0)
     back = max((abs(value - other) for value, other in zip(values, before, strict=True)), default=0.0)
     return change > 0.0 and back <= _RETURN * change
@@ -315,10 +315,10 @@ class SessionPort(Protocol):
     publishers: dict[str, PublisherWatch]
 
     def command(self, request: CommandController | TwistController) -> None:
-        """Send a command, replacing a waiting command to the same controller; from any thread."""
+        """Send a command, replacing a waiting command to the same controller; may be called from any thread."""
 
     def unix(self, stamp: float | None) -> float | None:
-        """Convert a ROS time stamp to Unix time in s of the robot's clock; from any thread."""
+        """Convert a ROS time stamp to Unix time in s of the robot's clock; may be called from any thread."""
 
     def frame(self, name: str) -> str:
         """Return the ROS name of a frame, with the robot's prefix."""
@@ -327,19 +327,19 @@ class SessionPort(Protocol):
         """Report once that this ROS installation lacks an interface."""
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
-        """Log a warning as `node`, at most once per second and key; from any thread."""
+        """Log a warning as `node`, at most once per second and key; may be called from any thread."""
 
     def hand_over(self, function: Callable[[], object]) -> None:
-        """Call a function on the reactor's thread; from any thread."""
+        """Call a function on the reactor's thread; may be called from any thread."""
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
-        """Start or stop calling `on_process_data` of `watcher` with TPDO contents."""
+        """Add or remove a watcher of TPDO contents, which the robot sends only while a watcher is registered."""
 
     def connect(self) -> ReactorClient:
         """Return a new connection to the robot; raise RemoteError if the robot has ended."""
 
     def call(self, function: Callable[[], object]) -> None:
-        """Call a function on the thread of ROS callbacks; from any thread."""
+        """Call a function on the thread of ROS callbacks; may be called from any thread."""
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
         """Send a request to the robot; this call and `answer(result, error)` run on the reactor's thread."""
@@ -365,11 +365,11 @@ class NodeContext:
         return self._session.controllers
 
     def warn(self, key: str, text: str) -> None:
-        """Log a warning of this node, at most once per second and key; from any thread."""
+        """Log a warning of this node, at most once per second and key; may be called from any thread."""
         self._session.warn_of(self.node, key, text)
 
     def watch_publishers(self, commanded: str, topic: str, values: Sequence[float]) -> None:
-        """Record a command to `commanded`, and warn about publishers that alternate; on the thread of ROS callbacks.
+        """Record a command to `commanded`, and warn about alternating publishers; call on the thread of ROS callbacks.
 
         Topics with the same `commanded` are watched together.
         """

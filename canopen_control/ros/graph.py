@@ -225,9 +225,10 @@ class Graph:
         )
 
     def type_of(self, topic: str, seconds: float, chosen: str | None = None) -> str:
-        """Return the type of a topic, or the full name of the `chosen` type if it has several.
+        """Return the type of a topic, or the full name of the `chosen` type if it is given.
 
-        Raise CanopenError if the topic does not appear within `seconds`, or has several types and none is chosen.
+        Raise CanopenError if the topic does not appear within `seconds`, or has several types and none is chosen;
+        raise ConfigError if `chosen` is not the name of an interface.
         """
         absolute, names = topic if topic.startswith("/") else f"/{topic}", self._node.get_topic_names_and_types
         self.spin(seconds, lambda: absolute in dict(names()))

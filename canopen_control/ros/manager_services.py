@@ -2,7 +2,7 @@
 
 Rules (controller_manager_msgs, Jazzy 4.46): names and answers are the same as upstream; strictness 2 is strict, any
 other value is best effort; a refused request is answered with ok false, and its reason is logged, and also sent if the
-response has a field for it. All decisions are new_message by the runtime, none by this module.
+response has a field for it. The runtime makes all decisions, this module none.
 """
 
 from __future__ import annotations

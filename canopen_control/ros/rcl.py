@@ -135,7 +135,7 @@ _WAIT_S: Final = 1.0
 
 
 class Spinner:
-    """Thread that runs the callbacks of `node` and of added nodes; `on_error` receives their exceptions there."""
+    """Thread that runs the callbacks of `node` and of added nodes, and calls `on_error` with their exceptions."""
 
     def __init__(self, node: Node, context: Context, on_error: Callable[[Exception], object]) -> None:
         self._executor = make_executor(context)
@@ -181,7 +181,7 @@ class Spinner:
             self.call(end)
 
     def call(self, function: Callable[[], object]) -> None:
-        """Run a function on the spinning thread, between callbacks; from any thread."""
+        """Run a function on the spinning thread, between callbacks; may be called from any thread."""
         self._executor.create_task(function)
 
     def _run(self) -> None:

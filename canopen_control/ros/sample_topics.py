@@ -53,9 +53,10 @@ class Messages(Protocol):
 class SampleTopic(NamedTuple):
     """Topic for samples of one `kind`; `fields` maps message fields to sources in the sample.
 
-    `frame` is the field of the sample with the header's frame; a sample without this field has the controller's frame.
-    No message is sent for a sample whose field `optional` is None. `latched` topics are published even without a
-    subscriber, for later subscribers. `bridge` and `bag` are True if the topic exists in the bridge and in bags.
+    `frame` names the sample's field with the frame of the header; a sample without this field has the controller's
+    frame. `optional` names a field of the sample; a sample with None in this field is not sent. `units` maps the
+    sources that belong in a report to their units. A `latched` topic is published even without a subscriber, for later
+    subscribers. `bridge` and `bag` are True if the topic exists in the bridge and in bags.
     """
 
     kind: type[Sample]

@@ -111,7 +111,7 @@ def as_uint32(data: bytes) -> int:
 
 
 def of_uint32(data: int, length: int) -> bytes:
-    """Return the 32-bit `data` field of ros2_canopen as `length` bytes; raise ValueError if the number does not fit."""
+    """Return the `data` of ros2_canopen as `length` bytes, 1 to 4; raise ValueError if the number does not fit."""
     signed = data - (1 << 32) if data >= 1 << 31 else data
     if not 1 <= length <= 4:
         raise ValueError(f"the object has {length} bytes, but `data` has 4; use set_objects")
@@ -136,7 +136,7 @@ class NodeSdo:
         self._ros, self._name = ros, name
 
     def handlers(self) -> list[tuple[str, str, Handler]]:
-        """Return name, type and handler of each service."""
+        """Return the name, type and handler of each service."""
         return [
             ("sdo_read", "canopen_interfaces/srv/CORead", self._read),
             ("sdo_write", "canopen_interfaces/srv/COWrite", self._write),
@@ -191,7 +191,7 @@ class NodeSdo:
 
 
 def master_handlers(ros: NodeContext) -> list[tuple[str, str, Handler]]:
-    """Return name, type and handler of the SDO services of ros2_canopen's master, by node-ID and data type."""
+    """Return the name, type and handler of each SDO service of ros2_canopen's master; requests have a node-ID."""
 
     def read(request: RosMessage, response: RosMessage, reply: Reply) -> None:
         of_datatype(request.canopen_datatype)
@@ -310,7 +310,7 @@ def _one_by_one(
 
 
 def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None) -> None:
-    """Set a ParameterValue to an object's value, or to the error as text with the type not set."""
+    """Set a ParameterValue to an object's value; after an error, set its text to the reason, without a type."""
     try:
         if result is None:
             raise ValueError(error)

@@ -148,7 +148,7 @@ T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """Store of the latest value per name; any thread may call `put`, only the reading thread `take`."""
+    """Store of the latest value per name; any thread may call `put`, but only the reading thread `take`."""
 
     def __init__(self, interval_ns: int) -> None:
         self.interval_ns = interval_ns
@@ -455,7 +455,7 @@ class RosSession:
             )
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
-        """Log a warning as `node`, at most once per second and key; from any thread.
+        """Log a warning as `node`, at most once per second and key; may be called from any thread.
 
         The warning is also an event of the robot, for its terminal and status, because the user may not read /rosout.
         """
@@ -479,8 +479,8 @@ class RosSession:
     def watch_process_data(self, watcher: object, on: bool) -> None:
         """Add or remove a watcher of TPDO contents; the robot sends TPDO contents only while a watcher is registered.
 
-        Call on the reactor's thread. A new watcher causes one publication of all values, which the other watchers get
-        again.
+        Call on the reactor's thread. When a watcher is added, the robot sends all values once, and the other watchers
+        receive them again.
         """
         watchers = self._process_data_watchers
         (watchers.add if on else watchers.discard)(watcher)

@@ -92,7 +92,7 @@ def _finite(tolerance: float) -> float:
 
 
 def pieces_of(trajectory: RosMessage) -> Iterator[list[TrajectoryPoint]]:
-    """Yield the points of a JointTrajectory in lists for one request each; at least one list.
+    """Yield the points of a JointTrajectory in lists, one for each request; without points, yield one empty list.
 
     Raise ValueError with the reason if there are too many points, or if a point has a number that is not finite.
     """
@@ -130,7 +130,7 @@ def _demand_numbers(point: TrajectoryPoint, at: int, joints: Sequence[str]) -> N
 
 
 def goal_refusal(goal: RosMessage) -> str | None:
-    """Return why a FollowJointTrajectory goal is not supported, or None."""
+    """Return why a FollowJointTrajectory goal is not supported, or None if it is."""
     lengths = {
         "multi_dof_trajectory": len(goal.multi_dof_trajectory.points),
         "component_path_tolerance": len(goal.component_path_tolerance),

@@ -40,8 +40,8 @@ _PROBED: Final = "std_msgs/msg/Header"
 def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
     """Create the missing interface packages for import by any program with rclpy; return their names.
 
-    Call this function before the packages are imported. CanopenError, before anything is created, if a package is
-    neither installed nor in `PACKAGES`, or if the self-test fails with this ROS.
+    Call this function before the packages are imported. Raise CanopenError, before anything is created, if a package
+    is neither installed nor in `PACKAGES`, or if the self-test fails with this ROS.
     """
     names = [packages] if isinstance(packages, str) else list(packages)
     missing = [name for name in names if name not in sys.modules and importlib.util.find_spec(name) is None]
@@ -67,8 +67,8 @@ class MissingInterface(CanopenError):
 def interface(name: str) -> Any:  # noqa: ANN401 - a generated class, or one of ours
     """Return the class of "package/msg/Name", created if necessary.
 
-    Raise MissingInterface if this ROS does not have the interface; another CanopenError if none can be created for this
-    ROS.
+    Raise MissingInterface if this ROS does not have the interface; raise another CanopenError if no interfaces can be
+    created for this ROS.
     """
     package, kind, short = parts_of(name)
     if package in PACKAGES:

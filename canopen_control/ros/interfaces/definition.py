@@ -102,7 +102,7 @@ def owner_of(name: str) -> str:
 def parse(name: str, lines: list[str]) -> list[Structure]:
     """Return the structures of an interface: one for a message, four for a service, thirteen for an action.
 
-    ValueError names an invalid line.
+    Raise ValueError with the reason if a line is invalid or the number of parts is wrong.
     """
     package, kind, _ = parts_of(name)
     if kind == "msg":

@@ -61,7 +61,11 @@ _XCDR1: Final = 1
 
 
 class Libraries:
-    """Symbols of ROS's C libraries; OSError or AttributeError if a library or a symbol is missing."""
+    """Symbols of ROS's C libraries.
+
+    Raise OSError, AttributeError or ValueError if a library or a symbol is missing; raise RuntimeError if this version
+    of Fast CDR is not supported.
+    """
 
     def __init__(self) -> None:
         self._folder = _library_folder()
@@ -101,7 +105,7 @@ class Libraries:
 
 
 class Callbacks:
-    """Functions of the compiled `callbacks.c`; OSError if no library exists for this processor."""
+    """Functions of the compiled `callbacks.c`; raise OSError if no library exists for this processor."""
 
     def __init__(self, put: int, position: int, assign: int, end_offset: int) -> None:
         path = Path(__file__).with_name(f"callbacks_{platform.machine()}.so")
@@ -132,7 +136,7 @@ class Callbacks:
         return int(self._slot(slot))
 
     def newly_dropped(self) -> list[str]:
-        """Return the message types of which messages were dropped for a wrong layout since the last call."""
+        """Return the types of the messages that were dropped since the last call because of a wrong layout."""
         if self._dropped_in_all.value == self._reported_in_all:
             return []
         self._reported_in_all = self._dropped_in_all.value
@@ -226,7 +230,7 @@ class Registry:
     def get(self, name: str) -> Structure:
         """Return a structure by full name; raise LookupError if neither a definition nor an installed package has it.
 
-        ValueError names an invalid line of a definition.
+        Raise ValueError with the reason if the definition is invalid.
         """
         if name not in self._structures:
             owner = owner_of(name)
@@ -476,7 +480,7 @@ class Supports:
     # ---------------------------------------------------------------------------------------------- descriptions
 
     def _described(self, kind: str, name: str, supports: Sequence[Any]) -> list[int]:
-        """Set hash, description and sources in the type supports of an interface; return their addresses.
+        """Set the hash, description and sources in the type supports of an interface; return the supports' addresses.
 
         `kind` is the name of the structure of the supports in `callbacks.c`.
         """
