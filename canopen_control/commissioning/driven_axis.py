@@ -63,7 +63,7 @@ def _additional_text(code: int) -> str:
 
 
 def why_not_free(node: NodeSession) -> str:
-    """Return why the drive must not be moved (another client has enabled it), or ""."""
+    """Return why the drive must not be moved if another program has enabled it, else ""."""
     powered = [state for state in node.drive_states().values() if state in _POWERED]
     if not powered or powered[0] is None:
         return ""
@@ -100,7 +100,7 @@ class JogDrive:
 
 
 def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
-    """Return the drive of an axis with a target controller for its joint alone; else raise ConfigError with advice."""
+    """Return the drive of an axis; raise ConfigError, with advice, if no controller takes targets for it alone."""
     places = client.ask(GetNodes()).nodes
     place = next((place for place in places if node in (place.name, str(place.node_id))), None)
     if place is None:
@@ -158,14 +158,14 @@ def choose_mode(client: RobotClient, request: AxisRequest) -> None:
 
 
 class AxisCommand:
-    """Command of a velocity, position or effort (`interface`) to a drive; expires when the client disconnects."""
+    """Velocity, position or effort command (`interface`) to a drive, which expires when the client disconnects."""
 
     def __init__(self, drive: JogDrive, interface: str, source: str) -> None:
         self._drive, self._interface, self._source = drive, interface, source
         self._sent, self._sent_ns = math.nan, 0
 
     def send(self, client: RobotClient, value: float) -> bool:
-        """Send a new command, or renew a nonzero one after `RENEWED_S`; return False if the drive is not enabled."""
+        """Send a changed value, or renew a nonzero one after `RENEWED_S`; return False if the drive is not enabled."""
         now = time.monotonic_ns()
         if value == self._sent and (not value or now - self._sent_ns < RENEWED_S * 1e9):
             return True
@@ -188,7 +188,7 @@ class AxisCommand:
 
 
 class DriveCurrent:
-    """Current of a drive in per mille of the rated current, read by SDO (0x6078, or without it the torque 0x6077)."""
+    """Current of a drive in per mille of the rated current, read by SDO (0x6078, or else the torque 0x6077)."""
 
     def __init__(self, drive: JogDrive) -> None:
         self.value: float | None = None
@@ -197,7 +197,7 @@ class DriveCurrent:
         self._read_ns = 0
 
     def ask(self, client: RobotClient) -> None:
-        """Read the current if `CURRENT_S` has elapsed; an object that the drive has refused is not read again."""
+        """Read the current if the last read is `CURRENT_S` old; an object that the drive refused is not read again."""
         now = time.monotonic_ns()
         if not self._currents or now - self._read_ns < CURRENT_S * 1e9:
             return
@@ -220,13 +220,13 @@ def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | N
 
 
 def stop_drive(client: RobotClient, drive: JogDrive, source: str) -> None:
-    """Stop and disable the drive on behalf of `source`, ignoring errors, since the robot may have ended."""
+    """Stop and disable the drive on behalf of `source`; ignore a RemoteError, because the robot may have ended."""
     with contextlib.suppress(RemoteError):
         client.ask(AxisRequest(action="disable", node=drive.node, joint=drive.joint, source=source), ENABLE_S)
 
 
 def ended_words(sample: StateSample | None, drive: JogDrive) -> str:
-    """Return state and error of a drive that is no longer enabled, as text."""
+    """Return the state and the error of a drive that is no longer enabled, as text."""
     axis = axis_reading(sample, drive)
     if axis is None:
         return "the drive reports no state any more"

@@ -58,11 +58,11 @@ class DeviceIdentity:
         )
 
     def strangers(self, other: DeviceIdentity) -> list[str]:
-        """Return the differences of device type, vendor and product; each forbids copying parameters."""
+        """Return the differences in device type, vendor and product; any of them forbids copying parameters."""
         return self._differences(other, ("device_type", "vendor_id", "product_code"))
 
     def variations(self, other: DeviceIdentity) -> list[str]:
-        """Return the differences of revision and software, which devices of one product may have."""
+        """Return the differences in revision and software version, which devices of one product may have."""
         return self._differences(other, ("revision_number", "software"))
 
     def _differences(self, other: DeviceIdentity, names: tuple[str, ...]) -> list[str]:
@@ -80,7 +80,7 @@ def _shown(value: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class KnownEds:
-    """EDS file with the identity in its objects or in [DeviceInfo]."""
+    """EDS file, with the identity given by its objects or by [DeviceInfo]."""
 
     path: Path
     vendor_id: int
@@ -89,7 +89,7 @@ class KnownEds:
 
 
 def identity_of(data: Mapping[Address, object]) -> DeviceIdentity:
-    """Return the identity from uploaded bytes by address; missing objects are None."""
+    """Return the identity, without versions of hardware and software, from uploaded bytes by address."""
     name = data.get(NAME)
     text = name.rstrip(b"\0").decode("latin-1") if isinstance(name, bytes) else None
     return DeviceIdentity.of((_number(data.get(address)) for address, _ in FIELDS.values()), (text, None, None))
@@ -102,7 +102,7 @@ def _number(data: object) -> int | None:
 
 
 def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
-    """Return the EDS files with their identities, and the errors of unreadable files."""
+    """Return the EDS files that name a vendor or a product, and the errors of unreadable files."""
     candidates, refused = [], []
     for path in paths:
         try:
@@ -117,7 +117,7 @@ def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
 
 
 def vendor_and_product(path: Path) -> tuple[int, int]:
-    """Return vendor and product in an EDS (0: missing), or (0, 1) if the file is unreadable."""
+    """Return the vendor and the product in an EDS (0 if missing), or (0, 1) if the file is unreadable."""
     try:
         od = read_eds(path).od
     except EdsError:
@@ -134,7 +134,7 @@ def eds_number(od: ObjectDictionary, subindex: int) -> int:
 
 
 def match_eds(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
-    """Return the best matching EDS or None, and a remark if revision or product do not match exactly."""
+    """Return the best matching EDS or None, and a remark if revision or product do not match exactly, else ""."""
     same = [
         eds
         for eds in candidates
@@ -150,7 +150,7 @@ def match_eds(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple
 
 
 def _of_the_vendor(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
-    """Return the vendor's only EDS without a product code, or None, with a remark."""
+    """Return the vendor's only EDS without a product code and a remark, or None and "" if there is not exactly one."""
     same = [eds for eds in candidates if not eds.product_code and eds.vendor_id and eds.vendor_id == identity.vendor_id]
     return (same[0], "without a product code, chosen by the vendor") if len(same) == 1 else (None, "")
 

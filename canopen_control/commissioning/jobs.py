@@ -227,7 +227,7 @@ class TuneOptions(MotionOptions):
 
 @dataclass(frozen=True, slots=True)
 class ScopeOptions:
-    """Options of a scope; `length` and `before` are in s, None for `before` means a fifth of `length`."""
+    """Options of a scope; `length` and `before` are in s; if `before` is None, it is a fifth of `length`."""
 
     rate: float = option(
         50.0,
@@ -314,7 +314,7 @@ class JobRun:
 
     `doing` names the current part of the work. `sentence` is the result; `good` is True if the job succeeded, None
     while it runs. Further results are `lines`, `table`, `file` (name and bytes) and `document` (for programs).
-    `transfers` are those of the job's session, None if an end must not cancel them.
+    `transfers` are those of the job's session, or None if `end` must not cancel them.
     """
 
     job: Job
@@ -335,7 +335,7 @@ class JobRun:
     _ending: threading.Event = field(default_factory=threading.Event)
 
     def part(self, doing: str, unit: str = "") -> None:
-        """Begin a part of the work whose progress is counted in `unit`."""
+        """Start a part of the work whose progress is counted in `unit`."""
         self.doing, self.unit, self.done, self.total = doing, unit or self.unit, 0, None
 
     def at(self, done: int, total: int | None = None) -> None:
@@ -353,7 +353,7 @@ class JobRun:
         self.lines.append(text)
 
     def pace(self, now: float) -> tuple[float, float] | None:
-        """Return progress per second and remaining seconds, or None if they cannot be estimated yet."""
+        """Return progress per second and remaining seconds, or None if they cannot be estimated."""
         part, since, before = self._rated
         if part != self.doing or self.done < before or not self.done:
             self._rated = self.doing, now, self.done
@@ -364,7 +364,7 @@ class JobRun:
         return gained / elapsed, max(0.0, (self.total - self.done) * elapsed / gained)
 
     def end(self) -> None:
-        """Request that the job end at its next progress report; its transfer in progress is cancelled by a thread."""
+        """Request that the job end at its next progress report; a separate thread cancels the transfer in progress."""
         self._ending.set()
         if self.transfers is not None:
             threading.Thread(target=self.transfers.cancel, name=f"end of {self.job.name}", daemon=True).start()

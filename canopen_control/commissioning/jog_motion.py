@@ -1,4 +1,4 @@
-"""Command of a jog: by held keys or with a defined end, within limits of speed, travel and current.
+"""Command of a jog by held keys or with a defined end, within limits on speed, travel and current.
 
 Sans-IO; times are monotonic nanoseconds. The drive moves only while a key is held, or until the end of the motion. Any
 other key, a limit, or a drive that is not enabled any more ends the jog; `ended` is the reason. Positions are angles of
@@ -114,7 +114,7 @@ class JogMotion:
 
     @property
     def travelled(self) -> float:
-        """Distance of the shaft from the start in rad; nan if unknown."""
+        """Signed distance of the shaft from the start in rad; nan if unknown."""
         return math.nan if self._start is None else self._here - self._start
 
     @property
@@ -130,9 +130,9 @@ class JogMotion:
         return 0.0 if sign == 0 or self._blocked(sign) else math.copysign(self._keys.speed, sign)
 
     def nothing_turned(self, resolution: float) -> str | None:
-        """Return a sentence if the shaft did not measurably rotate, else None.
+        """Return a sentence if the shaft did not turn measurably, or if that is unknown, else None.
 
-        `resolution` is that of the measured position, in rad.
+        `resolution` is the resolution of the measured position in rad.
         """
         if math.isnan(self._farthest):
             if self._fastest > 0.0:  # not for nan
@@ -185,7 +185,7 @@ class JogMotion:
         return min(deadlines, default=None)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Check measured values in rad, rad/s and per mille against the limits; unknown values are None."""
+        """Record measured values (None if unknown); end the jog at a limit of current or travel, or if not enabled."""
         if not enabled:
             self.end(JogEnd.STATE)
         if current is not None and abs(current) > self.limits.current:

@@ -111,7 +111,7 @@ class LiveReader:
                 self._thread.start()
 
     def soon(self, node: NodeObjects, entry: Entry) -> None:
-        """Read an object with priority, for instance because it was written."""
+        """Make an object due for reading at once, for instance because it was written."""
         self._next_reads.pop((node.place.name, entry.address), None)
 
     def run(self) -> None:
@@ -138,7 +138,7 @@ class LiveReader:
                 self._read(node, entry, opened, sessions)
 
     def _next(self) -> tuple[NodeObjects, Entry | None] | None:
-        """Return the node and the entry to read next (None if none is due yet), or None if no screen is left."""
+        """Return the next node and entry to read (entry None if none is due), or None if no screen shows objects."""
         with self._lock:
             if not self._requests:
                 self._thread = None

@@ -62,10 +62,10 @@ class Transfers(Protocol):
         """Return the number of transferred bytes and the total (None if unknown); callable from any thread."""
 
     def cancel(self) -> None:
-        """Cancel a transfer in segments or blocks, which then aborts and raises an error; callable from any thread."""
+        """Cancel a segmented or block transfer, which then aborts and raises an error; callable from any thread."""
 
     def pause(self, seconds: float) -> None:
-        """Wait for a time in s, which is simulated time if the node is simulated."""
+        """Wait for `seconds`, in simulated time if the node is simulated."""
         time.sleep(seconds)
 
     def close(self) -> None:
@@ -120,7 +120,7 @@ class NodeSession:
         self.transfers.write(index, subindex, data)
 
     def read_value(self, entry: Entry) -> Value:
-        """Upload and decode an object; raise SdoLengthError for a response of another length."""
+        """Upload and decode an object; raise SdoLengthError if the length does not fit the data type."""
         return self.decoded(entry, self.read(entry.index, entry.subindex))
 
     def decoded(self, entry: Entry, data: bytes) -> Value:
@@ -140,7 +140,7 @@ class NodeSession:
         self.write(entry.index, entry.subindex, data)
 
     def number(self, index: int, subindex: int, data_type: DataType = DataType.UNSIGNED32) -> int | None:
-        """Upload an integer, or return None if the node aborts or the length differs."""
+        """Upload and return an integer, or None if the node aborts or the length does not fit the data type."""
         try:
             data = fitted(self.read(index, subindex), data_type)
         except (SdoAbort, RemoteError) as error:
@@ -152,7 +152,7 @@ class NodeSession:
     # -- identity
 
     def identity(self) -> DeviceIdentity:
-        """Read the device type, the numbers of 0x1018, and the names for which the EDS has objects."""
+        """Read the device type, the numbers of 0x1018, and the name and versions for which the EDS has objects."""
         numbers = [self.number(*address) for address, _ in FIELDS.values()]
         return DeviceIdentity.of(numbers, [self._text(*address) for address in TEXTS.values()])
 
@@ -169,7 +169,7 @@ class NodeSession:
         return " ".join(str(value).split())
 
     def identity_differences(self) -> list[str]:
-        """Return the differences of vendor and product from the EDS; the revision is not compared."""
+        """Return the differences in vendor and product between EDS and device; the revision is not compared."""
         texts = []
         for (index, subindex), label in (FIELDS[field] for field in _DECIDING):
             expected, actual = eds_number(self.dictionary, subindex), self.number(index, subindex)
@@ -204,7 +204,7 @@ class NodeSession:
 
 
 def is_abort(error: CanopenError) -> bool:
-    """Whether an error is an SDO abort of the node, directly or through a robot."""
+    """Whether an error is an SDO abort by the node, received directly or through a robot."""
     return isinstance(error, SdoAbort) or (isinstance(error, RemoteError) and error.kind == SdoAbort.__name__)
 
 
@@ -288,7 +288,7 @@ class RobotTransfers(Transfers):
         return progress_read.done, progress_read.total
 
     def cancel(self) -> None:
-        """Request the cancel on a separate connection; without effect if the robot does not answer."""
+        """Request the cancellation on a separate connection; ignored if the robot does not answer."""
         with contextlib.suppress(CanopenError), RobotClient.connect(self._robot.robot, _WATCH_S) as robot:
             robot.ask(CancelSdo(node=str(self._node_id), session=self._session))
 

@@ -123,7 +123,7 @@ _SHOWN_BYTES = 64
 
 
 def parse_type(text: str) -> DataType:
-    """Return the data type with a name such as `i32` or `INTEGER32`; the ConfigError lists the known names."""
+    """Return the data type with a name such as `i32` or `INTEGER32`; raise ConfigError, with all names, for another."""
     data_type = _ALIASES.get(text.casefold()) or DataType.__members__.get(text.upper())
     if data_type is None:
         raise ConfigError(
@@ -240,7 +240,7 @@ _NOT_IN_A_SCAN: Final = 2  # bit 1 of ObjFlags (CiA 306-1)
 
 
 def select_objects(od: ObjectDictionary, words: Iterable[str]) -> list[Entry]:
-    """Return the entries that match any of the words (all without words).
+    """Return the entries that match any of the words, or all entries if there are no words.
 
     Raise ConfigError for a word without a match.
     """
@@ -488,7 +488,7 @@ def limit_words(entry: Entry) -> str:
 
 
 def parsed_value(entry: Entry, text: str) -> Value:
-    """Parse a value for an object; raise ConfigError if the object is fixed or the value exceeds the limits."""
+    """Parse a value for an object; raise ConfigError if the object is fixed, or the text is invalid or out of range."""
     name = entry_label(entry)
     if why := why_fixed(entry):
         raise ConfigError(f"{name} {why}; nothing was written")
@@ -524,7 +524,7 @@ class EditHistory:
     edits: list[Edit] = field(default_factory=list)
 
     def write(self, session: NodeSession, entry: Entry, text: str) -> Edit:
-        """Write a value and read it back; raise DriveError if the node then reports another value."""
+        """Write a value and read it back; raise ConfigError for an invalid value, DriveError if another results."""
         value = parsed_value(entry, text)
         before = session.read_value(entry) if entry.readable else None
         session.write_value(entry, value)
@@ -543,7 +543,7 @@ class EditHistory:
         return next((edit for edit in reversed(self.edits) if edit.before is not None), None)
 
     def undo(self, session: NodeSession) -> Edit:
-        """Undo the latest edit; raise DriveError if the value has changed since, ConfigError if no edit is left."""
+        """Undo the latest edit; raise ConfigError if there is none, DriveError if the value has changed after it."""
         edit = self.last
         if edit is None or edit.before is None:
             raise ConfigError(f"{session}: no edit to undo")

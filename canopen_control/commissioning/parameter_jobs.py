@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class BackupReport:
-    """Result of a backup: number of parameters in the file, and omitted parameters with the reason."""
+    """Result of a backup: number of parameters in the file, and omitted parameters with the reasons."""
 
     node_id: int
     node: str | None
@@ -140,7 +140,7 @@ def run_clone(
 
 
 def like_file(session: NodeSession, file: ParameterSet) -> NodeSession:
-    """Return the session; without an EDS it uses the object dictionary of the DCF."""
+    """Return the session; if its node has no EDS, set its object dictionary to that of the DCF."""
     if session.od is None:
         session.od = file.od.for_node(session.node_id)
     return session

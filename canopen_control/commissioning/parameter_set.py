@@ -238,7 +238,7 @@ def _section(parameters: ParameterSet, date: str) -> dict[str, str]:
 def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
     """Read a DCF, converted to `node_id` unless None; raise EdsError if the file is not a valid DCF.
 
-    Values that a backup would not contain are ignored, so that a DCF of another tool moves no drive either.
+    Values that a backup would not contain are ignored, so that a DCF from another tool cannot move a drive.
     """
     return _backup_of(read_eds(path), str(path), node_id)
 
@@ -404,7 +404,7 @@ def parameter_text(side: ParameterSet, address: Address) -> str:
 
 
 def value_text(entry: Entry, value: Value) -> str:
-    """Format a value for users: decimal numbers from 0x2000 on, and the form of a DCF below."""
+    """Format a value for users: numbers from index 0x2000 on in decimal, other values as in a DCF."""
     if isinstance(value, int | float) and entry.index not in _COMMUNICATION:
         return str(value)
     return format_value(value, entry.data_type) if value not in ("", b"") else "(empty)"

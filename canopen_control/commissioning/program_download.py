@@ -290,7 +290,7 @@ def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequenc
 
 
 def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
-    """Read the date of the program from 0x1F52, or return None if missing or invalid."""
+    """Read the date of the program from 0x1F52, or return None if it is missing or invalid."""
     days = yield from _number(SOFTWARE_DATE, 1)
     if not days or not 0 < days <= 0xFFFF:
         return None
@@ -300,7 +300,7 @@ def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
 
 
 def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
-    """Read a number; None if the node aborts, `_SILENT` if it does not respond."""
+    """Read and return a number, None if the node aborts, or `_SILENT` if it does not respond."""
     outcome = yield DownloadOrder(DownloadAct.READ, index, subindex, seconds=seconds)
     if outcome.error is not None:
         return None if is_abort(outcome.error) else _SILENT
@@ -333,7 +333,7 @@ def refuse_other_product(session: NodeSession, identity: DeviceIdentity) -> None
 
 
 def download(session: NodeSession, image: bytes, options: ProgramOptions, progress: DownloadProgress) -> None:
-    """Load a program into the node and start it; raises errors like `program_download`, and BusError."""
+    """Load a program into the node and start it; raise the errors of `program_download`, or BusError."""
     sequence = program_download(image, options, progress)
     outcome: DownloadAnswer | None = None
     while True:
@@ -453,7 +453,7 @@ def _is_answer(error: CanopenError) -> bool:
 
 
 def boot_check(session: NodeSession, before: DeviceIdentity) -> DeviceIdentity:
-    """Return the identity of the new program; raise DriveError for a boot-loader or another product."""
+    """Return the identity of the new program; raise DriveError for a boot-loader or another product than `before`."""
     after = session.identity()
     if is_loader(after):
         raise DriveError(f"{session}: the new program does not run: the node is in its boot-loader")

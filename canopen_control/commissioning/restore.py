@@ -166,7 +166,7 @@ def _mapping_writes(
     target: Mapping[Address, Value],
     current: Mapping[Address, Value],
 ) -> Iterator[Write]:
-    """Yield the writes of a PDO mapping, or only those of different entries if `target` lacks the count."""
+    """Yield the writes of a PDO mapping; if `target` lacks the count, only of the entries that differ."""
     if count not in target:
         for address in slots:
             if not same_value(od[address], target[address], current[address]):
@@ -197,7 +197,7 @@ class RestoreStep(enum.Enum):
 
 
 def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: NodeSession) -> list[str]:
-    """Return the differences of revision and software; raise ConfigError for another product."""
+    """Return the differences in revision and software version; raise ConfigError for another product."""
     if strangers := parameters.identity.strangers(identity):
         raise ConfigError(
             f"{parameters.where} belongs to a different product than {session}: {', '.join(strangers)}; "
@@ -433,7 +433,7 @@ class RestoreJournal:
         self._stored.keep(od, {**current, **old})
 
     def end(self, restore: Restore) -> None:
-        """Delete the journal of a completed restore, unless it has values of an earlier, interrupted restore."""
+        """Delete the journal, except for values of an earlier, interrupted restore that have not been restored yet."""
         if restore.refused and restore.undone:
             remaining: Mapping[Address, Value] = {} if self._old is None else self._old.values
         else:
@@ -508,7 +508,7 @@ def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
 def protected(
     od: ObjectDictionary, addresses: Iterator[Address], globs: Sequence[str], *, same_device: bool
 ) -> dict[Address, str]:
-    """Return the protected parameters with the reason; raise ConfigError for a glob that matches none of them."""
+    """Return the protected parameters with the reasons; raise ConfigError for a glob that matches no parameter."""
     reasons: dict[Address, str] = {}
     used: set[str] = set()
     for address in addresses:

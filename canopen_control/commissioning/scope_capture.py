@@ -189,7 +189,7 @@ class ScopeState(Enum):
 class ScopeCapture:
     """Capture memory for `length` s, including `before` s before the trigger.
 
-    Without a trigger a capture begins with the first sample. The scope is done after `shots` captures, if not None.
+    Without a trigger, a capture starts with the first sample. The scope is done after `shots` captures, if not None.
     """
 
     def __init__(self, trigger: Trigger | None, *, length: float, before: float = 0.0, shots: int | None = 1) -> None:
@@ -315,7 +315,7 @@ def csv_of(named: NamedShot) -> str:
 
 
 def parse_csv(text: str, place: str) -> NamedShot:
-    """Parse a file written by `csv_of`; a ConfigError for an invalid file names the file `place`."""
+    """Parse the text of a file written by `csv_of`; raise ConfigError, naming the file `place`, if it is invalid."""
     lines = list(csv.reader(io.StringIO(text)))
     if len(lines) < 2 or lines[0][:2] != [_TIME, _FROM_ZERO] or len(lines[0]) < 3:
         raise ConfigError(f"{place} is not a capture of a scope, which begins with time,t and the names of signals")

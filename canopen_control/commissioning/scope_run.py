@@ -104,7 +104,7 @@ class Scope:
         yield self.capture.take()
 
     def cycle_words(self) -> str:
-        """Return the numbers of cycles and missed cycles of the robot as text, or "" without a robot."""
+        """Return the numbers of the robot's cycles and missed cycles since the start as text, or "" without a robot."""
         after = self._source.cycles()
         if self._before is None or after is None:
             return ""

@@ -174,7 +174,7 @@ def _impossible(needed: float, crossover: float, margin: float, delay: float) ->
 
 
 def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DELAY_S) -> tuple[float, float]:
-    """Return the crossover in rad/s and the phase margin in rad of gains with a plant, such as a changed load.
+    """Return the crossover in rad/s and the phase margin in rad of gains on a plant, for example with another load.
 
     The gain of the open loop falls monotonically, so bisection finds the crossover.
     """

@@ -144,7 +144,7 @@ def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Pa
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Results of a test for programs, in rad/s, s, Hz, dB, degrees and per mille of torque; None for other tests.
+    """Results of a test for programs, in rad/s, s, Hz, dB, degrees and per mille of torque, or None.
 
     `no_gains` is the reason why no gains are proposed; `velocity_i` belongs to `gains`, `bandwidth` to `bode`.
     """

@@ -172,7 +172,7 @@ class TuneMotion:
         return self._speed * self._speed / (2.0 * self._deceleration)
 
     def _steer(self) -> None:
-        """Choose the sign of the additional torque: alternating, and back beyond half of a limit."""
+        """Choose the sign of the additional torque: alternating, but against a speed or travel above half its limit."""
         elapsed = (self._now - self._begin) * 1e-9 / self._excitation.seconds
         self._push = -1.0 if 0.25 <= elapsed < 0.75 else 1.0
         travel, speed = self._travelled / self.limits.travel, self._speed / self.limits.speed

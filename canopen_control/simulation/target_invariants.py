@@ -65,7 +65,7 @@ class _Followed:
         self._slope = 0.0
 
     def slope(self, drive: VirtualDrive) -> float:
-        """Return the smaller of the drive's two ramps in counts/s^2; cached until an object changes."""
+        """Return the smaller of profile acceleration and deceleration in counts/s^2; cached until an object changes."""
         objects = drive.objects
         version = objects.store.version
         if self._slope_of[1] != version or self._slope_of[0] is not drive:
@@ -85,11 +85,11 @@ class _Followed:
         return self._limits
 
     def rest(self) -> None:
-        """Restart the check at the next enable."""
+        """Reset the check, which starts anew at the next sample at which the axis can be checked."""
         self.at, self.reported = 0, False
 
     def ramp(self, low: float, high: float, slope: float, now: int, speed: float) -> None:
-        """Move the permitted speed range towards the target range by the drive's ramp."""
+        """Permit speeds from `low` to `high`, and narrow the earlier range at `slope`; at first, permit `speed` too."""
         if not self.at:
             self.low, self.high = min(speed, low), max(speed, high)
         else:
@@ -179,13 +179,13 @@ class TargetInvariants:
             self._judge_targets(now)
 
     def _may_judge(self, view: ObservedNode, now: int) -> bool:
-        """Whether an axis follows targets and has not been disturbed since it was enabled."""
+        """Whether an axis follows targets, was enabled some time ago, and has not been disturbed since its enable."""
         return view.follows and self._disturbed.last(view.node_id) < view.enabled_at < now - _SETTLED_NS
 
     # -- all modes
 
     def _judge_command(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
-        """Check the target of an enabled drive against its limits, of a disabled drive for standstill."""
+        """Check that the target of an enabled drive respects its limits, and that of a disabled drive is standstill."""
         view = axis.view
         into_limit = ""
         if view.enabled:
@@ -210,7 +210,7 @@ class TargetInvariants:
         return max(disturbed, self._stopped_at, self._robot.started_ns) < now - 3 * _CALM_NS
 
     def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
-        """Return a text about a target beyond the limits of an enabled drive, or ""."""
+        """Return a text if the target of an enabled drive is beyond the drive's limits, else ""."""
         low, high, most = axis.limits(drive, now)
         targets, mode = axis.view.targets, drive.modes.number
         if mode == _CSP:
@@ -228,7 +228,7 @@ class TargetInvariants:
         return ""
 
     def _commands_into_limit(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return a text about a target that pushes an enabled drive against an active limit, else "".
+        """Return a text if the target pushes an enabled drive against an active limit, else "".
 
         The blocked direction is the direction in which the target points while the shaft is at standstill.
         """
@@ -241,7 +241,7 @@ class TargetInvariants:
         return f"to move at {targets[-1]}, against its active limit" if into_limit else ""
 
     def _not_at_rest(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return a text about a target other than standstill of a disabled drive, else ""."""
+        """Return a text if the target of a disabled drive is not standstill, else ""."""
         if view.commanded or now - view.status_at > _LAG_NS:
             return ""
         if target := view.targets.get(_VELOCITY, 0):
