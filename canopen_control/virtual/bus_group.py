@@ -10,7 +10,7 @@ The file lists the nodes of each bus, and the plant file of each robot; all plan
         buses:
           can: {channel: "local:robby1", nodes: {"2": TMCM-1270.eds, "3": TMCM-1270.eds}}
 
-The bus `can` is the main bus of a robot, whose axes have no bus in the plant file. Paths are relative to the file.
+The bus `can` is the main bus of a robot; the plant file names its axes without a bus. Paths are relative to the file.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class GroupError(ConfigError):
 
 @dataclass(frozen=True)
 class BusFile:
-    """Section of a bus in the file: channel, and EDS file of each node by node-ID."""
+    """Section of the file for one bus: its channel, and the EDS files of its nodes by node-ID."""
 
     channel: str
     nodes: dict[str, str]
@@ -65,7 +65,7 @@ class BusFile:
 
 @dataclass(frozen=True)
 class RobotFile:
-    """Section of a robot in the file: plant file, and buses by name."""
+    """Section of the file for one robot: its plant file, and its buses by name."""
 
     plant: str
     buses: dict[str, BusFile]
@@ -103,7 +103,7 @@ def _check(file: BusGroup, _problems: Problems) -> None:
 
 
 def run_group(path: Path, report: Callable[[str], None], like: Personality | None = None) -> int:
-    """Run the drives of a file until a signal, all with the personality `like`; return the exit code.
+    """Run the drives of a file, all with the personality `like`, until a signal arrives; return the exit code.
 
     Raise EdsError or ConfigError if a drive cannot be started, and BusError if a channel cannot be opened.
     """
@@ -147,7 +147,7 @@ def _nodes(
 
 
 def open_world(file: BusGroup, path: Path) -> SharedWorld:
-    """Open the world that all robots share; `path` is the path of the file with the buses."""
+    """Open the world that all robots share; `path` is the path from which `file` was read."""
     engine = importlib.import_module(_ENGINES[file.engine])
     plants: Mapping[str, Path] = {name: path.parent / robot.plant for name, robot in file.robots.items()}
     if not file.world:

@@ -89,7 +89,7 @@ def _booted(hooks: QuirkHooks) -> Callable[[], int]:
 
 
 def _sized(command: int) -> int:
-    """Return the data size (1 to 3 bytes) in the command byte of an expedited upload, else 0."""
+    """Return the data size in the command byte of an expedited upload if it is 1 to 3 bytes, else 0."""
     return {0x4F: 1, 0x4B: 2, 0x47: 3}.get(command, 0)
 
 

@@ -114,7 +114,7 @@ class StreamMode(FollowingMode):
         self.supervise(now)
 
     def compared(self) -> float | None:
-        """Return the set-point to compare with the previous one; None if repetition is normal."""
+        """Return the set-point to compare with the previous one, or None if a repeated set-point is normal."""
         return None
 
     def count_missed(self) -> None:
@@ -161,7 +161,7 @@ class CyclicPosition(StreamMode):
         super().start(now)
 
     def take(self, now: int) -> None:
-        """Apply a set-point in an RPDO, even if unchanged while the drive extrapolates or recovers SYNC."""
+        """Apply the set-point in an RPDO; while the drive extrapolates or recovers SYNC, even an unchanged one."""
         self._unseen += 1
         if not self._drifts and (self.cycles or self._in_rhythm(now)):
             self._inputs = None
@@ -285,7 +285,7 @@ class CyclicVelocity(StreamMode):
 
 
 class Torque(StreamMode):
-    """Torque modes TQ and CST: apply 0x6071 plus 0x60B2, limited, with the slope 0x6087 in TQ and without slope in CST.
+    """Torque modes TQ and CST: apply the limited sum of 0x6071 and 0x60B2, in TQ with the slope 0x6087, in CST at once.
 
     A motor that moves when the mode starts keeps its velocity at first.
     """
@@ -537,7 +537,7 @@ class DriveModes:
 
     @property
     def is_open(self) -> bool:
-        """Whether set-points reach the active mode, since no gate is closed."""
+        """Whether set-points reach the active mode: it has no gate, or the gate is open."""
         return self.gate is None or not self.gate.closed_by
 
     def start(self, now: int) -> None:

@@ -1,6 +1,6 @@
 """Table of the faults of virtual nodes.
 
-Each entry has the row in the catalogue of real drives' behaviour, the name, the affected part (wire, node or axis),
+Each entry has the row in the catalogue of real drives' behaviour, the name, the affected part (such as wire or axis),
 the effect, and the reaction of a correct master. A fault has one or more of three hooks: on frames that leave the
 node, on frames that reach the node, or on the node itself when the fault is switched. A fault with `once` is cleared
 after its effect. Clearing a fault makes the drive healthy; the master must recover from the consequences (FAULT, a
@@ -33,7 +33,7 @@ class Fault:
     """Fault of a virtual node: row in the catalogue, effect, and expected reaction of the master.
 
     `acts` is ``wire``, ``node``, ``axis``, ``program`` (nodes whose program can be loaded over CANopen), ``input`` or
-    ``output`` (devices other than drives). A fault with a `quirk` is normal behaviour of other drives: switching the
+    ``output`` (devices other than drives). A fault with a `quirk` is normal behaviour of some drives: switching the
     fault switches the quirk.
     """
 
@@ -157,7 +157,7 @@ option codes or its device model; row 19 is row 18 from the start.
 
 
 def find_fault(name: str) -> Fault:
-    """Return a fault by name; raise ConfigError, with the nearest name, if unknown."""
+    """Return a fault by name; raise ConfigError if unknown."""
     fault = FAULTS.get(name)
     if fault is None:
         if name.partition("=")[0].partition("@")[0] in QUIRKS:
@@ -216,7 +216,7 @@ class FaultSwitches:
         return [*self._on, *self._quirks]
 
     def schedule(self, text: str) -> None:
-        """Schedule a fault: ``name`` at start-up, or ``name@seconds``; raise ConfigError for an invalid text."""
+        """Schedule a fault: ``name`` at start-up, or ``name@seconds``; raise ConfigError if invalid or impossible."""
         fault, delay_ns = parse_fault(text)
         self._require(fault)
         self._planned.append((delay_ns, fault.name))
@@ -335,7 +335,7 @@ class FaultSwitches:
             self._node.outbox.publish(FaultSwitched(name, on=False))
 
     def _retire(self) -> None:
-        """Remove the filter if no fault is active or scheduled and no frame is delayed."""
+        """Remove the filter if no fault or quirk needs it, no fault is scheduled and no frame is delayed."""
         quirks = self._outgoing or self._incoming or self._quirks
         if not (self._on or self._planned or self._held or self._ready or quirks) and self._started:
             self._node.filter = None

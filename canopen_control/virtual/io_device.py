@@ -97,8 +97,8 @@ _CHANNELS = 32  # of one subindex of 0x6422
 class TerminalDevice:
     """Base class of the virtual devices other than drives: signals, input faults and error values of the outputs.
 
-    `outside` has the true values of the inputs by name. `moving` has names and units of inputs that change others over
-    time.
+    `outside` maps the names of inputs to their true values. `moving` maps the names of inputs that change other inputs
+    over time to their units.
     """
 
     moving: Mapping[str, str] = {}  # name to unit
@@ -209,7 +209,7 @@ class IoDevice(TerminalDevice):
         self._outbox.values_changed()
 
     def _bits(self, signal: Signal, before: float, line: float) -> int:
-        """Return a digital input object after a change of one line, with the polarity 0x6002."""
+        """Return the value of a digital input object after a change of one line; apply the polarity 0x6002."""
         mask = 1 << (signal.bit or 0)
         shown = bool(line) != bool(self.store.number(_IN_POLARITY, signal.subindex) & mask)
         return int(before) | mask if shown else int(before) & ~mask
@@ -259,7 +259,7 @@ class IoDevice(TerminalDevice):
         return self._sources.pop(sub, 0)
 
     def starts(self, mapped: Collection[Address]) -> bool:
-        """Whether a TPDO is sent when the node becomes OPERATIONAL; analogue inputs wait until 0x6423 is set."""
+        """Whether a TPDO is sent when the node becomes OPERATIONAL; only analogue inputs wait until 0x6423 is set."""
         analogue = [address for address in mapped if address[0] in ANALOGUE_INPUTS]
         return not analogue or len(analogue) < len(mapped) or bool(self.store.number(AI_ENABLE, 0, 1))
 
@@ -378,7 +378,7 @@ class SensorDevice(TerminalDevice):
                 self._outbox.values_changed()
 
     def cut_off(self, signal: Signal, by: float) -> None:
-        """Handle a raw value that exceeds the range of the object by `by` (0: in range)."""
+        """Handle a raw value that is out of the range of the object by `by` (negative: below, 0: in range)."""
 
     # -- life
 
@@ -548,7 +548,7 @@ class Encoder(SensorDevice):
         self.move(0.0)
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """Set inputs by name; raise ConfigError for position or velocity of an encoder on the shaft of a drive."""
+        """Set inputs by name; raise ConfigError if one is unknown, an output, or determined by the shaft of a drive."""
         if self._world is not None and (led := [name for name in ("position", "velocity") if name in values]):
             raise ConfigError(f"{led[0]} follows the shaft of a drive, as defined in the plant file; move that drive")
         super().set_signals(values, now)

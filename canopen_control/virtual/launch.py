@@ -1,4 +1,4 @@
-"""Fast start of the process of virtual drives: modules are imported while the bus check is in progress.
+"""Fast start of a process of virtual drives: modules are imported while the bus check is in progress.
 
 A node-ID that another node on the bus already uses is refused.
 """
@@ -70,8 +70,8 @@ class DriveOptions:
     """Options of `run_drives`: files, faults, quirks and identity of the devices.
 
     Faults are ``name`` or ``name@seconds``, quirks ``name=value@axis``. `like` is a personality, given by name or as a
-    file. `serial` is 0x1018:04 of the first node, None for the node-ID. `others` are the EDS files of nodes that have
-    another EDS.
+    file. `serial` is 0x1018:04 of the first node, None for the node-ID. `others` maps node-IDs to the EDS
+    files of nodes that do not have the common EDS.
     """
 
     faults: Sequence[str] = ()
@@ -89,7 +89,8 @@ def run_drives(
 ) -> int:
     """Run the virtual devices of an EDS until stopped; return the exit code.
 
-    Raise EdsError or ConfigError for a device that cannot be started, and BusError for the channel.
+    Raise EdsError or ConfigError if a device cannot be started, and BusError if the channel cannot be used or a node-ID
+    is taken.
     """
     label = f"drive {node_ids[0]}" if len(node_ids) == 1 else f"drives {node_ids[0]}-{node_ids[-1]}"
     with Reactor() as reactor:
@@ -127,7 +128,7 @@ def run_drives(
 
 
 def reopen(channel: str, label: str) -> Port | None:
-    """Reopen a lost channel; None if it is still missing, or is a bus inside this process.
+    """Return a new port of a lost channel, or None if the channel is still missing or is inside this process.
 
     The port joins a local bus without a check, because a hub that is about to end may pass the check and be gone when
     the port is opened.

@@ -76,7 +76,7 @@ class _Sums:
         return math.sqrt(variance) if variance > _MILLI * _MILLI * self.squares / self.count else 0.0
 
     def spread(self, unit: float) -> Spread:
-        """Return minimum, mean and maximum in units of `unit`, which may be negative."""
+        """Return minimum, mean and maximum, each multiplied by `unit`, which may be negative."""
         ends = self.low * unit, self.high * unit
         return Spread(min(ends), self.mean * unit, max(ends))
 
@@ -125,11 +125,11 @@ class SetpointStatistics:
     # -- set-points
 
     def received(self, after_sync_ns: int) -> None:
-        """Record the delay in ns from a SYNC to the RPDO with a set-point."""
+        """Record that a set-point arrived `after_sync_ns` after a SYNC."""
         self._phases.add(after_sync_ns * 1e-3)
 
     def take(self, set_point: float | None, now: int) -> None:
-        """Count a set-point, and check whether it repeats the previous one; None only counts."""
+        """Count a set-point, and compare it with the previous one to find repetitions; None is only counted."""
         self.taken += 1
         if set_point is None:
             return
@@ -253,7 +253,7 @@ class AxisParts:
 class Mode:
     """Base class of all modes of operation; this class itself is "no mode" (0) and stops the axis.
 
-    `set_point` is the index of the object whose values in RPDOs are set-points, 0 if the mode has no stream of them.
+    `set_point` is the index of the object whose values in RPDOs are set-points; 0 if RPDOs carry no set-points.
     """
 
     set_point = 0
@@ -293,7 +293,7 @@ class Mode:
         self.update(now)
 
     def count_missed(self) -> None:
-        """Count a SYNC at which no set-point had arrived."""
+        """Count a SYNC before which no set-point arrived."""
 
     def control(self, word: int, previous: int, now: int) -> None:
         """Apply the mode-specific bits of the controlword."""
@@ -302,7 +302,7 @@ class Mode:
         """Apply the mode-specific bits of the controlword while the motor has no power."""
 
     def arrived(self, now: int) -> None:
-        """Continue the mode after the end of a demand."""
+        """Continue the mode when a demand has ended."""
 
     def bits(self) -> int:
         """Return bits 10, 12 and 13 of the statusword; in no mode (0), bit 10 at standstill."""
@@ -330,10 +330,11 @@ class Mode:
 
 
 class ModeGate:
-    """Block of an axis' set-points, active while `closed_by` is not empty.
+    """Gate that blocks the set-points of an axis while `closed_by` is not empty.
 
     `brake_ns` is the time after an enable for which the brake keeps the gate closed.
-    A controlword is passed to the mode only if every filter in `takes` (of word, previous word and time) returns True.
+    A controlword is passed to the mode only if every filter in `takes` returns True; a filter gets the controlword,
+    the previous controlword and the time in ns.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,6 @@
 """Host of virtual nodes on one port: many nodes in one process, with frames routed to their receivers.
 
-In one turn the host reads all frames of the port, passes the frames to the nodes that receive the identifiers, and
+In one turn the host reads all frames of the port, passes each frame to the nodes that receive its identifier, and
 sends all answers together. One timer is used for all nodes; an idle drive costs only its heartbeat. Nodes of one host
 receive each other's frames as on a wire, although a port does not receive its own frames. Without a bus the nodes
 continue to run and react like drives that are off the bus, until `rejoin` sets another port.
@@ -97,7 +97,7 @@ class NodeHost:
         self._notify_all(BusEventKind.UP)
 
     def wake(self, node: VirtualNode) -> None:
-        """Send the frames of a node changed by a client, and update the timer."""
+        """Send the frames of a node that a client has changed, and update the timer."""
         if not self._closed:
             self._finish({node: None})
 
@@ -123,7 +123,7 @@ class NodeHost:
         self._deliver(frame, now, self._touched)
 
     def _take_run(self, records: bytes, start: int, now: int) -> int:
-        """Pass SDO records from `start` on to the identifier's only receiver; return the number processed."""
+        """Pass SDO records from `start` on to the only receiver of their identifier; return how many it took."""
         can_id = RECORD.unpack_from(records, start)[0]
         listeners = self._routes.get(can_id, ())
         if len(listeners) != 1 or can_id != listeners[0].sdo.request_cob_id:

@@ -64,7 +64,7 @@ class ModeChanged:
 
 @dataclass(frozen=True, slots=True)
 class EmergencyRaised:
-    """Event: the node has sent EMCY with `code`; 0 is an error reset."""
+    """Event: the node has sent an EMCY with `code`; 0 is an error reset."""
 
     code: int
     data: bytes = b""
@@ -110,7 +110,7 @@ class BitRateActivated:
 
 @dataclass(frozen=True, slots=True)
 class PdoLeftOff:
-    """Event: a PDO is valid in its record but disabled, since its COB-ID is reserved or in use."""
+    """Event: a PDO is valid in its record but disabled, because its COB-ID is reserved or in use."""
 
     kind: str
     number: int
@@ -231,8 +231,8 @@ _MAX_WAITING = 1000  # events, and frames of injected faults
 class NodeClock:
     """Time of the node and of the last SYNC (None before the first SYNC), in monotonic ns.
 
-    `rhythm` recovers the period of SYNC. Injection point `drift_ppm`: by how much this clock is faster than that of the
-    master.
+    `rhythm` recovers the period of SYNC. The injection point `drift_ppm` is how much faster this clock runs than the
+    master's clock, in ppm.
     """
 
     __slots__ = ("drift_ppm", "now", "rhythm", "sync_ns")
@@ -245,7 +245,7 @@ class NodeClock:
 
 
 class NodeOutbox:
-    """Frames and events of a node's services waiting to be sent; their number is limited.
+    """Frames and events of a node that wait to be sent or read; their number is limited.
 
     `new_events` are the waiting events, for a check that does not remove them.
     """
@@ -281,7 +281,7 @@ class NodeOutbox:
         self.changed = True
 
     def report(self, code: int, register: int, data: bytes = b"") -> None:
-        """Report an error once, without a duration; nothing is reported while the error is active."""
+        """Report an error that has no duration; do nothing while the same error is active."""
         if code not in self._emcy.active:
             self._emcy.report(code, self._clock.now, data, register=int(register))
             self.publish(EmergencyRaised(code, data))

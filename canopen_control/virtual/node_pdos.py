@@ -74,7 +74,7 @@ class AxisPorts(Protocol):
         """Count an RPDO with a set-point; `overwrites` is True if another RPDO was waiting for SYNC."""
 
     def set_point_missed(self) -> None:
-        """Count a SYNC at which no set-point had arrived."""
+        """Count a SYNC before which no set-point arrived."""
 
 
 class AxisWrite(NamedTuple):
@@ -177,7 +177,7 @@ class PdoRecords:
         return sorted({entry.index - base for entry in self._store.od if base <= entry.index < base + 512})
 
     def guard(self, base: int, communication: int) -> None:
-        """Check all further writes to a communication record and the corresponding mapping record."""
+        """Check all later writes to a communication record and to its mapping record."""
         mapping = mapping_of(communication)
         rules = self._rules(base, mapping)
         self._store.guard([communication], self._communication_guard(rules))
@@ -285,7 +285,7 @@ class PdoRecords:
         )
 
     def codec(self, record: int) -> tuple[PdoCodec, tuple[Entry | None, ...]]:
-        """Return the codec of a mapping record and its entries (None for a gap); empty for an invalid mapping."""
+        """Return the codec and the entries (None: a gap) of a mapping record; both empty if the mapping is invalid."""
         objects = self._mapping(record)
         try:
             return PdoCodec([mapped for mapped, _ in objects]), tuple(entry for _, entry in objects)
@@ -487,7 +487,7 @@ class PdoExchange:
             tpdo.producer.stop()
 
     def routes(self) -> list[tuple[int, Receive]]:
-        """Return the CAN IDs that the valid PDOs receive (with the flags of linux/can.h), with receivers."""
+        """Return the CAN IDs that the valid PDOs receive (with the flags of linux/can.h), each with its receiver."""
         receivers = [(rpdo.consumer.parameters, self._receiver(rpdo)) for rpdo in self.rpdos.values()]
         handlers = [(_can_id(parameters), receive) for parameters, receive in receivers if parameters.enabled]
         for producer in (tpdo.producer for tpdo in self.tpdos.values()):
@@ -496,7 +496,7 @@ class PdoExchange:
         return handlers
 
     def sync_rpdo_handlers(self) -> list[tuple[int, Callable[[CanFrame, int], bool]]]:
-        """Return handlers by CAN ID that store RPDOs until SYNC; False means `routes` must be used."""
+        """Return CAN IDs and handlers of RPDOs to store until SYNC; a handler returns False if it declines a frame."""
         parameters = [(rpdo, rpdo.consumer.parameters) for rpdo in self.rpdos.values()]
         return [(_can_id(params), self._holder(rpdo)) for rpdo, params in parameters if params.enabled]
 
@@ -585,7 +585,7 @@ class PdoExchange:
             self._act_on(applied, now)
 
     def _act_again(self, rpdo: MappedRpdo, now: int) -> None:
-        """Update the axes of an RPDO that repeats the values of the objects."""
+        """Update the axes of an RPDO whose values are already in the objects."""
         for axis, controlword, objects in rpdo.axis_writes:
             axis.refresh(now, controlword=controlword, set_point=axis.set_point in objects)
 

@@ -106,7 +106,7 @@ class AxisFile:
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     def check(self) -> None:
-        """Report parameters that this kind of plant does not have as errors of the file."""
+        """Report an error in the file for each parameter that this kind of plant does not have."""
         fields = {field.name for field in dataclasses.fields(_KINDS[self.kind])} - _STATE  # type: ignore[arg-type] # all are dataclasses
         for name in self.parameters().keys() - fields:
             self.here.error(f"a plant of kind {self.kind} has no {name}; possible: {', '.join(sorted(fields))}")
@@ -231,7 +231,7 @@ class OwnWorld:
 
 
 def _address(name: str) -> tuple[int, int]:
-    """Return node-ID and axis of ``3`` or ``3/1``; raise ValueError if invalid."""
+    """Return the node-ID and the axis of an address such as ``3`` or ``3/1``; raise ValueError if invalid."""
     node, _, axis = name.partition("/")
     address = int(node), int(axis or "0")
     if not (1 <= address[0] <= MAX_NODE_ID and 0 <= address[1] <= 7):
@@ -269,7 +269,7 @@ def _check(file: WorldFile, _problems: Problems) -> None:
 
 
 def _engine(path: Path) -> World | None:
-    """Return the world of the engine named in the file (None: the default); raise WorldError if unusable."""
+    """Return the world of the engine named in the file, or None if it names none; raise WorldError if unusable."""
     root = tree(path, error=WorldError)
     entry = root.get("engine") if root.kind == "mapping" else None
     if entry is None:

@@ -125,7 +125,7 @@ class HomingMode(Mode):
         return self.model.homing_halts
 
     def control_unpowered(self, word: int, previous: int, now: int) -> None:
-        """Set the current position as home by method 35 or 37 if the device can home without power."""
+        """Take the current position as home (method 35 or 37) if the device can home without power."""
         number = self.objects.number(o.HOMING_METHOD)
         if word & ~previous & NEW_SET_POINT and self.model.homes_without_power and number in _IN_PLACE:
             self._begin(now)
@@ -331,7 +331,7 @@ class ProfilePosition(Mode):
         self._acknowledged = False
 
     def start(self, now: int) -> None:
-        """Continue the set-point that a halt interrupted, or stop the axis."""
+        """Continue to the set-point whose motion a halt interrupted, or stop the axis."""
         if self._target is None or not self.power.live:
             super().start(now)
         else:
@@ -390,7 +390,7 @@ class ProfilePosition(Mode):
         self.mover.run(move_to(now, position, velocity, target, *self._profile, end=end), now)
 
     def arrived(self, now: int) -> None:
-        """Start the buffered set-point, or check the position window."""
+        """Start the buffered set-point, continue at the end velocity 0x6082, or check the position window."""
         if self._target is None or not self._busy or self.mover.demand.final_position != self._target:
             return
         if self._next is not None:
@@ -424,7 +424,7 @@ class ProfilePosition(Mode):
         self.mover.at("window", deadline, lambda then: self._settle(then, since))
 
     def bits(self) -> int:
-        """Return bit 10 at the last set-point, bit 12 for an acknowledged set-point, bit 13 for a following error."""
+        """Return bit 10 at the last set-point, bit 12 if a set-point is acknowledged, bit 13 on a following error."""
         reached = self._reached and (self._target is not None or self.mover.at_standstill)
         return (
             (REACHED if reached else 0)

@@ -87,7 +87,7 @@ def _strength(quirk: Quirk, text: str, number: str | None) -> float:
 
 
 def check_quirks(settings: Sequence[QuirkSetting]) -> None:
-    """Raise ConfigError if a quirk is given twice for an axis, or if two of its quirks are mutually exclusive."""
+    """Raise ConfigError if an axis is given the same quirk twice, or two quirks that exclude each other."""
     for place, setting in enumerate(settings):
         for earlier in settings[:place]:
             if setting.quirk is earlier.quirk and setting.meets(earlier):
@@ -118,7 +118,7 @@ def quirks_of(personality: Personality) -> list[str]:
 class QuirkSwitches:
     """Active quirks of `node`, which can be enabled and disabled.
 
-    Switching a quirk undoes the hooks of all quirks, and then hooks the active quirks in the order of `QUIRKS`.
+    Switching a quirk undoes the hooks of all quirks, and then applies the active quirks in the order of `QUIRKS`.
     """
 
     def __init__(self, node: VirtualNode) -> None:
@@ -135,7 +135,7 @@ class QuirkSwitches:
         return [setting.text for setting in self._on if setting.quirk.name == name]
 
     def start_with(self, texts: Iterable[str]) -> None:
-        """Enable quirks at power-on; raise ConfigError for a quirk that the node cannot have."""
+        """Enable quirks at power-on; raise ConfigError if one is invalid, impossible on the node, or excluded."""
         settings = [self._fitting(parse_quirk(text)) for text in texts]
         check_quirks(settings)
         self._hook(settings)
@@ -157,7 +157,7 @@ class QuirkSwitches:
         self._node.send_changes(now)
 
     def _fitting(self, setting: QuirkSetting) -> QuirkSetting:
-        """Return `setting`; raise ConfigError if the node lacks the axis."""
+        """Return `setting`; raise ConfigError if the quirk needs a drive or an axis that the node lacks."""
         axes = self._node.drives
         if setting.quirk.axis is not None and not axes:
             raise ConfigError(
@@ -185,5 +185,5 @@ class QuirkSwitches:
 
 
 def switches_of(node: VirtualNode) -> QuirkSwitches:
-    """Return the quirk switches of a node, created on the first call."""
+    """Return the quirk switches of a node; the first call creates them."""
     return node.quirks if isinstance(node.quirks, QuirkSwitches) else QuirkSwitches(node)

@@ -2,7 +2,7 @@
 
 A node consists of services on an object store; each service gets only its dependencies: the store, the outbox and the
 clock. This module creates the services, passes frames to the services and executes NMT state changes and resets. A node
-sends the boot-up message, enters PRE-OPERATIONAL, and starts only on a command, unless its dictionary makes it start by
+sends the boot-up message, enters PRE-OPERATIONAL, and starts only on command, unless its dictionary makes it start by
 itself (0x1F80). Reset node restores all power-on values, reset communication those of 0x1000 to 0x1FFF. Between two
 events a node needs no CPU time.
 """
@@ -129,7 +129,7 @@ class FrameRoutes:
         return {} if self._lss is None else {MASTER_COB_ID: self._lss.receive}
 
     def _sync_routes(self) -> list[tuple[int, Receiver]]:
-        """Return the route of SYNC, or an empty list if the identifier in 0x1005 is invalid."""
+        """Return the route of SYNC, or an empty list if 0x1005 contains a restricted CAN ID."""
         can_id = self._sync.cob_id
         return [] if not can_id & EXTENDED_FLAG and is_restricted(can_id) else [(can_id, self._on_sync)]
 
@@ -216,7 +216,7 @@ class NodeLss:
                 self._outbox.publish(BitRateActivated(event.bitrate))
 
     def reset(self, *, power: bool) -> int:
-        """Activate and return the pending node-ID, or at power-on the stored node-ID."""
+        """Activate and return the pending node-ID, or the stored node-ID if `power` is True."""
         if power:
             self.slave.pending_node_id, self.slave.pending_bitrate = self.stored_node_id, self.stored_bitrate
         self.slave.reset()
@@ -236,7 +236,7 @@ PROTOCOL_ERRORS = 0x82  # high byte of the EMCY codes of PDO and SYNC errors
 
 
 class Timed(Protocol):
-    """Service with timers, which the node advances."""
+    """Service of a node that has timers."""
 
     def next_deadline(self) -> int | None:
         """Return the time in ns at which `tick` is next due, or None if no timer runs."""
@@ -246,7 +246,7 @@ class Timed(Protocol):
 
 
 class ParameterKeeper(Protocol):
-    """Storage that keeps the parameters of a node while it has no power."""
+    """Storage that preserves the parameters of a node while the node is powered off."""
 
     def keep(self, node: VirtualNode) -> bool:
         """Save parameters changed by 0x1010, 0x1011 or LSS; return False on failure."""
@@ -271,9 +271,9 @@ class VirtualNode:
     """Virtual CANopen node: the services of CiA 301, and either the axes of a drive or another device function.
 
     `serial` (default: the node-ID) fills an empty 0x1018:04; `plant` creates the plant of an axis. `filter` applies the
-    active faults and quirks to frames, None without any; `fault_switches` and `quirks` switch them.
+    active faults and quirks to frames; None if there are none. `fault_switches` and `quirks` switch them on and off.
     While the injection point `self_starting` is True, the node enters OPERATIONAL without a command, regardless of the
-    dictionary. `routing` has the receivers of frames; its `version` grows when the result of `routes` changes.
+    dictionary. `routing` maps CAN IDs to receivers; its `version` increases when the result of `routes` changes.
     """
 
     def __init__(
@@ -333,7 +333,7 @@ class VirtualNode:
         return NodeLss(self.store, self.node_id, self.outbox, assigned=self._start_with_node_id, stored=self._stored)
 
     def _common_statusword(self) -> int:
-        """Return the statusword shared by all motors: of the first motor in a fault, else of the first motor."""
+        """Return the statusword that all motors share: of the first one with a fault, else of the first one."""
         words = [drive.statusword() for drive in self.drives.values()]
         return next((word for word in words if word & _FAULT_BIT), words[0])
 
@@ -414,7 +414,7 @@ class VirtualNode:
             self._settle(now)
 
     def receive_sync_rpdo(self, frame: CanFrame, now: int) -> bool:
-        """Store an RPDO that applies at the next SYNC; False means that `receive` must be used."""
+        """Store an RPDO that takes effect at the next SYNC; return False if `receive` must be used instead."""
         handler = self.routing.sync_rpdo_handlers.get(frame.can_id)
         if handler is None or self.filter is not None:
             return False
@@ -422,7 +422,7 @@ class VirtualNode:
         return handler(frame, now)
 
     def receive_records(self, records: bytes, start: int, now: int) -> int:
-        """Handle SDO segments like `SdoServer.receive_records`; 0 means that `receive` must be used."""
+        """Handle SDO segments like `SdoServer.receive_records`; return 0 if `receive` must be used instead."""
         alone = self.filter is None and self.routing.sdo_alone
         return self.sdo.receive_records(records, start, now) if alone and self.nmt.state is not NmtState.STOPPED else 0
 
@@ -512,7 +512,7 @@ class VirtualNode:
             drive.mover.advance(now)
 
     def _parts(self) -> Iterable[VirtualDrive | DeviceFunction]:
-        """Return the parts that start and stop with the node: the axes, or the function of another device."""
+        """Return the parts that start and stop with the node: the axes of a drive, or the device function."""
         return self.drives.values() if self.function is None else (self.function,)
 
     def send_changes(self, now: int) -> None:
@@ -528,7 +528,7 @@ class VirtualNode:
         self._settle(now)
 
     def command(self, command: NmtCommand, now: int) -> None:
-        """Execute a local NMT command, which does not come from the bus."""
+        """Execute an NMT command that does not come from the bus."""
         self._advance(now)
         self.nmt.command(command)
         self._settle(now)
@@ -544,7 +544,7 @@ class VirtualNode:
         self._settle(now)
 
     def set_reset_delay(self, delay_ns: int | None, now: int) -> None:
-        """Set the time in ns from a reset to the boot-up message (None: never), also for a boot in progress."""
+        """Set the time in ns from a reset to the boot-up message (None: no boot-up); restart a boot in progress."""
         self._reset_delay_ns = delay_ns
         if self.nmt.state is NmtState.INITIALISING:
             self._boot_at = None if delay_ns is None else now + delay_ns
@@ -567,7 +567,7 @@ class VirtualNode:
             clock.now = now
 
     def _settle(self, now: int) -> None:
-        """Handle all events of the services, including the resulting events, then send changed TPDOs."""
+        """Handle all events of the services, and the events that result from them, then send changed TPDOs."""
         if self._settling:
             return
         self._settling = True
