@@ -196,14 +196,14 @@ class DriveRequest:
         return True
 
     def on_state_entered(self, drive_state: State | None) -> None:
-        """Restart the step timer and the quick-stop exit, because the drive has entered the state `drive_state`."""
+        """Reset the step timer and the quick-stop exit because the drive has entered the state `drive_state`."""
         self.step.enter()
         self._stop_exit.enter()
         if drive_state is not State.OPERATION_ENABLED:
             self.fire(EnableTrigger.LEFT)
 
     def record_quick_stop(self, statusword: int) -> None:
-        """Record whether the drive is still decelerating in QUICK_STOP_ACTIVE."""
+        """Record from a statusword in QUICK_STOP_ACTIVE whether the motor is still moving."""
         self._stop_exit.evaluate(statusword)
 
     def lost_enable(self, previous: State, drive_state: State) -> bool:
@@ -240,7 +240,7 @@ class DriveRequest:
     def choose(
         self, drive_state: State | None, statusword: int | None, standstill: bool, may_enable: bool
     ) -> Command | None:
-        """Return the command for a drive in the state `drive_state`; None in states without an effective command.
+        """Return the command for a drive in the state `drive_state`; None in a state that no command can change.
 
         `may_enable` is True if the mode is confirmed and the drive is not held in SWITCHED_ON, `standstill` if the
         motor is known to be at standstill.
@@ -261,7 +261,7 @@ class DriveRequest:
         return next_command(drive_state, state_of_goal(self.goal, self.disabled_state))
 
     def begin(self, command: Command | None, drive_state: State | None, now: int) -> None:
-        """Start the timer if `command` begins a new step."""
+        """Start the timer if `command` starts a new step."""
         if self.step.must_arm(command):
             self.step.arm(command, self._step_number(command, drive_state), now)
 
@@ -517,7 +517,7 @@ class DriveMachine:
         return events
 
     def next_deadline(self) -> int | None:
-        """Return the latest time in ns for the next call of `update`, or None without a timeout."""
+        """Return the time in ns by which `update` must be called again, or None if no timeout is running."""
         return None if self._deadline == NEVER else self._deadline
 
     # Cycle.

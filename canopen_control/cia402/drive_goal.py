@@ -118,11 +118,11 @@ class StepTimer:
         self._armed = False
 
     def rearm(self) -> None:
-        """Make the next command start a new step even if the command is unchanged, since the goal has changed."""
+        """Treat the next command as a new step, even if it is unchanged, because the goal has changed."""
         self._armed = False
 
     def enter(self) -> None:
-        """Clear the timeout and make the next command start a new step, since the drive has changed its state."""
+        """Clear the timeout and treat the next command as a new step, because the drive has changed its state."""
         self._armed = False
         self.deadline = NEVER
 
@@ -130,7 +130,7 @@ class StepTimer:
         return not self._armed or command is not self.command
 
     def arm(self, command: Command | None, number: int | None, now: int) -> None:
-        """Start the timeout of transition `number` (None: no timeout) and remember its command."""
+        """Start the timeout of transition `number` (None: no timeout) and remember `command`."""
         self._armed, self.command = True, command
         self.deadline = NEVER if number is None else now + self._timeouts.get(number, self._timeout)
 
@@ -175,7 +175,7 @@ class QuickStopExit:
         self.stage = StopStage.WAIT if self.stage is StopStage.ENABLE else StopStage.DISABLE
 
     def evaluate(self, statusword: int) -> None:
-        """In QUICK_STOP_ACTIVE, record whether bit 10 of the statusword was 0, as it is while the drive stops."""
+        """In QUICK_STOP_ACTIVE, remember that bit 10 of the statusword was 0, which means that the motor was moving."""
         # CiA 402-2, 0x6041 in QUICK STOP ACTIVE: bit 10 is 0 while the drive stops
         if not statusword & TARGET_REACHED:
             self._moved = True
@@ -340,7 +340,7 @@ class ModeRequest:
 
     `mode` is None without a request; `sent` is the value for 0x6060, which differs from `mode` until the drive is in a
     state in which it changes its mode; `deadline` is the timeout of an unconfirmed mode, `NEVER` for none. `missed` is
-    the mode that was last not confirmed in time, None since its confirmation.
+    the last mode that was not confirmed in time, or None once a mode is confirmed.
     """
 
     def __init__(self, timeout_ns: int) -> None:
@@ -361,7 +361,7 @@ class ModeRequest:
 
     @property
     def may_enable(self) -> bool:
-        """Whether the drive may be enabled: the mode is confirmed, or the drive shows modes only when enabled."""
+        """Whether the drive may be enabled: the mode is confirmed, or the drive shows its mode only while enabled."""
         return self.state in CONFIRMED or self.state is ModeState.UNSHOWN
 
     @property

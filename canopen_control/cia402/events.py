@@ -134,7 +134,7 @@ class ModeConfirmed:
 
 @dataclass(frozen=True, slots=True)
 class ModeTimedOut:
-    """Requested `mode` that 0x6061 did not show in time; `restored` is the mode requested now, or None.
+    """Requested `mode` that 0x6061 did not show in time; `restored` is the earlier mode requested again, or None.
 
     `enabled` is True if the drive is in OPERATION_ENABLED. An EnableLost follows if the drive was to be enabled, unless
     it continues in the restored mode.

@@ -4,9 +4,9 @@ Rules:
 
 - Bits 13, 12 and 10 of the statusword together are the phase of homing (`HomingStatus`). Before the start they may
   still belong to the last homing, or to another mode: "attained" and "error" count only after they were absent.
-- A method without motion may end between two statuswords. Only for such a method an old "attained" is accepted, some
+- A method without motion may end between two statuswords. Only for such a method is an old "attained" accepted, a few
   updates after the start.
-- Some drives never set bit 10 (JVL MIS): "attained" of an axis that stands still for a second is the end.
+- Some drives never set bit 10 (JVL MIS): homing ends when "attained" is set and the axis has stood still for a second.
 - Some drives keep "attained" until they leave OPERATION_ENABLED (aidin_hand2): their next homing is detected only after
   they have left this state.
 - Every exit returns bit 4 to 0: success, error, interruption, abort and timeout. Only success sets `homed`.
@@ -100,7 +100,7 @@ _ENDED = (HomingStatus.NOT_RUNNING, HomingStatus.COMPLETED)
 
 
 def homing_status(statusword: int) -> HomingStatus:
-    """Return bits 13, 12 and 10 of the statusword, which have this meaning only in mode HM."""
+    """Return the homing status in bits 13, 12 and 10 of a statusword; valid only in mode HM."""
     # CiA 402-2, 0x6041 in mode HM: bit 13 homing error, bit 12 homing attained, bit 10 target reached
     return _STATUS[statusword >> 11 & 0b110 | statusword >> 10 & 0b001]
 
@@ -174,12 +174,12 @@ class HomingSequence:
             self._standing_since = None
 
     def abort(self, reason: str = "aborted") -> None:
-        """Abort homing at the next update with bit 4 = 0, so that the drive stops by its halt option (0x605D)."""
+        """Abort homing at the next update with bit 4 = 0, so that the drive stops as 0x605D defines."""
         if self.active:
             self._aborted = reason
 
     def forget(self) -> None:
-        """Clear `homed` because the drive has lost its home position by a restart or a position jump."""
+        """Clear `homed` because the drive has lost its home position in a restart or a position jump."""
         self.homed = False
 
     @property
@@ -192,7 +192,7 @@ class HomingSequence:
         return events
 
     def next_deadline(self) -> int | None:
-        """Return the latest time in ns for the next call of `update`, or None without a timeout."""
+        """Return the time in ns by which `update` must be called again, or None if no timeout is running."""
         earliest = min(self._deadline, self._start_deadline)
         return None if earliest == _NEVER else earliest
 
@@ -200,7 +200,7 @@ class HomingSequence:
         """Return bit 4 of the controlword to send.
 
         Call once per cycle; this method never raises an exception. `ready` is True if the drive is enabled in mode HM;
-        without this homing fails. `standing` is True if the axis is known to stand still.
+        otherwise homing fails. `standing` is True if the axis is known to stand still.
         """
         if self._phase is _Phase.IDLE:
             return 0
@@ -215,7 +215,7 @@ class HomingSequence:
         return self._prepare(status, now) if self._phase is _Phase.PREPARE else self._run(status, now, standing)
 
     def _prepare(self, status: HomingStatus, now: int) -> int:
-        """Record bits 12 and 13 for some updates before the start, since the first may belong to another mode."""
+        """Record bits 12 and 13 for some updates before the start, because the first may belong to another mode."""
         # CiA 402-2, 0x6040 in mode HM: homing starts with the rising edge of bit 4
         if self._updates <= self._settle_updates:
             self._attained_absent = not status.value & HomingStatus.ATTAINED.value

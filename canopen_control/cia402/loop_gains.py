@@ -72,7 +72,7 @@ _MAKERS: Final = (
 
 
 def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int, int]]:
-    """Return index and subindex of each gain, by the manufacturer's name; empty if unknown."""
+    """Return the index and subindex of each gain, chosen by the manufacturer's name; empty for an unknown device."""
     maker = od.device.vendor_name.lower()
     for word, records in _MAKERS:
         places = {

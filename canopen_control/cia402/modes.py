@@ -1,7 +1,7 @@
 """Modes of operation (CiA 402-2, 0x6060, 0x6061, 0x6502), and their bits in controlword and statusword.
 
-A mode is requested only if 0x6502 lists it. A table has the modes for each command interface of a joint, cyclic modes
-before profile modes. The mode 0 (no mode) is never chosen automatically, because some drives do not support it.
+A mode is requested only if 0x6502 lists it. One table lists the modes for each command interface of a joint, cyclic
+modes before profile modes. The mode 0 (no mode) is never chosen automatically, because some drives do not support it.
 """
 
 from __future__ import annotations

@@ -182,7 +182,7 @@ def axis_count(indices: Container[int]) -> int:
 
 
 def object_name(index: int) -> str | None:
-    """Return the name of a profile object, with the axis unless 0; None for other objects."""
+    """Return the name of a profile object, with the axis number unless it is 0; None for other objects."""
     base, axis = axis_of(index)
     name = NAMES.get(base)
     return f"{name} (axis {axis})" if name and axis else name

@@ -164,7 +164,7 @@ class SetPointHandshake:
     ) -> None:
         """Send a set-point in device units after the current motion, or at once with `immediately`.
 
-        Raise LocalProtocolError if a set-point waits already, see `can_take`.
+        Raise LocalProtocolError if a set-point is already waiting (see `can_take`).
         """
         if not (self.can_take or immediately):
             raise LocalProtocolError(
@@ -174,7 +174,7 @@ class SetPointHandshake:
         self._next = SetPoint(target, bits)
 
     def stop_at(self, target: int) -> None:
-        """Send a set-point at once that ends the motion, instead of any set-point whose edge was not sent yet."""
+        """Send at once a set-point that ends the motion; it replaces any set-point whose edge has not been sent yet."""
         self._next = SetPoint(target, _IMMEDIATELY)
         if self.phase is SetPointPhase.LOW:
             self._current, self._next = self._next, None
@@ -200,7 +200,7 @@ class SetPointHandshake:
         return events
 
     def next_deadline(self) -> int | None:
-        """Return the latest time in ns for the next call of `update`, or None without a timeout."""
+        """Return the time in ns by which `update` must be called again, or None if no timeout is running."""
         return None if self._deadline == _NEVER else self._deadline
 
     def update(
@@ -209,7 +209,7 @@ class SetPointHandshake:
         """Return bits 4, 5, 6 and 9 of the controlword to send.
 
         Call once per cycle; this method never raises an exception. `ready` is True if the drive is enabled in mode PP;
-        without this a set-point is abandoned. While `halted` the drive keeps its target and bit 10 means standstill, so
+        otherwise the set-point is abandoned. While `halted` the drive keeps its target and bit 10 means standstill, so
         that nothing is evaluated and no timeout runs. `under_way` is True if the axis is moving far from its target, so
         that bit 10, which flickers in some drives (yarp-devices, issue 245), is ignored.
         """

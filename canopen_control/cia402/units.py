@@ -160,7 +160,7 @@ class Scale:
 class PositionUnwrapper:
     """Conversion of a stream of int32 positions into a continuous count.
 
-    `span` is the number of counts after which the drive's position wraps: 2**32, or that of its 0x607B.
+    `span` is the number of counts after which the drive's position wraps: 2**32, or the range in its 0x607B.
     `max_step` is the largest step in counts that the motor can make between two updates; None accepts every step. It
     may be changed at any time, for instance to grow with the age of the last sample. A larger step is a jump: `jumps`
     counts jumps, `last_jump` is the size of the last one, and the count does not change. After a jump the reference is
@@ -212,7 +212,7 @@ class PositionUnwrapper:
         return self.count
 
     def rebase(self) -> None:
-        """Treat the next position as equal to the last position, since the drive has restarted."""
+        """Treat the next position as equal to the last position, because the drive has restarted."""
         self._pending = self._raw is not None
 
     def raw_of(self, count: int) -> int:

@@ -289,7 +289,7 @@ class JointDrive(JointStatus):
         return self.statechart.state in STOPPED and (self.machine.reached or self._status.invisible)
 
     def quick_stop(self) -> None:
-        """Request a quick stop; 0x605A defines whether the drive then holds position or is disabled."""
+        """Request a quick stop; 0x605A determines whether the drive then holds position or is disabled."""
         self.resume = False
         self._fire(PhaseTrigger.QUICK_STOP)
         self._abort_homing("quick stop")
@@ -308,7 +308,7 @@ class JointDrive(JointStatus):
         self._abort_homing("the drive left operation")
 
     def home(self, method: int | None) -> None:
-        """Start homing by a method of 0x6098 (None: the method set in the drive); raise DriveError if not supported."""
+        """Start homing by a method of 0x6098 (None: the method set in the drive); raise DriveError if impossible."""
         # CiA 402-2, 0x6502 bit 5: mode HM
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
         self.home_position.begin(method, was_enabled=self.enable_requested)
@@ -369,7 +369,7 @@ class JointDrive(JointStatus):
         return bool(self._events)
 
     def _take_update(self, word: int | None, before: int | None) -> None:
-        """Collect the events of a new statusword, mode or timeout; stop following targets if the drive must stand."""
+        """Collect the events of a new statusword, mode or timeout; stop following targets if motion is not allowed."""
         machine, current = self.machine, self.targets.current
         if machine.evaluations != self._evaluations or word != before:
             self._evaluations = machine.evaluations
@@ -434,7 +434,10 @@ class JointDrive(JointStatus):
 
     @property
     def _stops_at_limits(self) -> bool:
-        """Whether an active limit stops the group; not while homing, in a group of one, or for an arm."""
+        """Whether an active limit stops the group.
+
+        False while homing, in a group of one joint, and for a joint in a position mode that belongs to no base.
+        """
         target = self.targets.current
         positions = target is not None and target.interface == POSITION and self.base is None
         return self.homing is None and len(self.group.joints) > 1 and not positions

@@ -128,7 +128,10 @@ class JointTargets:
             )
 
     def set_mode(self, mode: int) -> None:
-        """Request a mode, which an enabled drive enters after one cycle at standstill; may raise UnsupportedMode."""
+        """Request a mode, which an enabled drive enters after one cycle at standstill.
+
+        Raise UnsupportedMode if the drive does not list the mode.
+        """
         require_mode(mode, listed_modes(self._axis, self._parameters))
         self.mode = mode
         # the new mode uses its target object as soon as 0x6061 shows the mode
@@ -217,7 +220,7 @@ class JointTargets:
     def refresh(self) -> None:
         """Select the command to follow, if its quantity fits the mode, and update its range.
 
-        Called again when the scale has changed.
+        Call this again after the scale has changed.
         """
         current, command = self.current, self._command
         if command is not None:
@@ -278,7 +281,7 @@ class ModeTarget(metaclass=ABCMeta):
         """Send a target in SI units (nan: no target); `now` is in ns, `period` in s."""
 
     def ramp(self, velocity: float, slope: float) -> None:
-        """Set maximum speed and acceleration in device units; no effect unless the master computes the ramp."""
+        """Set the maximum speed and acceleration in device units; only a position that the master ramps uses them."""
         del velocity, slope
 
     @abstractmethod
@@ -298,7 +301,7 @@ class ModeTarget(metaclass=ABCMeta):
         return ()
 
     def _same(self, value: float) -> bool:
-        """Whether target and blocked direction are unchanged since the last cycle; otherwise store both."""
+        """Whether the target and the blocked direction are unchanged since the last cycle; if not, store both."""
         if value == self.value and self._axis.limits.blocked == self.blocked:
             return True
         self.value, self.blocked = value, self._axis.limits.blocked
@@ -306,7 +309,7 @@ class ModeTarget(metaclass=ABCMeta):
 
 
 def stop_slope(axis: AxisProcessData, speed: float) -> float:
-    """Return the deceleration of a stop in units/s^2: 0x6084, or the value that stops in half a second."""
+    """Return the deceleration of a stop in units/s^2: 0x6084, or the value that stops `speed` in half a second."""
     slope = axis.limits.deceleration
     return slope if math.isfinite(slope) and slope > 0 else speed / _DEFAULT_STOP_S
 
@@ -408,8 +411,8 @@ class EffortTarget(_ScaledTarget):
 
     A torque does not limit the velocity: a torque that would drive a joint beyond the velocity limit of its description
     is set to zero, as in ros2_control's joint limiter. The joint continues to accelerate during the two cycles that a
-    measured value takes from the drive and a target takes to the drive, so that the velocity expected after them is
-    compared.
+    measured value takes from the drive and a target takes to the drive, so that the velocity expected after these
+    cycles is compared with the limit.
     """
 
     interface = EFFORT
@@ -462,13 +465,13 @@ class _PositionTarget(ModeTarget):
     """Target position, unwrapped beyond the drive's 32-bit counter."""
 
     def value_range(self) -> tuple[float, float]:
-        """Return the positions within half the counter's range, beyond which the drive would turn back."""
+        """Return the positions half the counter's range away, beyond which the drive would turn the other way."""
         here, scale = self._axis.raw_position + self._axis.unwrap.offset, self._axis.scale
         ends = [(here + way - scale.offset_pos_to_dev) / scale.pos_to_dev for way in (INT32_MIN + 1, INT32_MAX)]
         return min(ends), max(ends)
 
     def _count_of(self, value: float, none: int) -> int:
-        """Return the count of a target; `none` for nan and for a target out of range, which is stored."""
+        """Return the count of a target; `none` for nan or a target out of range, which is stored in `out_of_range`."""
         axis = self._axis
         scale = axis.scale
         count = value * scale.pos_to_dev + scale.offset_pos_to_dev
@@ -503,7 +506,7 @@ class PositionTarget(_PositionTarget):
         self.output.set(self._axis.raw_position)
 
     def ramp(self, velocity: float, slope: float) -> None:
-        """Set maximum speed and acceleration in device units; if both are infinite, no ramp is computed."""
+        """Set the maximum speed and acceleration in device units; if both are infinite, no ramp is computed."""
         counts = abs(self._axis.scale.pos_to_dev / self._axis.scale.vel_to_dev)
         self._ramp.limit(velocity * counts, slope * counts)
 
@@ -637,7 +640,7 @@ class SetPointTarget(_PositionTarget):
         return self._handshake.events()
 
     def _brake(self, target: int) -> None:
-        """Stop with a set-point at the end of the drive's braking ramp, at most at `target`."""
+        """Stop with a set-point at the end of the drive's braking ramp, but not beyond `target`."""
         self._sent = None
         axis, here = self._axis, self._axis.raw_position
         if not self._handshake.busy:

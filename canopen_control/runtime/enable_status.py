@@ -68,7 +68,7 @@ def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
 
 
 def enable_hint(joints: Sequence[JointDrive]) -> str | None:
-    """Return why drives do not follow commands, with the command that enables them; None if `joints` is empty."""
+    """Return why drives do not follow commands, with the remedy if there is one; None if `joints` is empty."""
     if not joints:
         return None
     if any(joint.lacks_target for joint in joints):
@@ -217,7 +217,7 @@ def _why_idle(joint: JointDrive) -> str:
 
 
 def _remedy(joints: Sequence[JointDrive], of: str = _ALL) -> str:
-    """Return the commands after which drives follow commands; `of` is the node to enable."""
+    """Return what a user must do so that drives follow commands; `of` is the node to enable, or "all"."""
     enable, reset = (f"canopen-control axis {action} {of}" for action in ("enable", "fault-reset"))
     absent = list(dict.fromkeys(joint.node for joint in joints if not joint.node.ready))
     if any(node.is_taken_out for node in absent):
@@ -234,7 +234,7 @@ def _remedy(joints: Sequence[JointDrive], of: str = _ALL) -> str:
 
 
 def return_hint(absent: Sequence[RemoteNode]) -> str:
-    """Return the advice for absent nodes: start stopped nodes and ended virtual drives again, correct, or wait."""
+    """Return the advice for absent nodes: restart them, remove the cause of the boot error, or wait."""
     if names := [node.name for node in absent if node.is_taken_out]:
         return f"start the stopped nodes: {', '.join(f'canopen-control nmt start {name}' for name in names)}"
     if ended := _ended(absent):
@@ -256,7 +256,7 @@ def _ended(absent: Sequence[RemoteNode]) -> list[RemoteNode]:
 
 
 def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
-    """Return the number of set-points that each moving axis has missed since it was enabled as text, or ""."""
+    """Return a text with the number of set-points that each moving axis has missed since it was enabled, or ""."""
     missed = [f"{joint.joint} {joint.tracking.skipped}" for joint in joints if joint.tracking.skipped]
     return f"; set-points that moving axes missed since they were enabled: {', '.join(missed)}" if missed else ""
 
@@ -306,7 +306,7 @@ class MandatoryNodes(RobotObserver):
             self._require(f"axis {action.value}")
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
-        """Raise ControlError if a controller needs command interfaces, and a node is missing or STOP is latched."""
+        """Raise ControlError for controllers with command interfaces while a node is missing or STOP is latched."""
         names = list(controllers)
         self._latch.check_controllers(names)
         for name in names:
@@ -329,7 +329,7 @@ class MandatoryNodes(RobotObserver):
         return [node for node in self._nodes if not node.ready]
 
     def _missing(self) -> str:
-        """Return the missing mandatory nodes with reasons, "" if all are ready."""
+        """Return the missing mandatory nodes with the reasons, or "" if all are ready."""
         return ", ".join(f"{node.label} ({node.reason or 'it has not booted yet'})" for node in self._absent)
 
     def _stop(self, node: RemoteNode, now: int) -> None:
@@ -378,7 +378,7 @@ class StopLatch:
             self.by = "an earlier client"
 
     def report(self, now: int) -> None:
-        """Report, at the start of a run, that STOP is still latched from an earlier run."""
+        """Report, at the start of a run, a STOP that is still latched from an earlier run."""
         if self.by is not None:
             text = f"STOP is latched since an earlier run (by {self.by}): nothing moves; release it: {RELEASE}"
             self._report(Event(now, "stop_latched", "", text, Level.WARNING))
@@ -412,7 +412,7 @@ class StopLatch:
         return None if self.by is None else f"STOP is latched (by {self.by}): {RELEASE}"
 
     def hold(self, by: str, now: int) -> None:
-        """Latch STOP and report an event; does nothing if already latched."""
+        """Latch STOP and report an event; do nothing if STOP is already latched."""
         if self.by is None:
             self.by = by
             text = f"STOP was latched by {by}: nothing moves before it is released"

@@ -63,7 +63,7 @@ def _sensors(setup: RobotSetup, tags: Iterable[Ros2ControlSystem]) -> dict[str, 
 def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> WorldSensors | None:
     """Return a hardware component with the simulated sensors of a tag, or None if the tag has none.
 
-    Raise PhysicsError.
+    Raise PhysicsError if a sensor is invalid.
     """
     sensors = _sensors(setup, [tag])
     parts = [part for part in tag.sensors if part.name in sensors]
@@ -124,9 +124,10 @@ def check_physics(setup: RobotSetup) -> None:
 def write_plant(
     setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None, folder: Path | None = None
 ) -> Path:
-    """Write the plant file and a copy of the URDF; return the path of the plant file. Raise CanopenError on failure.
+    """Write the plant file and a copy of the URDF; return the path of the plant file.
 
-    `folder` defaults to the folder of the robot's logs.
+    `folder` defaults to the folder of the robot's logs. Raise CanopenError on failure, or OSError if the folder cannot
+    be created.
     """
     if not joints:
         raise RobotConfigError(f"--physics: no joint of {setup.description.path} is moved by a drive of bus.yml")
