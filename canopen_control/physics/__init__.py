@@ -1,4 +1,4 @@
-"""Physics simulation of robots: contacts with the floor, slip, payload, and a servo loop on each driven joint.
+"""Physics simulation of robots: contacts with the floor, slip, payloads, and a servo loop on each driven joint.
 
 The engine is MuJoCo; only this subpackage imports it, and only when a world is requested: `engine` creates one for
 the virtual drives of a process, `plugin_robot` one for a simulation plugin without drives.

@@ -55,7 +55,7 @@ _TYRE: Final = " tyre"
 
 @dataclass(frozen=True)
 class JointPlace:
-    """Driven joint in a model: indices in qpos and qvel, index of the lock constraint, and motor."""
+    """Driven joint in a model: its indices in qpos and qvel, the index of its lock constraint, and its motor."""
 
     qpos: int
     dof: int
@@ -105,7 +105,7 @@ class PreparedRobot:
     notes: tuple[str, ...]
 
     def body(self, model: Any, prefix: str = "") -> Body:  # noqa: ANN401 - as above
-        """Return the robot as part of a compiled world model; `prefix` precedes the robot's names in the model."""
+        """Return the robot as part of a compiled world model; `prefix` precedes its names in the model."""
         return Body(
             model,
             {name: placed(model, name, motor, prefix) for name, motor in self.motors.items()},
@@ -137,7 +137,7 @@ def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
 
 
 def alone(robot: PreparedRobot, world: WorldDescription, step: float, path: str) -> Body:
-    """Return a robot in its own world; under a fixed root, the floor is at the robot's lowest point."""
+    """Return a robot in its own world; if its root is fixed, the floor is at the robot's lowest point."""
     add_floor(robot.spec, step, 0.0 if robot.free else min(0.0, -robot.ground.lift))
     add_scenery(robot.spec, world, solref(step))
     return robot.body(compiled(robot.spec, path))
@@ -158,8 +158,8 @@ def prepared(
 ) -> PreparedRobot:
     """Return a robot with motors, locks and sensors, before it is added to a world.
 
-    `axes` are by joint. `free` is whether the root of the robot is free, None to let wheels decide. Lengths are in m,
-    `step` in s. Raise PhysicsError, with a line in the file at `path`, for a missing joint.
+    `axes` maps joints to settings. `free` is whether the robot's root is free; None lets the wheels decide. Lengths are
+    in m, `step` in s. Raise PhysicsError, with a line in the file at `path`, for a missing joint.
     """
     _check_joints(axes, description, path)
     for number, geom in enumerate(spec.geoms):
@@ -226,7 +226,7 @@ def set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
 
 
 def _touch_floor(spec: Any, ground: Ground, floor: FloorContact, step: float) -> None:  # noqa: ANN401 - as above
-    """Set the contact parameters of each shape of a robot: wheel, free roller, or caster."""
+    """Set the contact parameters of all shapes of a robot, and turn the wheels on the floor into ellipsoids."""
     touches = {touch.geom: touch for touch in ground.touches}
     rolling = {touch.geom for touch in ground.touches if touch.part is not ContactPart.CASTER}
     turning = {geom.parent.name for geom in spec.geoms if geom.name in rolling}
@@ -281,7 +281,7 @@ def _on_floor(
     axes: Mapping[str, AxisSettings],
     prefix: str,
 ) -> tuple[tuple[int, ...], tuple[int, ...], tuple[RollerWheel, ...]]:
-    """Return the indices of the rolling and sliding shapes on the floor, and the mecanum wheels."""
+    """Return the indices of the rolling and sliding shapes on the floor, and the mecanum wheels without friction."""
     places: dict[bool, list[int]] = {True: [], False: []}
     rollers = []
     for touch in ground.touches:
@@ -306,7 +306,7 @@ def placed(model: Any, name: str, motor: EstimatedMotor, prefix: str = "") -> Jo
 def _notes(
     axes: Mapping[str, AxisSettings], motors: Mapping[str, EstimatedMotor], ground: Ground, free: bool
 ) -> list[str]:
-    """Return the detected wheels and the estimated torques as sentences."""
+    """Return sentences about the detected wheels and the estimated torques."""
     wheels = [touch.joint for touch in ground.touches if touch.part is ContactPart.WHEEL]
     touched = [touch.geom.partition(" shape ")[0] for touch in ground.touches if touch.part is ContactPart.ROLLER]
     contact = f"on wheels: {', '.join(wheels)}" if wheels else "on no driven wheels"
@@ -326,7 +326,7 @@ def _notes(
 def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Simulate until the robots rest on the floor, before the simulation starts.
 
-    Raise ConfigError if forces grow without bound: a robot is inside a solid, or its masses differ too much.
+    Raise ConfigError if the simulation is unstable: a robot starts inside a solid, or a link has almost no mass.
     """
     mujoco.set_mju_user_warning(_Warnings())
     mujoco.mj_step(model, data, _SETTLE_STEPS)
@@ -338,7 +338,7 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 class _Warnings:
-    """Handler that logs only the first of MuJoCo's warnings.
+    """Handler for MuJoCo's warnings that logs only the first one.
 
     MuJoCo itself would repeat a warning at each step and write MUJOCO_LOG.TXT into the current folder.
     """
@@ -421,9 +421,9 @@ _ALL: Final = 0x7FFFFFFF
 
 
 def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldDescription, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
-    """Return one model of several robots at their start poses; raise PhysicsError if one starts inside another.
+    """Return one model with several robots at their start poses; raise PhysicsError if one starts inside another.
 
-    `path` is the file of the world. The specifications of the robots become parts of this model and must not be reused.
+    `path` is the world file. The specifications of the robots become parts of this model and must not be reused.
     """
     spec = mujoco.MjSpec()
     step = min(float(robot.spec.option.timestep) for robot, _ in robots.values())
@@ -448,7 +448,7 @@ def _set_contact_bits(spec: Any, kind: int) -> None:  # noqa: ANN401 - as above
 
 
 def _frame(spec: Any, robot: PreparedRobot, start: RobotStart) -> Any:  # noqa: ANN401 - as above
-    """Return the frame for a robot: its start pose; for a free root the origin, since qpos has the pose."""
+    """Return the frame of a robot: at its start pose, or at the origin for a free root, whose pose is in qpos."""
     if robot.free:
         return spec.worldbody.add_frame()
     place = [*start.at, max(0.0, robot.ground.lift)]

@@ -1,6 +1,6 @@
-"""Timed disturbances of robots in a world: payloads, pushes, blocked joints, changes of friction.
+"""Timed disturbances of robots in a world: payloads, pushes, blocked joints and changes of friction.
 
-A payload changes mass, centre of mass and inertia of a link during the simulation. Every wheel and caster gets the
+A payload changes the mass, centre of mass and inertia of a link during the simulation. Every wheel and caster gets the
 friction at its position: that of the floor, or of the patch below it. Times are in ns from the start of the world, and
 the same requests in the same order give identical results.
 """
@@ -45,7 +45,7 @@ class _EndOfPush(NamedTuple):
 
 
 class Disturbances:
-    """Disturbances of the robots in a simulation, from the world file and on request.
+    """Disturbances of the robots in a simulation, from the world file or requested while it runs.
 
     `begin` sets the state of the simulation, `blocker` blocks joints. Robots are named as in the world file, "" for a
     single robot.
@@ -89,7 +89,7 @@ class Disturbances:
             self._plan(at_ns, act, robot)
 
     def reset(self) -> None:
-        """Undo all disturbances after a reset of the state, and reschedule the disturbances of the world file."""
+        """Undo all disturbances after the state was reset, and reschedule the disturbances of the world file."""
         for name, before in self._before.items():
             getattr(self._model, name)[:] = before
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
@@ -98,7 +98,7 @@ class Disturbances:
         self.begin(self._data)
 
     def grip_at(self, x: float, y: float) -> float:
-        """Return the friction coefficient of a wheel at a position on the floor in m."""
+        """Return the friction coefficient of a wheel at the position x, y (in m) on the floor."""
         grip = self._grip
         for patch in self.patches:
             if patch.covers(x, y):
@@ -110,7 +110,7 @@ class Disturbances:
         return self._pending[0][0] if self._pending else None
 
     def advance(self, now: int) -> bool:
-        """Apply the disturbances due at `now`; return whether any was due."""
+        """Apply the disturbances due at `now`; return whether there were any."""
         acted = False
         while self._pending and self._pending[0][0] <= now:
             at_ns, _, world_act, robot = heapq.heappop(self._pending)
@@ -189,7 +189,7 @@ class Disturbances:
     # -- friction
 
     def update_friction(self) -> None:
-        """Set the friction of every wheel and caster for its current position on the floor."""
+        """Set the friction of every wheel and caster according to its current position on the floor."""
         for geom in (*self._wheels, *self._casters):
             grip = self.grip_at(float(self._data.geom_xpos[geom, 0]), float(self._data.geom_xpos[geom, 1]))
             self._model.geom_friction[geom, 0] = grip if geom in self._wheels else min(self._slide, grip)

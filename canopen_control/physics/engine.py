@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def make(path: Path) -> PhysicsWorld:
-    """Return the world of a plant file; raise PhysicsError, RobotConfigError, or ConfigError if MuJoCo is missing."""
+    """Return the world of a plant file; raise PhysicsError or RobotConfigError, or ConfigError if MuJoCo is missing."""
     require_physics()
     return make_world(read_physics_file(path), path)
 
@@ -58,7 +58,7 @@ def make_world(file: PhysicsFile, path: Path) -> PhysicsWorld:
 
 
 def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
-    """Return one world for several robots from their plant files; the file `where` has the start poses."""
+    """Return one world with several robots from their plant files; the file `where` contains the start poses."""
     from canopen_control.physics.body_model import joined
 
     require_physics()
@@ -136,7 +136,7 @@ def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: lis
 def _world(
     robots: Mapping[str, WorldRobot], world: WorldDescription, floor: FloorContact, path: Path, notes: tuple[str, ...]
 ) -> PhysicsWorld:
-    """Build the world of robots; raise PhysicsError for impossible disturbances."""
+    """Build the world with these robots; raise PhysicsError if a disturbance names a missing link or joint."""
     from canopen_control.physics.disturbances import Disturbances
     from canopen_control.physics.physics_world import PhysicsWorld
 

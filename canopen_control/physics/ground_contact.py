@@ -33,9 +33,9 @@ _LIFTED_M: Final = 0.002  # height above the floor without a force
 
 @dataclass(frozen=True)
 class RollerWheel:
-    """Mecanum wheel: indices of its shape and of the body that carries it, and its radius in m.
+    """Mecanum wheel: index of its shape, index of the body that carries it, and its radius in m.
 
-    `angle` is the direction of the axle of the roller on the ground, in degrees from ahead to the left.
+    `angle` is the direction of the roller's axle on the ground, in degrees from ahead to the left.
     """
 
     geom: int
@@ -104,7 +104,7 @@ class ContactPart(enum.Enum):
 
 @dataclass(frozen=True)
 class Touch:
-    """Contact of a shape with the floor; for a wheel, with the joint that turns it, and the radius in m."""
+    """Contact of a shape with the floor; `joint` turns a wheel ("" for other contacts), `radius` is in m."""
 
     geom: str
     part: ContactPart
@@ -114,7 +114,7 @@ class Touch:
 
 @dataclass(frozen=True)
 class Ground:
-    """Contacts of a robot with the floor; `lift` in m is the root's height with the lowest point on the floor."""
+    """Contacts of a robot with the floor; `lift` is the height of the root in m when the robot stands on the floor."""
 
     touches: tuple[Touch, ...]
     lift: float
@@ -167,7 +167,7 @@ def _touch(model: Any, data: Any, geom: int) -> Touch:  # noqa: ANN401 - as abov
 
 
 def _turning(model: Any, body: int) -> Iterator[int]:  # noqa: ANN401 - as above
-    """Yield the hinges of a body, or of its nearest ancestor with joints."""
+    """Yield the hinges of a body or, if it has no joints, of its nearest ancestor with joints."""
     while body and not int(model.body_jntnum[body]):
         body = int(model.body_parentid[body])
     first = int(model.body_jntadr[body])
@@ -183,7 +183,7 @@ def _is_about(
     axis: NDArray[np.float64],
     radius: float,
 ) -> bool:
-    """Whether a joint axis is horizontal and runs through the centre of a shape, along the axis of a cylinder."""
+    """Whether a joint axis is horizontal and runs through the centre of a shape, along the axis if it is a cylinder."""
     off = place - anchor
     distance = float(np.linalg.norm(off - (off @ axis) * axis))
     level = abs(float(axis[2])) < _LEVEL

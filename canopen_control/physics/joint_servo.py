@@ -1,8 +1,8 @@
-"""Control loops of a servo drive on a joint of the world: encoder, position loop, velocity loop, current limit.
+"""Control loops of a servo drive on a joint of the world: encoder, position loop, velocity loop and current limit.
 
 The loops run once per step of the world, measure the joint only through its encoder, and output a torque for the step.
-Angles are in rad and torques in Nm at the joint (m and N for a prismatic joint); the drive's counts and per mille are
-converted here, with the mounting direction of the motor.
+Angles are in rad and torques in Nm at the joint (m and N for a prismatic joint); the drive's counts and per mille
+values are converted here, using the mounting direction of the motor.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ class ServoLoop:
         self._velocity = self._integral = 0.0
 
     def tune(self, gains: ServoGains | None = None, counts: float = 1.0, per_mille: float = 1.0) -> None:
-        """Set the loop gains of the drive; None restores the gains derived from the settings.
+        """Set the gains of the drive as loop gains; None restores the gains derived from the settings.
 
-        `counts` are counts of the drive per rad, `per_mille` is the torque of one per mille in Nm. The state of the
-        integrators is kept.
+        `counts` is the number of drive counts per rad, `per_mille` the torque of one per mille in Nm. The state of the
+        integrator is kept.
         """
         scale = counts * per_mille
         values = (gains[0] * scale, gains[1] * scale, gains[2], gains[3]) if gains is not None else self._own
@@ -66,11 +66,11 @@ class ServoLoop:
         self._ki = ki * self._period
 
     def rest(self, torque: float = 0.0) -> None:
-        """Reset the integrators so that the loops continue with `torque`."""
+        """Set the integrator so that the loops continue with `torque`."""
         self._integral = torque
 
     def begin(self) -> None:
-        """Reset all loop states after the joint was moved to another position."""
+        """Reset all loop states after the joint has been moved to another position."""
         self._place, self._velocity, self._integral = None, 0.0, 0.0
 
     def torque(self, angle: float, position: float, velocity: float, limit: float) -> float:
@@ -112,7 +112,7 @@ class ServoLoop:
 
 
 class JointWorld(Protocol):
-    """Interface of a world for the plants of its joints."""
+    """Interface of a world, as used by the plants of its joints."""
 
     angles: NDArray[np.float64]
     speeds: NDArray[np.float64]
@@ -126,7 +126,7 @@ class JointWorld(Protocol):
         """Advance the simulation to `now`; `by` is the calling plant, which serves its own timers."""
 
     def wake(self) -> None:
-        """Resume a suspended simulation after a change from outside."""
+        """Resume a suspended simulation because something outside it has changed."""
 
     def set_lock(self, place: JointPlace, locked: bool) -> None: ...
 
@@ -179,13 +179,13 @@ class JointPlant:
 
     @position.setter
     def position(self, value: float) -> None:
-        """Shift the encoder to the position `value`; the joint does not move."""
+        """Shift the encoder so that it reads `value`; the joint does not move."""
         self._offset += value - self._position
         self._position = value
         self._world.wake()
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the owner's is read
-        """Advance the world to `end_ns` while the servo loops follow the demand of the owner."""
+        """Advance the world to `end_ns` while the servo loops follow the owner's demand."""
         self._world.reach(end_ns, self)
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
@@ -197,7 +197,7 @@ class JointPlant:
         self._world.reach(end_ns, self)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Ignore the feed-forward; the loops already use the velocity of the demand."""
+        """Ignore the feed-forward; the loops already use the demanded velocity."""
 
     # -- external actions
 
@@ -224,7 +224,7 @@ class JointPlant:
 
     @property
     def stalled(self) -> bool:
-        """Whether an external block, not the brake, holds the joint."""
+        """Whether an external block, rather than the brake, holds the joint."""
         return self._stalled
 
     @stalled.setter
@@ -242,7 +242,7 @@ class JointPlant:
         return owner.torque is not None or now < owner.demand.end_ns or owner.demand.final_velocity != 0.0
 
     def order(self) -> tuple[object, ...]:
-        """Return the drive's demand and settings, to detect changes."""
+        """Return the drive's demand and settings as a tuple; a changed tuple is a changed demand."""
         owner = self.owner
         if owner is None:
             return ()
@@ -271,7 +271,7 @@ class JointPlant:
         self._world.efforts[self.place.dof] = newtons + self._external * self._per_mille
 
     def _loop_torque(self, owner: AxisOwner, clock: int, limit: float) -> float:
-        """Return the torque in Nm of the loop that serves the owner's demand."""
+        """Return the torque in Nm of the velocity or position loop for the owner's demand."""
         position, velocity = owner.demand.at(clock)
         angle, speed = float(self._world.angles[self.place.qpos]), velocity / self._scale
         if owner.velocity_mode:
@@ -279,7 +279,7 @@ class JointPlant:
         return self.loop.torque(angle, (position - self._offset) / self._scale, speed, limit)
 
     def show(self, beyond: float) -> None:
-        """Update position and velocity from the world, extrapolated to `beyond` s after the last step."""
+        """Update position and velocity from the world, extrapolating the position by `beyond` s after the last step."""
         speed = float(self._world.speeds[self.place.dof])
         angle = float(self._world.angles[self.place.qpos]) + speed * beyond
         quantum = self.loop.quantum

@@ -32,7 +32,7 @@ _FRICTION, _DAMPING = 0.02, 0.001  # fraction of the rated torque
 
 @dataclass(frozen=True)
 class EstimatedMotor:
-    """Complete motor data of a joint, referred to the joint side of the gear, in Nm, kg m2 and Nm s (N, kg, N s)."""
+    """Complete motor data of a joint, referred to the joint side of the gear, in Nm, kg m2 and Nm s (N, kg and N s)."""
 
     rated_torque: float
     peak_torque: float
@@ -59,7 +59,7 @@ def estimated_motors(
     described: Mapping[str, Described],
     ground: Ground,
 ) -> dict[str, EstimatedMotor]:
-    """Return the motors by joint; the plant file takes precedence over the description and over estimates."""
+    """Return the motors by joint; the plant file takes precedence over the description, and both over estimates."""
     wheels = {touch.joint: touch.radius for touch in ground.touches if touch.part is ContactPart.WHEEL}
     driven = [joint for joint in axes if joint in wheels] or [""]
     share = float(model.body_subtreemass[0]) / len(driven)
@@ -96,7 +96,7 @@ def _motor(axis: AxisSettings, described: Described, inertia: float, need: float
 
 
 def _in_postures(model: Any, axes: Mapping[str, AxisSettings]) -> tuple[dict[str, float], dict[str, float]]:  # noqa: ANN401
-    """Return each joint's geometric mean of the inertia, and its largest gravity torque, over several postures."""
+    """Return, by joint, the geometric mean of the inertia and the largest gravity torque over several postures."""
     data = mujoco.MjData(model)
     matrix = np.zeros((model.nv, model.nv))
     logs, weights = dict.fromkeys(axes, 0.0), dict.fromkeys(axes, 0.0)

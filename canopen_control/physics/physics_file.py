@@ -42,7 +42,7 @@ DENSITY = 1000.0
 
 
 class PhysicsError(ConfigError):
-    """Error in a plant file of the physics engine, in its world file, or in the description of the robot."""
+    """Error in a plant file of the physics engine, in its world file, or in the robot description."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class AxisSettings:
 
     `scale_pos_to_dev` is the number of counts of the drive per rad, as in bus.yml, negative if the motor is mounted
     mirrored. `encoder` is the number of counts per motor revolution (per m for a linear motor), `rotor_inertia` the
-    inertia of the motor before the `gear`. `inertia` is the inertia for which the velocity loop was tuned, with
+    mirrored. `encoder` is the number of counts per motor revolution (per m for a linear motor), `rotor_inertia` the
     `bandwidth` in rad/s. A `brake` holds the joint without power. The `roller` of a mecanum wheel is the angle, in
     degrees from ahead to the left, of the axle of the roller on the ground. None stands for an estimated value, or for
     an absent part.
@@ -76,7 +76,7 @@ class AxisSettings:
 
 @dataclass(frozen=True)
 class FloorContact:
-    """Friction coefficients on the floor: of wheels, and of all other parts of the robot (`caster_friction`)."""
+    """Friction coefficients on the floor: `friction` for wheels, `caster_friction` for all other parts of the robot."""
 
     friction: float = setting(0.8, low=0.0, high=10.0)
     caster_friction: float = setting(0.02, low=0.0, high=10.0)
@@ -86,7 +86,7 @@ class FloorContact:
 class SensorSettings:
     """Sensor on a link in a plant file; `world_sensors` describes the kinds.
 
-    `reach` is the range of a range finder in m, `seed` that of the noise. `scene` is the prefix of the names of the
+    `reach` is the range of a range finder in m, `seed` the seed of the noise. `scene` is the prefix of the names of the
     parts if a MuJoCo scene already has the sensor.
     """
 
@@ -100,7 +100,7 @@ class SensorSettings:
 
 @dataclass(frozen=True)
 class EncoderSettings:
-    """Encoder behind a `gear`: turns (or m) of the joint per turn of the encoder."""
+    """Encoder behind a `gear`, which is the number of turns (or m) of the joint per turn of the encoder."""
 
     joint: str
     gear: float = setting(1.0, low=1e-6)
@@ -117,7 +117,7 @@ class EncoderSettings:
 class PhysicsFile:
     """Contents of a plant file of the engine `mujoco`.
 
-    `arguments` are the arguments of xacro, `density` in kg/m3 is used for links without a mass.
+    `arguments` are the xacro arguments, `density` in kg/m3 is used for links without a mass.
     """
 
     axes: dict[str, AxisSettings]
@@ -137,7 +137,7 @@ class PhysicsFile:
 
 
 def axis_address(name: str) -> AxisAddress:
-    """Return bus, node-ID and axis of ``3``, ``3/1`` or ``BUS:3/1``; raise ValueError for any other text."""
+    """Return the bus, node-ID and axis in ``3``, ``3/1`` or ``BUS:3/1``; raise ValueError for any other text."""
     bus, _, place = name.rpartition(":")
     node, _, axis = place.partition("/")
     address = bus, int(node), int(axis or "0")
@@ -147,7 +147,7 @@ def axis_address(name: str) -> AxisAddress:
 
 
 def read_physics_file(path: Path) -> PhysicsFile:
-    """Read a plant file; PhysicsError lists all errors by line."""
+    """Read a plant file; raise PhysicsError with all errors and their lines."""
     return load(path, PhysicsFile, error=PhysicsError, check=_check)
 
 

@@ -1,11 +1,11 @@
-"""World of the virtual drives of a process: all their joints in one simulation, advanced on demand, and its robots.
+"""World of the virtual drives of a process: all robots and their joints in one simulation, advanced on demand.
 
 The world has a fixed time step. A call for one axis advances all axes: the timers of the other axes are processed at
 their own times, in order, and the demand of every drive is read at each step. The result therefore depends only on the
 demands and their times, not on the number of calls. While nothing moves and no drive requests motion, time passes
 without steps. The world may contain several robots: `side` is the view of one robot.
 
-The heading of a base counts full turns, so that it must be read frequently while the robot moves. An encoder reads the
+The heading of a base counts full turns, so it must be read frequently while the robot moves. An encoder reads the
 angle of its joint directly.
 """
 
@@ -40,7 +40,7 @@ _BASE_DOFS: Final = 6  # degrees of freedom of a free root
 
 
 class WorldRobot:
-    """Robot in a world, named "" if it is the only one; `encoders` are by bus and node-ID.
+    """Robot in a world, named "" if it is the only one; `encoders` is keyed by bus and node-ID.
 
     `begin` sets the state of the world, `touch_down` is called when the robot stands on the floor.
     """
@@ -75,7 +75,7 @@ class WorldRobot:
             self._qpos, self._dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
 
     def touch_down(self) -> None:
-        """Initialise wheel loads and heading once the robot rests on the floor."""
+        """Initialise the wheel loads and the heading once the robot rests on the floor."""
         load = self._weight() / max(1, len(self.body.rollers))
         self._rollers = [MecanumContact(self.body.model, self._data, wheel, load) for wheel in self.body.rollers]
         self.count_turns()
@@ -93,7 +93,7 @@ class WorldRobot:
         return bool(self._rollers)
 
     def push_rollers(self, grip_at: Callable[[float, float], float]) -> None:
-        """Add the mecanum rollers' contact forces, limited by the floor's friction, for the next step."""
+        """Add the contact forces of the mecanum rollers, limited by the floor's friction, for the next step."""
         x, y = self._place()[:2]
         # the forces of the joints are set again in each step
         self._data.qfrc_applied[self._dof : self._dof + _BASE_DOFS] = 0.0
@@ -115,7 +115,7 @@ class WorldRobot:
         return w, x, y, z
 
     def count_turns(self) -> None:
-        """Update the base's heading, counted over full turns."""
+        """Update the heading of the base, which counts full turns."""
         if self.body.base is None:
             return
         heading = _heading(self._rotation())
@@ -123,7 +123,7 @@ class WorldRobot:
         self._heading = heading
 
     def describe(self, time_ns: int) -> WorldState:
-        """Return the true base pose and the sensor measurements, with the time stamp `time_ns`."""
+        """Return the true pose of the base and the sensor measurements, with the time stamp `time_ns`."""
         sensors = self._sensors.read()
         if self.body.base is None:
             return WorldState(sensors=sensors)
@@ -174,9 +174,9 @@ def patches_of(patches: Iterable[Patch]) -> tuple[WorldShape, ...]:
 
 
 def shapes_of(model: Any, data: Any, own: str = "") -> tuple[WorldShape, ...]:  # noqa: ANN401 - MuJoCo has no types
-    """Return the shapes of a world for display, except those whose names begin with `own`.
+    """Return boxes, SDF shapes and other robots for display; `own` is the name prefix of the robot that is left out.
 
-    Poses are those in `data`, in m and as quaternions w, x, y, z.
+    Poses are taken from `data`, in m and as quaternions w, x, y, z.
     """
     return tuple(_shapes(model, data, own))
 
@@ -208,7 +208,7 @@ def _shapes(model: Any, data: Any, own: str) -> Iterator[WorldShape]:  # noqa: A
 
 
 def _lengths(model: Any, number: int) -> Any:  # noqa: ANN401 - numpy's
-    """Return the dimensions of a shape along its own axes in m."""
+    """Return the dimensions of a shape in m, along its own axes."""
     kind, size = int(model.geom_type[number]), model.geom_size[number]
     if kind == _GEOMS.mjGEOM_SPHERE:
         return np.full(3, 2.0 * size[0])
@@ -221,7 +221,7 @@ def _lengths(model: Any, number: int) -> Any:  # noqa: ANN401 - numpy's
 
 
 def _middle(model: Any, data: Any, number: int) -> Any:  # noqa: ANN401 - as above
-    """Return the vector from the position of a shape to its centre in world axes; zero except for a mesh."""
+    """Return the vector in world axes from the position of a shape to its centre; zero except for a mesh."""
     return data.geom_xmat[number].reshape(3, 3) @ model.geom_aabb[number, :3]
 
 
@@ -238,7 +238,7 @@ _AT_REST: Final = 1e-3  # rad/s, m/s
 
 
 class PhysicsWorld:
-    """Simulation of all robots of a process by name; for other modules, the `World` of the first robot.
+    """Simulation of all robots of a process by name; other modules use it as the `World` of the first robot.
 
     `notes` are sentences about assumptions made while the world was built.
     """
@@ -302,11 +302,11 @@ class PhysicsWorld:
         return WorldSide(self, self._robots[robot], bus)
 
     def plant(self, node_id: int, axis: int) -> JointPlant:
-        """Return the plant of an axis of the first robot on its main bus; raise KeyError for an unknown axis."""
+        """Create the plant of an axis on the first robot's main bus; raise KeyError for an unknown axis."""
         return self.joint_plant(self._first, ("", node_id, axis))
 
     def joint_plant(self, robot: str, address: AxisAddress) -> JointPlant:
-        """Create the plant of an axis of a robot; raise KeyError for an unknown axis."""
+        """Create the plant of an axis of a robot; raise KeyError for an unknown robot or axis."""
         owner = self._robots[robot]
         settings = owner.axes[address]
         plant = JointPlant(self, owner.body.joints[settings.joint], settings, self.period)
@@ -321,7 +321,7 @@ class PhysicsWorld:
         self.model.dof_frictionloss[place.dof] = torque
 
     def wake(self) -> None:
-        """Resume a suspended simulation after a change from outside."""
+        """Resume a suspended simulation because something outside it has changed."""
         self._asleep, self._quiet = False, 0
 
     # -- time
@@ -338,7 +338,7 @@ class PhysicsWorld:
             by.busy = was
 
     def _serve_others(self, now: int) -> None:
-        """Run the due timers of all other axes up to `now`, in order of time."""
+        """Run the timers of all other axes that are due by `now`, in order of time."""
         while (event := self._next(now)) is not None:
             event_ns, plant = event
             plant.busy = True
@@ -359,7 +359,7 @@ class PhysicsWorld:
         return nearest
 
     def _advance(self, now: int) -> None:
-        """Simulate the steps up to the last grid point at or before `now`."""
+        """Simulate the steps up to the last grid point at or before `now`, and extrapolate the joints to `now`."""
         if now <= self._shown:
             return
         last, plants = now // self.step_ns, list(self._plants.values())
@@ -387,7 +387,7 @@ class PhysicsWorld:
         return ((self._point or 0) - (self._began or 0)) * self.step_ns
 
     def _sleep_until(self, last: int) -> int:
-        """Return the grid point up to which the simulation can stay suspended: the next disturbance, or `last`."""
+        """Return the grid point up to which to skip while suspended: that of the next disturbance, at most `last`."""
         event_ns = self._disturbances.next_ns()
         return last if event_ns is None else min(last, (self._began or 0) - (-event_ns // self.step_ns))
 
@@ -412,7 +412,7 @@ class PhysicsWorld:
         self.steps += 1
 
     def _check_sleep(self, plants: list[JointPlant]) -> None:
-        """Suspend the simulation after a time without motion and without changed demands."""
+        """Suspend the simulation after `_REST_S` without motion and without changed demands."""
         for robot in self._robots.values():
             robot.count_turns()
         clock = (self._point or 0) * self.step_ns
@@ -448,7 +448,7 @@ class PhysicsWorld:
         return ("", node_id) in self._robots[self._first].encoders
 
     def shaft_position(self, node_id: int) -> float | None:
-        """Return the position in rad (m) of an encoder on the main bus of the first robot."""
+        """Return the position of an encoder on the first robot's main bus, in rad (m on a prismatic joint)."""
         return self._robots[self._first].shaft_position("", node_id)
 
     def publish(self) -> None:
@@ -490,4 +490,4 @@ class WorldSide:
         pass  # no other process reads the encoders of this world
 
     def close(self) -> None:
-        """Keep the world open, since other robots still use it."""
+        """Leave the world open, because other robots still use it."""

@@ -1,6 +1,6 @@
 """Simulated robot without drives, for ros2_control's simulation plugins of Gazebo and MuJoCo.
 
-Every joint follows a position, a velocity or an effort with a servo of its own, like a drive; all joints advance
+Every joint follows a position, a velocity or an effort with its own servo, like a drive; all joints advance
 together once per cycle. A position is approached at constant velocity within the cycle. Sensors of the <ros2_control>
 tag (`urdf_sensors`) measure in the world. Payloads, pushes, blocked joints and friction changes are the same as in the
 world of drives, and end at the next reset.
@@ -56,7 +56,7 @@ _FASTEST: Final = 1000.0
 
 @dataclass(frozen=True)
 class LidarSettings:
-    """Settings of a lidar in rad, m and Hz; `place` is file and line of its tag."""
+    """Settings of a lidar in rad, m and Hz; `place` is the file and line of its tag."""
 
     name: str
     frame: str
@@ -78,7 +78,7 @@ class LidarSettings:
 
 
 def tag_lidars(tag: Ros2ControlSystem, root: str, path: str) -> list[LidarSettings]:
-    """Return the lidars of a <ros2_control> tag; PhysicsError lists all errors by file and line."""
+    """Return the lidars of a <ros2_control> tag; raise PhysicsError with all errors, each with its file and line."""
     lidars, problems = [], list[str]()
     for part in tag.sensors:
         if not any(key in part.parameters for key in _NEEDED):
@@ -145,7 +145,7 @@ def _number(params: Mapping[str, str], key: str, default: float, wrong: list[str
 
 
 def camera_notes(parts: Iterable[ControlJoint], cameras: Iterable[str] = ()) -> list[str]:
-    """Return a note for every camera of a tag or a scene that cameras are not simulated."""
+    """Return a note for every camera of a tag or a scene, because cameras are not simulated."""
     names = [part.name for part in parts if any(key in part.parameters for key in _CAMERA)]
     names += [part.name for part in parts if part.parameters.get("mujoco_type", "").strip() == "camera"]
     return [
@@ -172,7 +172,7 @@ _DIGITS: Final = 4  # decimal digits of a distance in m
 
 
 class LidarScanner:
-    """Lidar in a MuJoCo model; raises PhysicsError if the lidar's frame does not exist."""
+    """Lidar in a MuJoCo model; raise PhysicsError if the lidar's frame does not exist."""
 
     def __init__(self, model: Any, data: Any, settings: LidarSettings) -> None:  # noqa: ANN401 - MuJoCo has no types
         self._model, self._data, self._settings = model, data, settings
@@ -267,7 +267,7 @@ def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[Wor
 
 @dataclass(slots=True)
 class _Target:
-    """Target of a joint at the end of a cycle, and the previous target."""
+    """Target of a joint at the end of a cycle, and the target before it."""
 
     interface: str = "velocity"
     before: float = 0.0
@@ -275,7 +275,7 @@ class _Target:
 
 
 class EffortLoop(Protocol):
-    """Interface of a controller that replaces the servo of a joint: position or velocity error to effort."""
+    """Interface of a controller that replaces a joint's servo: computes an effort from a position or velocity error."""
 
     def compute(self, error: float, dt: float) -> float:
         """Return the effort for an error, `dt` s after the last call."""
@@ -287,8 +287,8 @@ class EffortLoop(Protocol):
 class JointMotor:
     """Motor of one simulated joint, in rad, rad/s and Nm (m, m/s and N if prismatic).
 
-    A target applies from the next step on. `loops`, by commanded interface, replace the servo; the peak torque of the
-    motor limits them too.
+    A target takes effect with the next step. `loops`, by commanded interface, replace the servo; they are also limited
+    to the motor's peak torque.
     """
 
     def __init__(
@@ -312,7 +312,7 @@ class JointMotor:
 
     @position.setter
     def position(self, value: float) -> None:
-        """Set position and target of the joint before the start."""
+        """Set the position and the target of the joint before the start."""
         self._robot.data.qpos[self._place.qpos] = value
         self._reference = self._target.before = self._target.value = value
 
@@ -325,7 +325,7 @@ class JointMotor:
         self._robot.data.qvel[self._place.dof] = value
 
     def rest(self) -> None:
-        """Reset the control loops, with the current position as the target."""
+        """Reset the control loops, and make the current position the target."""
         self._target, self._reference, self.effort = _Target(), self.position, 0.0
         self._target.before = self._target.value = self._reference
         self._loop.begin()
@@ -418,7 +418,7 @@ class DriverlessRobot:
         return (lambda: self._measured[interface]) if interface in self._measured else None
 
     def step(self, seconds: float) -> None:
-        """Advance by the whole steps in `seconds`; the remainder is carried over to the next call."""
+        """Advance by the whole time steps in `seconds`; the remainder is carried over to the next call."""
         self._left_ns = min(_LONGEST_NS, self._left_ns + round(seconds * _NS))
         count = self._left_ns // self._period_ns
         self._left_ns -= count * self._period_ns
@@ -484,7 +484,7 @@ def make_simulated(
 ) -> DriverlessRobot:
     """Build the robot of a <ros2_control> tag on a floor, or in an MJCF `scene`; raise PhysicsError on failure.
 
-    `loops` replace the servos, by joint and commanded interface; the objects of a `world` are added.
+    `loops` replace the servos, by joint and commanded interface; the objects of `world` are added.
     """
     lidars = tag_lidars(tag, description.model.root, description.path)
     robot = _build(description, tag, scene, loops or {}, WorldDescription() if world is None else world)

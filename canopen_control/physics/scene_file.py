@@ -77,7 +77,7 @@ class RobotStart(Start):
 
 @dataclass(frozen=True)
 class Patch:
-    """Rectangle of the floor with its own friction, centred at `at`."""
+    """Rectangle of the floor, centred at `at`, with its own friction."""
 
     at: tuple[float, float]
     size: tuple[float, float]
@@ -137,7 +137,7 @@ class WorldStep(WorldEvent):
     here: Node = position()
 
     def timed(self) -> Iterator[Timed]:
-        """Yield the disturbances of the step, with time in ns and robot name."""
+        """Yield the disturbances of the step, each with its time in ns and the robot's name."""
         at_ns = round(seconds_of(self.at) * 1e9)
         for act in self.acts():
             yield at_ns, self.robot, act
@@ -147,9 +147,9 @@ class WorldStep(WorldEvent):
 
 @dataclass(frozen=True)
 class WorldDescription:
-    """Contents of a world file; without `floor`, the plant file defines the floor.
+    """Contents of a world file; if `floor` is None, the plant file determines the floor.
 
-    `solids` are the shapes of the file named by `sdf`, or of an SDF file given directly; `notes` are the differences of
+    `solids` are the shapes of the SDF file, named by `sdf` or given directly; `notes` are the differences of
     these shapes from Gazebo.
     """
 
@@ -171,7 +171,7 @@ class WorldDescription:
 
 
 def read_world_description(path: Path) -> WorldDescription:
-    """Read a world file, YAML or SDF by its suffix; PhysicsError lists all errors by line."""
+    """Read a world file, YAML or SDF according to its suffix; raise PhysicsError with all errors and their lines."""
     if path.suffix.lower() in SDF_SUFFIXES:
         return _with_solids(WorldDescription(), path)
     description = load(path, WorldDescription, error=PhysicsError, check=_check)

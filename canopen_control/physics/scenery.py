@@ -37,7 +37,7 @@ _SOLIDS: Final = {"box": _GEOMS.mjGEOM_BOX, "sphere": _GEOMS.mjGEOM_SPHERE, "cyl
 
 
 def add_scenery(spec: Any, world: WorldDescription, solref: Sequence[float]) -> None:  # noqa: ANN401 - of MuJoCo
-    """Add the objects of a world to a MuJoCo specification; `solref` are its contact parameters (time, damping)."""
+    """Add the objects of a world to a MuJoCo specification; `solref` are their contact parameters (time, damping)."""
     for number, ramp in enumerate(world.ramps):
         _add_ramp(spec, f"ramp {number}", ramp, solref)
     for number, wall in enumerate(world.walls):

@@ -6,7 +6,7 @@ searched next to the file, in the folders of GZ_SIM_RESOURCE_PATH, IGN_GAZEBO_RE
 as a ROS package. The sun and the ground plane need no file, since the floor always exists. Visuals, lights, plugins,
 sensors and joints are ignored.
 
-A shape that cannot be placed is an error with its line; all errors of a world are reported at once.
+A shape that cannot be placed is an error with its line; all errors of a world are reported together.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class MeshPart:
 
 
 def read_stl(file: Path) -> bytes:
-    """Return a mesh file as binary STL; raise ConfigError if it cannot be simulated."""
+    """Return a mesh file as binary STL; raise ConfigError if the mesh cannot be simulated."""
     mesh = read_mesh(file)
     if mesh.format != "stl":
         raise ConfigError(f"mesh {file}: {file.suffix} is only displayed; use STL, OBJ or DAE")
@@ -64,7 +64,7 @@ def read_stl(file: Path) -> bytes:
 
 
 def stl_corners(stl: bytes, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Any:  # noqa: ANN401 - numpy's
-    """Return the scaled vertices of all faces of a binary STL mesh; raise ValueError for too many or invalid ones."""
+    """Return the scaled vertices of a binary STL mesh; raise ValueError for too many faces or a non-finite number."""
     count = int.from_bytes(stl[80:84], "little")
     if count > _MOST_FACES:
         raise ValueError(f"{count} faces are more than the possible {_MOST_FACES}; use a simpler mesh")
@@ -75,7 +75,7 @@ def stl_corners(stl: bytes, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Any:  #
 
 
 def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
-    """Return the convex parts of a scaled binary STL mesh; raise ValueError for invalid or too many parts."""
+    """Return the convex parts of a scaled binary STL mesh; raise ValueError for an invalid mesh or too many parts."""
     corners = stl_corners(stl, scale)
     keys, faces = np.unique(np.round(corners / _GRAIN_M).astype(np.int64), axis=0, return_inverse=True)
     parts = tuple(_solid(keys[list(piece)] * _GRAIN_M) for piece in _pieces(faces.reshape(-1, 3), len(keys)))
@@ -103,7 +103,7 @@ def _pieces(faces: Any, count: int) -> Iterator[list[int]]:  # noqa: ANN401 - nu
 
 
 def _solid(corners: Any) -> Any:  # noqa: ANN401 - as above
-    """Return the vertices of a part; a flat part is given a thickness."""
+    """Return the vertices of a part; a flat part becomes a thin solid."""
     middle = corners.mean(axis=0)
     axes = np.linalg.svd(corners - middle, full_matrices=True)[2]
     spread = np.ptp((corners - middle) @ axes.T, axis=0)
@@ -122,7 +122,7 @@ _YES: Final = ("true", "1")
 
 @dataclass(frozen=True)
 class Solid:
-    """Fixed shape of a world; `size` in m as in MuJoCo (half lengths, radius first), `parts` of a mesh.
+    """Fixed shape of a world; `size` is in m as in MuJoCo (half lengths, radius first), `parts` are those of a mesh.
 
     The upper side of a plane is in the direction of its z axis.
     """
@@ -143,7 +143,7 @@ class SdfWorld:
 
 
 def read_sdf_world(path: Path) -> SdfWorld:
-    """Return the shapes of an SDF world; PhysicsError lists all errors by file and line."""
+    """Return the shapes of an SDF world; raise PhysicsError with all errors, each with its file and line."""
     reader = _Reader()
     root = reader.root(path)
     if root is not None:
@@ -236,7 +236,7 @@ class _Reader:
         return f"{scope.name}::{name}" if scope.name else name
 
     def _include(self, scope: _Scope, element: Element, depth: int) -> None:
-        """Read the model of an included file, with the pose and name of the include."""
+        """Read the model of an included file, and give it the pose and name of the include."""
         uri = _text(element, "uri")
         if not uri:
             self.mistake(scope.path, element, "<include> has no <uri>; add the file of the model")
@@ -259,7 +259,7 @@ class _Reader:
         self._model(inner, depth, static=_flag(element, "static") or _flag(own, "static"))
 
     def _included(self, path: Path, element: Element, uri: str) -> Path | None:
-        """Find the file of an include; if it is missing or not local, add an error and return None."""
+        """Return the file of an include; add an error and return None if no model is found or the URI is not local."""
         parts = urlsplit(uri)
         if parts.scheme not in ("", "file", "model", "package"):
             text = f"{uri} is not on this computer; download the model, and give its folder as <uri>"
@@ -354,7 +354,7 @@ class _Reader:
             self.solids.append(solid)
 
     def lengths(self, path: Path, shape: Element, tag: str, count: int = 1) -> tuple[float, ...] | None:
-        """Read the positive numbers of a shape's element; on failure add an error and return None."""
+        """Return the `count` positive numbers of a shape's element; on failure add an error and return None."""
         words = _text(shape, tag).split()
         numbers = tuple(number for number in map(finite_number, words) if number is not None and number > 0.0)
         if len(numbers) == len(words) == count:
@@ -407,7 +407,7 @@ def _round(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
 
 
 def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
-    """Return an infinite plane, or None if it is the floor of the world."""
+    """Return an infinite plane; None if it is the floor of the world, or if its normal is invalid (an error)."""
     words = _text(shape, "normal").split() or ["0", "0", "1"]
     numbers = [number for number in map(finite_number, words) if number is not None]
     if len(numbers) != 3 or len(words) != 3 or not any(numbers):
@@ -455,7 +455,7 @@ def _is_yes(text: str) -> bool:
 
 
 def _resources(path: Path) -> Iterator[Path]:
-    """Yield the search folders for models: folders around the file, then those in Gazebo's environment variables."""
+    """Yield the folders to search for models: folders around the file, then those in Gazebo's environment variables."""
     yield from (path.parent, path.parent.parent, path.parent.parent / "models")
     for key in _PATHS:
         yield from (Path(entry) for entry in os.environ.get(key, "").split(os.pathsep) if entry)
@@ -473,7 +473,7 @@ def _model_file(folder: Path) -> Path:
 
 
 def _mesh_file(path: Path, uri: str) -> Path:
-    """Return the file of a mesh URI; raise ConfigError if the file is missing."""
+    """Return the file of a mesh URI; raise ConfigError if the URI or the file is missing."""
     if not uri:
         raise ConfigError("<mesh> has no <uri>; add its file")
     parts = urlsplit(uri)

@@ -1,4 +1,4 @@
-"""Repairs of a URDF for MuJoCo's reader, which would drop or refuse parts of the file.
+"""Repair of URDFs for MuJoCo's reader, which would otherwise drop or refuse parts of the file.
 
 The reader drops visuals, so that a link without collisions would have neither shape nor mass: its visuals become
 collisions. The reader supports neither `package://` nor COLLADA nor text meshes: meshes are found by their package and
@@ -41,7 +41,7 @@ _ROUNDED: Final = 1.001  # smaller excesses over the sum are rounding errors
 class RepairedUrdf:
     """URDF text for MuJoCo's reader, with meshes by name, links with guessed masses, and notes on omissions.
 
-    `meshes` are the contents of the mesh files by the names used in the text.
+    `meshes` maps the names used in the text to the contents of the mesh files.
     """
 
     text: str
@@ -75,7 +75,7 @@ def repaired(description: UrdfDescription) -> RepairedUrdf:
 
 
 def guessed_masses(urdf: RepairedUrdf, density: float) -> tuple[str, ...]:
-    """Return a note that lists links with masses guessed from a density in kg/m3, or ""."""
+    """Return a note that lists the links with masses guessed from a density in kg/m3, or () if there are none."""
     if not urdf.guessed:
         return ()
     return (f"masses are guessed from shapes at {density:g} kg/m3: {', '.join(urdf.guessed)}",)
@@ -86,7 +86,7 @@ def _is_guessed(link: ET.Element) -> bool:
 
 
 def _add_collisions(link: ET.Element, path: str, notes: list[str], meshes: _Meshes) -> None:
-    """Copy the visuals of a link without collisions as collisions; omit unusable meshes."""
+    """Turn the visuals of a link into collisions if it has none, else remove them; omit unusable meshes."""
     visuals = link.findall("visual")
     no_collisions = link.find("collision") is None
     for visual in visuals:
@@ -108,14 +108,14 @@ def _add_collisions(link: ET.Element, path: str, notes: list[str], meshes: _Mesh
 
 
 class _Meshes:
-    """Mesh files converted to binary STL; `contents` are stored by the names used in the URDF text."""
+    """Mesh files converted to binary STL; `contents` is keyed by the names used in the URDF text."""
 
     def __init__(self) -> None:
         self.contents: dict[str, bytes] = {}
         self._names: dict[Path, str] = {}
 
     def add(self, file: Path) -> str:
-        """Convert a file, once, and return its name in the URDF; raise ConfigError if it is unusable."""
+        """Convert a file once, and return its name in the URDF; raise ConfigError if the mesh is unusable."""
         if file not in self._names:
             stl = read_stl(file)
             try:
@@ -139,7 +139,7 @@ def _check_dynamics(description: UrdfDescription, problems: list[str]) -> None:
 
 
 def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[str], problems: list[str]) -> None:
-    """Reduce a principal moment that exceeds the sum of the other two; report an invalid inertia."""
+    """Reduce a principal moment that exceeds the sum of the other two; report an inertia that is invalid."""
     element, mass = link.find("inertial/inertia"), _mass_of(link)
     if element is None or mass <= 0.0:
         return
@@ -190,7 +190,7 @@ def _mass_of(link: ET.Element) -> float:
 
 
 def _masses_missing(root: ET.Element, description: UrdfDescription) -> list[str]:
-    """Return errors, with lines, for moving links that have neither a mass nor a shape."""
+    """Return an error with its line for each moving link that has neither a mass nor a shape."""
     heavy = {link.get("name", "") for link in root.findall("link") if _has_mass(link)}
     return [
         f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name} moves link {joint.child}, "
@@ -207,7 +207,7 @@ def _has_mass(link: ET.Element) -> bool:
 
 
 def _fixed_links(description: UrdfDescription, link: str) -> Iterator[str]:
-    """Yield a link and all links that fixed joints attach below it."""
+    """Yield a link and all links attached below it by fixed joints."""
     yield link
     for joint in description.joints.values():
         if joint.parent == link and joint.fixed:

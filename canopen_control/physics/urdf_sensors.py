@@ -60,7 +60,7 @@ _LARGEST_SEED: Final = 2**31 - 1
 def urdf_sensors(
     parts: Iterable[ControlJoint], links: Collection[str], root: str, path: str
 ) -> dict[str, SensorSettings]:
-    """Return the sensors of a <ros2_control> tag by name; PhysicsError lists all errors by line."""
+    """Return the sensors of a <ros2_control> tag by name; raise PhysicsError with all errors and their lines."""
     sensors, problems = {}, list[str]()
     for part in parts:
         wrong = list[str]()

@@ -49,7 +49,7 @@ _Z_TO_X: Final = about((0.0, 1.0, 0.0), 1.5707963267948966)
 
 @dataclass(frozen=True)
 class WorldSensor:
-    """Sensor on a link of a world: name, kind, link, noise, and range in m of a range finder."""
+    """Sensor on a link of a world: its name, kind, link and noise, and the range in m of a range finder."""
 
     name: str
     kind: SensorKind
@@ -74,7 +74,7 @@ class WorldSensor:
 
 
 def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  # noqa: ANN401 - of MuJoCo
-    """Add sensors that the scene lacks to a specification; raise PhysicsError for a missing link."""
+    """Add the sensors that the scene lacks to a specification; raise PhysicsError for a missing link."""
     existing = {sensor.name: sensor for sensor in spec.sensors if sensor.name}
     links = [body.name for body in spec.bodies if body.name != "world"]
     for placed in sensors:
@@ -106,7 +106,7 @@ def _is_present(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> 
 
 
 class SensorReader:
-    """Reader of a simulation state's sensors; `prefix` selects the names of one robot.
+    """Reader of the sensors in a simulation state; `prefix` selects the names of one robot.
 
     The noise depends on the seed and on the number of reads.
     """
@@ -129,7 +129,7 @@ class SensorReader:
             self._places[sensor.name] = [(int(part.adr[0]), int(part.adr[0]) + int(part.dim[0])) for part in parts]
 
     def read(self) -> dict[str, tuple[float, ...]]:
-        """Return the values of every sensor by name."""
+        """Return the values of every sensor, by sensor name."""
         readings = {}
         for sensor in self._sensors:
             numbers: list[float] = []

@@ -1,11 +1,11 @@
 """Clients of a socket, blocking or on a reactor: requests with typed replies, and pushed messages.
 
-One connection carries requests and pushed messages. Any number of threads may use a `Client`: one waiting thread reads
-the socket for all waiting threads. No thread is started.
+One connection carries both requests and pushed messages. Any number of threads may use a `Client`: one waiting thread
+reads the socket for all waiting threads. No thread is started.
 
-Errors are RemoteError: `kind` is the class name of the server's error; "BusClosed" means that the connection is closed,
-"Timeout" that the server has not answered in time, "RemoteProtocolError" that the server uses another protocol or sent
-invalid data.
+Errors are raised as RemoteError: `kind` is the class name of the server's error; "BusClosed" means that the connection
+is closed, "Timeout" that the server has not answered in time, "RemoteProtocolError" that the server uses another
+protocol version or sent invalid data.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _MAX_PUSHED: Final = 10_000  # pushed messages that are kept until they are fetc
 
 
 def read_error(raw: wire.Raw) -> RemoteError:
-    """Return the error of a refused request; if it cannot be decoded, its text is the error."""
+    """Return the error of a refused request; if it cannot be decoded, the raw text becomes the message."""
     try:
         refusal: Refusal = wire.decode(raw, Refusal)
     except ValueError:
@@ -47,7 +47,7 @@ def read_error(raw: wire.Raw) -> RemoteError:
 
 
 def read_hello(api: Api[H, P], line: Line, label: str) -> H:
-    """Return the server's greeting in a line; raise RemoteError for an error line or another protocol version."""
+    """Return the server's greeting in a line; raise RemoteError for an error line or a different protocol version."""
     if "error" in line:
         raise read_error(line["error"])
     hello = wire.decode(line.get("hello", wire.Raw(b"null")), Any)
@@ -107,7 +107,7 @@ class Client(Generic[H, P]):
         return cast("A", self._decoded(answer.get("result", wire.Raw(b"null")), method.answer))
 
     def notify(self, request: Request[Any]) -> None:
-        """Send a request that is not answered, even if the server refuses it."""
+        """Send a request that the server does not answer, even if it refuses the request."""
         self._send(wire.request_line(None, self.api.of(type(request)).name, request))
 
     def messages(self, timeout: float | None = None) -> Iterator[P]:
@@ -199,7 +199,7 @@ class Client(Generic[H, P]):
         return True
 
     def _read(self, timeout: float | None) -> None:
-        """Read one message without holding the lock, then store it for the waiting thread."""
+        """Read one message with the lock released, then store it for the waiting thread."""
         self._reading = True
         self._changed.release()
         line, failure = None, None
@@ -244,7 +244,7 @@ _GARBAGE: Final = "the answer cannot be read: "
 
 
 class ReactorClient:
-    """Non-blocking connection to the server of an `Api` on a reactor; RemoteError if no server is running.
+    """Non-blocking connection to the server of an `Api` on a reactor; raise RemoteError if no server is running.
 
     All methods must be called on the reactor's thread.
     """
@@ -266,7 +266,7 @@ class ReactorClient:
         answer: Callable[[A | None, str | None], object],
         timeout_ns: int | None = None,
     ) -> None:
-        """Send a request; later `answer(result, None)` or `answer(None, reason)` is called once.
+        """Send a request; `answer(result, None)` or `answer(None, reason)` is called once, later.
 
         After `timeout_ns` (None: the default; `ENDLESS`: no timeout) the answer is an error.
         """

@@ -1,4 +1,4 @@
-"""What CLI verbs need that only query a running robot and end within a tenth of a second: no slow imports."""
+"""Helpers for CLI verbs that only query a running robot and end within a tenth of a second: no slow imports."""
 
 from __future__ import annotations
 

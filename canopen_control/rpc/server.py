@@ -30,7 +30,7 @@ R_co = TypeVar("R_co", bound=Request[Any], covariant=True)
 
 
 class Call(Generic[R_co]):
-    """Request of a client, answered with `reply`, `refuse` or `settle`; a request without an id is not answered."""
+    """Request of a client; answer it with `reply`, `refuse` or `settle`. A request without an id gets no answer."""
 
     __slots__ = ("_number", "connection", "request")
 
@@ -43,7 +43,7 @@ class Call(Generic[R_co]):
         return f"client {self.connection.name} (pid {self.connection.pid})"
 
     def sender(self, source: str | None) -> str:
-        """Return the name and process id of a command's sender; `source` is the name that the request gives."""
+        """Return the name and process id of a command's sender; `source` is the name given in the request, or None."""
         return f"{source} (pid {self.connection.pid})" if source else self.client
 
     def reply(self: Call[Request[A]], answer: A) -> None:
@@ -57,7 +57,7 @@ class Call(Generic[R_co]):
             self.connection.answer(wire.error_line(self._number, type(error).__name__, str(error)))
 
     def settle(self: Call[Request[Done]], error: str | None) -> None:
-        """Answer an executed request, with Done if `error` is None, else with a ControlError."""
+        """Answer an executed request: with Done if `error` is None, else with a ControlError."""
         if error is None:
             self.reply(Done())
         else:
@@ -65,7 +65,7 @@ class Call(Generic[R_co]):
 
 
 class ServerObserver(Protocol):
-    """Observer of a server's accepted requests, except requests that only read."""
+    """Observer of a server's accepted requests, except read-only ones."""
 
     def done(self, method: str, params: msgspec.Raw) -> None:
         """Handle an accepted request; `params` are the undecoded parameters."""
@@ -75,8 +75,8 @@ class Server(Generic[H, P]):
     """Server of an `Api` on a Unix socket in a reactor; `hello()` returns the greeting.
 
     `may_idle(connection)` returns whether a connection may stay open while it is idle; `listener` is a socket that is
-    already listening. `observer` receives method and parameters of each accepted request, except those that only read.
-    Raise SocketInUse if another process serves the path.
+    already listening. `observer` receives the method and the parameters of each accepted request, except read-only
+    ones. Raise SocketInUse if another process serves the path.
     """
 
     def __init__(
@@ -105,11 +105,11 @@ class Server(Generic[H, P]):
         )
 
     def register(self, kind: type[R], handler: Callable[[Call[R]], object]) -> None:
-        """Register the handler of a request type; a CanopenError that it raises becomes the reply."""
+        """Register the handler for a request type; a CanopenError raised by the handler becomes the reply."""
         self._handlers[self._api.of(kind).name] = (msgspec.json.Decoder(kind), handler)
 
     def check(self) -> None:
-        """Raise LookupError unless every declared method has a handler."""
+        """Raise LookupError if a declared method has no handler."""
         missing = [name for name in self._api.methods if name not in self._handlers]
         if missing:
             raise LookupError(f"no handler answers {', '.join(missing)} of the {self._api.name} socket")
@@ -124,7 +124,7 @@ class Server(Generic[H, P]):
         return wire.push_line(self._api.key_of(type(push)), push)
 
     def push(self, push: P, to: Iterable[Connection] | None = None) -> None:
-        """Send a message to the connections `to`, by default to all connections."""
+        """Send a message to the connections `to` (None: all connections)."""
         line = self.line_of(push)
         for connection in self.connections if to is None else to:
             connection.send(line)

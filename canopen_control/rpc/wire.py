@@ -36,7 +36,7 @@ class Incoming(msgspec.Struct, frozen=True):
 
 
 def read_line(line: bytes) -> dict[str, Raw]:
-    """Return the undecoded members of the JSON object in a line; raise ValueError for any other line."""
+    """Return the undecoded members of a JSON object; raise ValueError if the line is anything else."""
     try:
         return _fields.decode(line)
     except msgspec.ValidationError:
@@ -65,7 +65,7 @@ def read_request(line: bytes) -> Incoming:
 
 
 def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - the type that `kind` names, perhaps a union
-    """Decode JSON as the type `kind`; raise ValueError with msgspec's message, including the path of the error."""
+    """Decode JSON as the type `kind`; raise ValueError with msgspec's message, which includes the path of the error."""
     try:
         return msgspec.json.decode(raw, type=kind)
     except RecursionError:
@@ -75,7 +75,7 @@ def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - the type that 
 
 
 def mistake(error: Exception) -> str:
-    """Return msgspec's error message; a null in place of a number is explained as a non-finite number."""
+    """Return msgspec's error message; for a null in place of a number, add that the number was not finite."""
     return _NO_NUMBER.sub(_NOT_FINITE, str(error))
 
 
@@ -119,7 +119,7 @@ def plain(message: object) -> Any:  # noqa: ANN401 - what JSON holds
 
 
 def attributes(source: object, kind: Any) -> Any:  # noqa: ANN401 - the type that `kind` names
-    """Convert an object, or a list of objects, to the type `kind` by reading its attributes."""
+    """Convert an object, or a list of objects, to the type `kind` by reading attributes."""
     return msgspec.convert(source, kind, from_attributes=True)
 
 

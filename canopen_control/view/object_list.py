@@ -75,7 +75,7 @@ class ObjectList:
         return [self._entries[address] for address in addresses if address in self._entries]
 
     def entries_with_mode(self, addresses: Iterable[str]) -> list[Entry]:
-        """Return these entries, and 0x6061 if the names of statusword or controlword bits depend on the mode."""
+        """Return these entries, plus 0x6061 if the bit names of a statusword or controlword depend on the mode."""
         selected = self.entries(addresses)
         mode = self._entries.get(address_text(_MODE))
         has_axis = any(axis_word(entry.index) for entry in selected)

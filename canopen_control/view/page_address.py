@@ -56,7 +56,7 @@ _EVERY_ADDRESS: Final = ("", "0.0.0.0", "::")
 
 
 class AccessRules:
-    """Access rules of the page on `host` and `port`; without a `token`, a random one is created."""
+    """Access rules of the page on `host` and `port`; a random token is created if `token` is None."""
 
     def __init__(self, host: str, port: int, token: str | None = None) -> None:
         self.host, self.port = host, port
@@ -69,7 +69,7 @@ class AccessRules:
 
     @property
     def url(self) -> str:
-        """Address of the page with its token, which permits using the page.
+        """Address of the page with its token; whoever knows it can use the page.
 
         The address must appear only in the terminal of the user who started the page.
         """
@@ -82,7 +82,7 @@ class AccessRules:
         return f"http://{f'[{name}]' if ':' in name else name}:{self.port}/"
 
     def refusal(self, path: str, headers: Mapping[str, str], method: str = "GET") -> str | None:
-        """Return why a request is refused, or None if it is allowed; `headers` are by canonical name."""
+        """Return why a request is refused, or None if it is allowed; `headers` maps canonical names to values."""
         host, origin = headers.get("Host", ""), headers.get("Origin")
         if is_loopback(self.host) and host not in self._own_names():
             return f"{host!r} is not an address of this page"
@@ -102,7 +102,7 @@ class AccessRules:
         return None
 
     def response_headers(self, nonce: str = "") -> dict[str, str]:
-        """Return the security headers of all responses; they let the page connect only to this server.
+        """Return the security headers for all responses; they let the page connect only to this server.
 
         Allowed scripts are our own files and those with `nonce`, so that text from a bus can never run as a script.
         NiceGUI compiles its templates in the browser, which needs 'unsafe-eval', and sets inline
@@ -141,8 +141,8 @@ _WAIT_S: Final = 0.5  # in which another process may hold the lock to read the f
 class PageAddress:
     """Locked file with the address and token of the page of `robot` on `host` and `port`.
 
-    `token` is the token of a killed view on the same host and port, None if there is none. The port must be bound
-    before. Of two views with one host and port (in two network namespaces) only the first has a file.
+    `token` is the token of a killed view on the same host and port, or None. The port must already
+    be bound. If two views have the same host and port (in two network namespaces), only the first has a file.
     """
 
     def __init__(self, robot: str, host: str, port: int) -> None:
@@ -172,7 +172,7 @@ class PageAddress:
 
 
 def page_addresses(robot: str | None = None) -> dict[str, str]:
-    """Return the addresses of this user's pages with token, by the address without token."""
+    """Return the addresses of this user's running pages with the token, keyed by the address without the token."""
     addresses: dict[str, str] = {}
     for path in sorted(runtime_dir().glob("page-*.json")):
         content = _read(path)
@@ -182,7 +182,7 @@ def page_addresses(robot: str | None = None) -> dict[str, str]:
 
 
 def killed_port(robot: str, host: str) -> int | None:
-    """Return the port of a killed view of this robot, for reuse by the next view, or None."""
+    """Return the port that a killed view of this robot used on `host`, for reuse by the next view, or None."""
     for path in sorted(runtime_dir().glob(f"page-{robot}-{_OTHER.sub('_', host)}-*.json")):
         port = path.stem.rpartition("-")[2]
         if port.isdecimal() and _read(path).get("robot") == robot and not _is_held(path):
@@ -198,7 +198,7 @@ def _remove_dead(robot: str, but: Path) -> None:
 
 
 def _read(path: Path) -> dict[str, str]:
-    """Return the content of a file; an empty dictionary if the file is missing or invalid."""
+    """Return the text values in a file; an empty dictionary if the file is missing or invalid."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
@@ -218,7 +218,7 @@ def _read(path: Path) -> dict[str, str]:
 
 
 def _is_held(path: Path) -> bool:
-    """Whether the view that wrote the file is still running, and so keeps it locked."""
+    """Whether the view that wrote the file is still running, and thus holds the lock on the file."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

@@ -54,7 +54,7 @@ class RecentEvents:
 
 @dataclass(frozen=True, slots=True)
 class PageContent:
-    """Data for the panels; `lost` is why `state` may be outdated, or "" while the robot is connected."""
+    """Data for the panels; `lost` is the reason why `state` may be outdated, or "" while the robot is connected."""
 
     state: StateSample
     events: RecentEvents
@@ -146,7 +146,7 @@ class DriveFaults:
 
 
 def read_faults(client: FaultClient) -> DriveFaults:
-    """Read the faults and quirks of all virtual drives; drives that do not respond are left out. Blocks."""
+    """Return the faults and quirks of all running virtual drives, without those that do not respond; blocks."""
     faults, quirks = {}, {}
     for drive in client.drives():
         with contextlib.suppress(RemoteError):

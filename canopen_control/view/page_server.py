@@ -75,7 +75,7 @@ class AccessMiddleware:
 
 
 class _Answer:
-    """Sender of a response with the headers of the rules; HTML is buffered because its scripts need a nonce."""
+    """Sender of a response with the security headers; HTML is buffered because its scripts need a nonce."""
 
     def __init__(self, rules: AccessRules, send: Send) -> None:
         self._rules, self._send = rules, send
@@ -160,7 +160,7 @@ _PROBE_S: Final = 5.0
 
 
 def listen(host: str, port: int | None, first: int | None = None) -> socket.socket:
-    """Bind a listening socket to `port`; None selects the port `first` or one of the default ports.
+    """Bind a listening socket to `port`; if `port` is None, try the port `first`, then the default ports.
 
     Raise ConfigError if no port is free.
     """
@@ -180,7 +180,7 @@ def listen(host: str, port: int | None, first: int | None = None) -> socket.sock
 
 
 class PageServer:
-    """HTTP server for the page `build` at / and for `stop` at POST /stop; `stop` returns the reason for a failure."""
+    """HTTP server: `build` creates the page at /, and `stop`, for POST /stop, returns an error or None."""
 
     def __init__(
         self,
@@ -278,7 +278,7 @@ def _stop_route(stop: Callable[[], str | None]) -> Callable[[Request], Any]:
 
 
 async def access_problem(rules: AccessRules) -> str | None:
-    """Send requests that the access check must refuse; return a text if one is accepted, else None."""
+    """Send requests that the access check must refuse; return the problem if one is not refused with 403, else None."""
     host = f"127.0.0.1:{rules.port}"
     own, foreign = f"Host: {host}", f"Origin: http://{_STRANGER}"
     root = rules.root

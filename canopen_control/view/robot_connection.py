@@ -1,4 +1,4 @@
-"""Connection of the page to one robot, with the robot's constant data and the motion by held buttons.
+"""Connection of the page to one robot, with the robot's constant data and the motion commanded by held buttons.
 
 STOP is sent at once on the open connection, and never waits for an answer or behind another request. Slow requests use
 a separate connection, on a thread that may block.
@@ -46,7 +46,7 @@ Pose = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class NodeAddress:
-    """Node with CAN channel and node-ID, which identify a virtual drive's socket."""
+    """Node with the CAN channel and the node-ID that identify the socket of its virtual drive."""
 
     name: str
     channel: str
@@ -55,7 +55,7 @@ class NodeAddress:
 
 @dataclass(frozen=True, slots=True)
 class RobotInfo:
-    """Constant data of a running robot, with state and events at the time of the request."""
+    """Constant data of a running robot, and its state and events at the time of the request."""
 
     robot: str
     urdf: str
@@ -70,7 +70,7 @@ class RobotInfo:
 
     @property
     def shape(self) -> object:
-        """Comparable key of the robot's structure; pages are reloaded when it changes."""
+        """Comparable key of the robot's structure; pages are reloaded when the key changes."""
         return self.urdf, self.nodes, self.buses, self.joints
 
 
@@ -129,7 +129,7 @@ _HEARTBEAT_S: Final = 0.5  # this process renews it 20 times a second; the robot
 
 @dataclass(frozen=True, slots=True)
 class TeleopCommands:
-    """Commands of a held button: `moving` while held, `resting` on release; both end with the connection.
+    """Commands of a held button: `moving` while held, `resting` on release; both expire if the connection is lost.
 
     `again` is sent instead of `moving` while the same motion continues; None sends `moving` again.
     """
@@ -180,7 +180,7 @@ def joint_motion(
 
 
 class DeadMan:
-    """Dead-man control: ends the motion of a held button that is not renewed; `send` sends commands."""
+    """Dead-man control: ends the motion of a held button unless it is renewed in time; `send` sends a command."""
 
     def __init__(self, send: Callable[[Command], object]) -> None:
         self._send = send
@@ -190,7 +190,7 @@ class DeadMan:
 
     @property
     def driver(self) -> str | None:
-        """Page whose button is held, or None."""
+        """Page whose button is held, or None if no button is held."""
         return self._driver
 
     @property
@@ -212,7 +212,7 @@ class DeadMan:
         return True
 
     def tick(self, now: int) -> None:
-        """End the motion if the button was not renewed for `HOLD_TIMEOUT_NS`."""
+        """End the motion if the page has not renewed it for `HOLD_TIMEOUT_NS`."""
         if self._driver is not None and now - self._renewed_at >= HOLD_TIMEOUT_NS:
             self.release()
 
@@ -277,7 +277,7 @@ class RobotConnection:
     def send(self, request: Request[Any]) -> None:
         """Send a command without waiting for a reply; errors are ignored.
 
-        `messages` reports that the robot has ended.
+        If the robot has ended, `messages` reports it.
         """
         with contextlib.suppress(RemoteError):
             self._client.notify(request)
@@ -306,7 +306,7 @@ T = TypeVar("T")
 async def in_thread(function: Callable[[], T], discard: Callable[[T], object] | None = None) -> T:
     """Run `function` on a thread and return its result or raise its error.
 
-    If the caller was cancelled meanwhile, `discard` gets the result, such as a connection that has to be closed. The
+    If the caller was cancelled meanwhile, `discard` gets the result, for example to close a connection. The
     default executor is not used, because the program waits for that executor at its end, and a robot or a drive that
     hangs would delay this.
     """

@@ -1,4 +1,4 @@
-"""Data of one robot for all pages, with the history of the last half minute, and jobs at its nodes, without NiceGUI.
+"""Data of one robot for all pages, with a history of the last half minute, and the jobs of its nodes, without NiceGUI.
 
 Short requests to a node run on threads, and one long job at a time. A request has its own connection, so that STOP and
 the state samples never wait behind the request. A long job continues when the page that started it is closed; every
@@ -48,7 +48,7 @@ T = TypeVar("T")
 
 
 class NodeJobs(NodeObjects):
-    """Jobs and object edits at one node of a running robot; `history` has the edits of all pages."""
+    """Jobs and object edits at one node of a running robot; `history` contains the edits of all pages."""
 
     def __init__(
         self, robot: str, place: NodePlace, connect: Callable[[str, float], RobotClient] = RobotClient.connect
@@ -61,7 +61,7 @@ class NodeJobs(NodeObjects):
         self._editing = threading.Lock()
 
     async def ask(self, work: Callable[[NodeSession], T]) -> T:
-        """Run `work` with a session of the node on a thread and return its result or raise its error."""
+        """Run `work` on a thread with a session of the node; return its result or raise its error."""
         return await in_thread(partial(self.with_session, work))
 
     def with_session(self, work: Callable[[NodeSession], T]) -> T:
@@ -92,7 +92,7 @@ class NodeJobs(NodeObjects):
         return self.work is not None and not self.work.over
 
     def begin(self, work: JobRun, function: Callable[[NodeSession, JobRun], str]) -> str | None:
-        """Start a job on a thread, where `function` returns the final sentence; return the reason if refused."""
+        """Start a job on a thread; `function` returns the final sentence. Return why the job is refused, or None."""
         if self.work is not None and self.busy:
             return f"{self.place.name} is busy: {self.work.title}; wait until this has ended"
         self.work = work
@@ -141,7 +141,7 @@ class WorldClient:
         return self._drive() is not None or self._simulated()
 
     def _simulated(self) -> bool:
-        """Whether a physics simulation moves the robot without drives."""
+        """Whether the robot has no nodes, and a physics simulation that accepts disturbances moves it."""
         if self._nodes:
             return False
         try:
@@ -185,7 +185,7 @@ def _connect(node: NodeAddress) -> DriveClient:
 
 
 class RobotView:
-    """Data of a robot for all pages, updated by `take`; `publish` serves a mesh, see `SceneTree`."""
+    """Data of a robot for all pages, updated by `take`; `publish` serves a mesh as for `SceneTree`."""
 
     def __init__(self, info: RobotInfo, publish: Callable[[bytes, str], str]) -> None:
         self.info, self.state = info, info.state
@@ -231,7 +231,7 @@ class RobotView:
         return cast("SceneChange", {key: value for key, value in now.items() if value != before.get(key)})
 
     def scene_now(self) -> SceneChange:
-        """Return positions of the joints, pose and true pose of the base, and joints with a drive in fault."""
+        """Return the joint positions, the pose and the true pose of the base, and the joints with a drive in fault."""
         state = self.state
         bad = [row.joint for row in axis_rows(state) if row.tone == BAD and row.joint]
         pose, positions = pose_of(state), {name: joint.position for name, joint in state.joints.items()}
@@ -248,7 +248,7 @@ def _rounded(pose: Pose | None) -> list[float] | None:
 
 
 def _drawable(urdf: str) -> RobotModel:
-    """Parse a URDF; an invalid URDF gives an empty model with a note."""
+    """Parse a URDF; if it is invalid, return an empty model with a note."""
     try:
         return read_model(urdf)
     except RobotConfigError as error:

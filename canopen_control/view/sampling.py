@@ -1,4 +1,4 @@
-"""Plotted values of joints, cycle and buses, from state samples.
+"""Plotted values of the joints, the cycle and the buses, from state samples.
 
 All values come from the runtime. The tracking error is the command minus the actual value of the commanded interface;
 the cycle time is the time between two samples divided by the number of cycles between them.
@@ -32,7 +32,7 @@ Row = list[float | None]
 
 
 class History:
-    """Values called `names` in the last `SPAN_S` seconds, with Unix times in s."""
+    """Values of the last `SPAN_S` seconds under the given `names`, with Unix times in s."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
@@ -41,7 +41,7 @@ class History:
         self._new = 0
 
     def add(self, time: float, values: Mapping[str, float | None]) -> None:
-        """Add the values of a sample; they replace an earlier sample of the same tenth of a second."""
+        """Add the values of a sample; they replace an earlier sample in the same time slot of 1/`RATE` s."""
         slot = math.floor(time * RATE + 1e-6)
         if self._slot is not None and slot < self._slot:
             self.clear()  # the clock was set back
@@ -57,7 +57,7 @@ class History:
         return list(self._rows)
 
     def take_new_rows(self) -> list[Row]:
-        """Return the complete rows since the last call, oldest first."""
+        """Return the rows completed since the last call, oldest first."""
         rows, count = list(self._rows), min(self._new, len(self._rows))
         if count < 2:
             return []
@@ -85,7 +85,7 @@ _MOVED: Final = 1e-3  # rad or m: noise of an encoder below this is no motion
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Line of a chart; `row` is the name of the value in the history."""
+    """Line of a chart; `row` is the name of the plotted value in the history."""
 
     row: str
     name: str
@@ -94,7 +94,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """Chart of a group; the vertical range always includes `low` and `high`."""
+    """Chart in a group; the vertical range always includes `low` and `high`."""
 
     key: str
     title: str
@@ -105,7 +105,7 @@ class Chart:
 
 
 def names(joints: Sequence[str], buses: Sequence[str]) -> list[str]:
-    """Return the names of a history's values for these joints and buses; at most `SHOWN_JOINTS` joints."""
+    """Return the names of the values that a history stores for the buses and the first `SHOWN_JOINTS` joints."""
     of_joints = [f"{joint} {name}" for joint in joints[:SHOWN_JOINTS] for name in ("command", "actual", "error")]
     return [*of_joints, "work", "cycle", *(f"load {bus}" for bus in buses)]
 
@@ -131,7 +131,7 @@ def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
 
 
 def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, str]:
-    """Return the titles of charts with units by chart key; `linear` joints are prismatic."""
+    """Return chart titles with units by chart key; `interfaces` are by joint, `linear` joints are prismatic."""
 
     def unit(joint: str, interface: str) -> str:
         return (_LINEAR_UNITS if joint in linear else _UNITS)[interface]
@@ -144,7 +144,7 @@ def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, s
 def commanded_interfaces(controllers: Sequence[ControllerReading], state: StateSample) -> dict[str, str]:
     """Return the commanded interface of each joint that an active controller commands.
 
-    For a drive that takes targets, the interface follows from its mode of operation.
+    For a drive that takes targets, the mode of operation determines the interface.
     """
     quantities = {drive.joint: drive.quantity for drive in drive_targets(state, controllers) if drive.quantity}
     for controller in controllers:
@@ -186,7 +186,7 @@ class Sampler:
 
 
 class Stillness:
-    """Detector of standstill: `STILL_S` of the robot's time without motion or a new command."""
+    """Detector of standstill: no motion and no new command for `STILL_S` seconds of the robot's time."""
 
     def __init__(self) -> None:
         self._known: dict[str, tuple[float, float | None]] = {}

@@ -1,4 +1,4 @@
-"""Data for the 3D scene of the robot and of its simulated world."""
+"""Data for the 3D scene of the robot and its simulated world."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _JUMP: Final = 1.0  # m; more than a robot drives between two samples, so the od
 
 
 class _VisualDocument(TypedDict):
-    """Shape in the frame of its link, with sizes in m and a quaternion w, x, y, z; `url` is a mesh's address."""
+    """Shape in the frame of its link, with sizes in m and a quaternion w, x, y, z; `url` is the address of a mesh."""
 
     shape: str
     size: Sequence[float]
@@ -133,7 +133,7 @@ class Trail:
         self.points: deque[tuple[float, float]] = deque(maxlen=_TRAIL_POINTS)
 
     def add(self, pose: Pose) -> None:
-        """Add a pose of the base; a jump of more than a metre starts a new path."""
+        """Add a pose of the base; a jump of more than `_JUMP` metres starts a new path."""
         x, y, _ = pose
         last = self.points[-1] if self.points else (math.inf, math.inf)
         moved = math.hypot(x - last[0], y - last[1])
@@ -144,7 +144,7 @@ class Trail:
 
 
 def extent_of(model: RobotModel) -> float:
-    """Return the largest distance of a shape from the root with all joints at zero, in m; at least 0.1."""
+    """Return the largest distance from the root to the edge of a shape, with all joints at zero; in m, at least 0.1."""
     poses = {model.root: ORIGIN}
     for joint in model.from_root:
         poses[joint.child] = poses[joint.parent].then(joint.pose(0.0))
@@ -192,7 +192,7 @@ class WorldView:
         self.document: WorldDocument | None = None
 
     def take(self, shapes: Sequence[WorldShape], state: StateSample) -> WorldDocument | None:
-        """Update shapes and frame; return the new document, or None if unchanged or without a true pose."""
+        """Update the shapes and the frame; return the new document, or None if unchanged or without pose or shapes."""
         truth = state.true_pose
         if truth is None or truth.odom is None or not (shapes or self.document):
             return None

@@ -32,7 +32,7 @@ _LINE: Final[Options] = {"color": "#16324f", "width": 1, "type": "solid"}
 
 
 def thinned(shot: Shot, place: int, most: int = MOST_POINTS) -> list[tuple[float, float | None]]:
-    """Return about `most` points of a signal, as time from the capture's time zero and value."""
+    """Return at most about `most` points of a signal, as pairs of time since the capture's zero and value."""
     points = [(round(time - shot.zero, 6), _known(row[place])) for time, row in shot.rows]
     if len(points) <= most:
         return points
@@ -53,12 +53,12 @@ def _known(value: float | None) -> float | None:
 
 
 def height_of(named: NamedShot) -> int:
-    """Return the height of the chart of a capture in pixels."""
+    """Return the height of a capture's chart in pixels."""
     return _TOP + _BOTTOM + len(_fields(named)) * (_FIELD + _GAP)
 
 
 def chart_options(named: NamedShot, overlay: NamedShot | None, cursors: tuple[float, float] | None) -> Options:
-    """Return the ECharts options for a capture, with an overlay of the same signals and cursors at two times."""
+    """Return the ECharts options for a capture, with an overlay of the same signals, and cursors at two times."""
     fields = _fields(named)
     low, high = named.shot.time_range
     axes = range(len(fields))
@@ -100,7 +100,7 @@ def chart_options(named: NamedShot, overlay: NamedShot | None, cursors: tuple[fl
 
 
 def bode_options(bode: Bode) -> Options:
-    """Return the ECharts options for gain and phase over the frequency, as two plots."""
+    """Return the ECharts options for two plots: gain and phase over frequency."""
     fields = (("gain, dB", _COLORS[0]), ("phase, degrees", _COLORS[1]))
     values = ([(p.frequency, p.gain) for p in bode.points], [(p.frequency, p.phase) for p in bode.points])
     return {
@@ -146,7 +146,7 @@ BODE_HEIGHT: Final = _TOP + _BOTTOM + 2 * (_FIELD + _GAP)
 
 
 def cursor_change(named: NamedShot, cursors: tuple[float, float] | None) -> Options:
-    """Return the ECharts options that change when the user moves a cursor."""
+    """Return the ECharts options for the new cursor positions after the user has moved a cursor."""
     return {"series": _marks(named, cursors)}
 
 
@@ -176,7 +176,7 @@ def _marks(named: NamedShot, cursors: tuple[float, float] | None) -> list[Option
 
 
 def _fields(named: NamedShot) -> list[str]:
-    """Return the distinct units, since signals of the same unit share a plot."""
+    """Return the distinct units; signals with the same unit share a plot."""
     return list(dict.fromkeys(_unit(named, place) for place in range(len(named.names))))
 
 

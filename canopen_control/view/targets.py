@@ -78,7 +78,7 @@ _DRIVEN_S: Final = 0.5  # the button was released if it is not renewed for this 
 
 
 class TargetSliders:
-    """Position sliders of one controller; `limits` are the slider ends in rad or m, `clock` returns seconds."""
+    """Position sliders of one controller; `limits` are the slider ranges in rad or m, `clock` returns seconds."""
 
     def __init__(self, limits: Mapping[str, tuple[float, float]], clock: Callable[[], float] = time.monotonic) -> None:
         self._limits, self._clock = limits, clock
@@ -94,7 +94,7 @@ class TargetSliders:
         self._set.add(joint)
 
     def follow(self, positions: Mapping[str, float | None]) -> dict[str, float]:
-        """Return new values for sliders whose joints have moved; empty while a button is held."""
+        """Return the new values of sliders whose joints have moved; empty while a button is held."""
         now = self._clock()
         if self._driven(now):
             return {}

@@ -1,4 +1,4 @@
-"""Player of trajectories for pages, on a separate connection, without NiceGUI.
+"""Player of trajectories for all pages, on a separate connection, without NiceGUI.
 
 A trajectory runs only while its page repeatedly confirms that it is open. Silence for `SILENT_S`, a closed page or a
 click on Cancel ends the trajectory: the robot decelerates, holds its position, and reports this as a sentence. The end
@@ -40,7 +40,7 @@ MOST_BYTES: Final = 1_000_000  # parsing a larger file could delay STOP; the com
 
 @dataclass(frozen=True, slots=True)
 class LoadedTrajectory:
-    """Joints and points of an uploaded file; `name` is the file name, times are in s from the start."""
+    """Joints and points of an uploaded file; `name` is the file name, times of points are in s from the start."""
 
     name: str
     joints: list[str]
@@ -58,7 +58,7 @@ class LoadedTrajectory:
 
 
 def load(data: bytes, name: str) -> LoadedTrajectory:
-    """Parse an uploaded file; raise ConfigError with all errors by line if it is invalid."""
+    """Parse an uploaded file; if it is invalid, raise ConfigError with all errors and their lines."""
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -137,7 +137,7 @@ _SILENT: Final = "the page that played the trajectory does not respond"
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryOutcome:
-    """Result of a trajectory, with the robot's sentence about the end."""
+    """Result of a trajectory, with the robot's sentence about how it ended."""
 
     reached: bool
     text: str
@@ -163,7 +163,7 @@ class TrajectoryPlayer:
         return self._page
 
     async def play(self, page: str, controller: str, trajectory: LoadedTrajectory) -> TrajectoryOutcome:
-        """Play a trajectory and wait for its end; for a page that may not play, the outcome is a refusal."""
+        """Play a trajectory and wait for its end; return a refusal if the page may not play or another is playing."""
         if not self._may_play(page):
             return TrajectoryOutcome(False, "this page may not move the robot")
         if self._run is not None:
@@ -206,7 +206,7 @@ class TrajectoryPlayer:
 
 
 class _Run:
-    """Playback of one trajectory on its own connection; only `play` blocks, and needs a thread."""
+    """Playback of one trajectory on its own connection; `play` blocks, so call it on a thread."""
 
     def __init__(self, controller: str, trajectory: LoadedTrajectory) -> None:
         self._controller, self._trajectory = controller, trajectory
@@ -231,7 +231,7 @@ class _Run:
             self._report()
 
     def close(self) -> None:
-        """Close the connection, whereupon the robot brakes."""
+        """Close the connection, which makes the robot brake."""
         self._cancelled = True
         if self._client is not None:
             self._client.close()

@@ -70,7 +70,7 @@ _ELEMENTS: Final = Path(__file__).parent / "elements"
 
 @dataclass(frozen=True, slots=True)
 class PanelSlot:
-    """Panel and its column: "side", "middle" or "right"; without a title, the panel has no heading."""
+    """Panel with its column, "side", "middle" or "right"; an empty title means no heading."""
 
     key: str
     column: str
@@ -96,7 +96,7 @@ PANELS: Final = (
 
 @cache
 def stop_html() -> str:
-    """Return the STOP button with its HTML, style and script."""
+    """Return the HTML of the STOP button, with its style and script."""
     style, html, script = ((_ELEMENTS / name).read_text() for name in ("page.css", "stop.html", "stop.js"))
     return f"<style>{style}</style>\n{html}\n<script>{script}</script>"
 
@@ -185,9 +185,9 @@ _SILENT_S: Final = 1.5  # a running robot sends at least 5 messages a second
 
 
 class ViewApp:
-    """View of the robot `name` (None: the only running robot); serves until a signal or its parent's end.
+    """View of the robot `name` (None: the only running robot); serves until a signal or the end of its parent.
 
-    `report` prints a text. ConfigError if there is no such robot, or no free port.
+    `report` prints a text. Raise ConfigError if there is no such robot, or no free port.
     """
 
     def __init__(
@@ -217,7 +217,7 @@ class ViewApp:
 
     @property
     def robot(self) -> RobotView:
-        """Data of the robot; RemoteError before the robot was found."""
+        """Data of the robot; raise RemoteError if the robot has not been found yet."""
         if self._robot is None:
             raise RemoteError("BusClosed", self._lost)
         return self._robot
@@ -385,7 +385,7 @@ class ViewApp:
             page.send(changes)
 
     def _check_silence(self) -> None:
-        """Mark a connected robot as lost if it has been silent for `_SILENT_S`, until it sends again."""
+        """Mark a connected robot as lost while it has been silent for at least `_SILENT_S`."""
         silent_s = time.monotonic() - self._last_message
         self._silent = self._connection is not None and silent_s > _SILENT_S
         if self._silent:
@@ -405,7 +405,7 @@ class ViewApp:
             page.send({"scene": changed})
 
     async def _follow_controllers(self, robot: RobotView) -> None:
-        """Request the controllers until the robot replies, ends, or the controllers change again."""
+        """Request the controllers until the robot replies or ends, or the controllers change again."""
         connection, requested = self._connection, self._controller_states
         while connection is not None and connection is self._connection and requested is self._controller_states:
             with contextlib.suppress(CanopenError):
@@ -414,7 +414,7 @@ class ViewApp:
             await asyncio.sleep(_RETRY_S)
 
     def refresh_faults(self) -> None:
-        """Read the faults of the virtual drives on a separate thread, since a drive may not respond."""
+        """Read the faults of the virtual drives on a separate thread, because a drive may not respond."""
         self._start(self._refresh_faults())
 
     async def _refresh_faults(self) -> None:
@@ -484,7 +484,7 @@ class ViewApp:
         return path.removeprefix("/")  # an address of the page is relative: it begins with the token
 
     def _announce(self, connection: RobotConnection) -> None:
-        """Print the page's address; a view started by `run` prints and publishes the address without token.
+        """Print the page's address; a view started by `run` prints and publishes the address without the token.
 
         Events are recorded and published as ROS topics; `run` gets the token from `page_addresses`.
         """

@@ -60,7 +60,7 @@ _FEW: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class AxisRow:
-    """Table row of one axis, or of a node without axes; `tone` is the level for the colour, `age` is text."""
+    """Table row of one axis, or of a node without axes; `tone` is the level for the colour, `age` a text."""
 
     node: str
     node_id: int
@@ -103,7 +103,7 @@ def lost_banner(why: str) -> Banner:
 
 
 def _causes(rows: Iterable[AxisRow]) -> str:
-    """Return a text with the drives that are in a fault or missing, and the reasons."""
+    """Return a text with the drives that are missing or in a fault, each with its reason."""
     errors = [(row, without_node(row.error, row.node_id, row.node)) for row in rows if row.tone == BAD]
     texts = dict.fromkeys(f"{row.node}: {error or row.state}" for row, error in errors)
     return " · ".join(texts) or "A drive is missing or in a fault."
@@ -240,7 +240,7 @@ def event_log(events: Iterable[RobotEvent]) -> str:
 
 
 def fault_text(fault: FaultListing | None) -> str:
-    """Return the explanation of a virtual drive's fault as HTML; a note if `fault` is None."""
+    """Return the explanation of a virtual drive's fault as HTML, or a note if `fault` is None."""
     if fault is None:
         return "<p class='cc-note'>No virtual drive is running.</p>"
     duration = "once" if fault.once else "until it is switched off"
@@ -251,7 +251,7 @@ def fault_text(fault: FaultListing | None) -> str:
 
 
 def quirk_text(quirk: QuirkListing | None) -> str:
-    """Return the explanation of a virtual drive's quirk as HTML; "" if `quirk` is None."""
+    """Return the explanation of a virtual drive's quirk as HTML, or "" if `quirk` is None."""
     if quirk is None:
         return ""
     strength = ""

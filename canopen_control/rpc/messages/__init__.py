@@ -1,1 +1,1 @@
-"""Messages of all sockets as frozen structures, without I/O; usable in every subpackage."""
+"""Messages of all sockets as frozen structures, without I/O; importable from every subpackage."""

@@ -74,7 +74,7 @@ class Effect(enum.Enum):
 
 
 class Method(NamedTuple):
-    """Method of a socket, with request and reply types."""
+    """Method of a socket API, with its request and reply types."""
 
     name: str
     request: type[Request[Any]]
@@ -88,7 +88,7 @@ class Method(NamedTuple):
 
 
 class Api(Generic[H, P]):
-    """Declared methods of one socket, with greeting type `H` and types `P` of pushed messages by key."""
+    """Declared methods of one socket; `H` is the type of the greeting, `P` the types of pushed messages by key."""
 
     def __init__(self, name: str, hello: type[H], pushes: Mapping[str, type[P]]) -> None:
         self.name, self.hello, self.pushes = name, hello, pushes
@@ -117,5 +117,5 @@ class Api(Generic[H, P]):
         return self.methods[self._names[request]]
 
     def key_of(self, push: type[P]) -> str:
-        """Return the JSON key of a pushed message type."""
+        """Return the JSON key of a type of pushed message."""
         return self._keys[push]

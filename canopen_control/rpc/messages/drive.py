@@ -201,7 +201,7 @@ class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
     """True pose of a simulated base in the world frame, in m and rad; `time_ns` is monotonic time.
 
     `heading` is not wrapped, `z` is the height above the floor at the start, `roll` and `pitch` are as in REP 103:
-    positive to the right side and to the front down.
+    roll is positive to the right side, pitch to the front down.
     """
 
     x: float

@@ -32,7 +32,7 @@ class FaultEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def is_over(self) -> bool:
-        """Whether the error code reports the end of an error (00xx)."""
+        """Whether the error code reports that an error has ended (00xx)."""
         return self.error_code is not None and is_reset_code(self.error_code)
 
     @property

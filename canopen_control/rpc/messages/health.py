@@ -71,7 +71,7 @@ class Health(enum.IntEnum):
 
 
 class HealthStatus(NamedTuple):
-    """Health level of a drive, with a short reason."""
+    """Health level of a drive, with a short reason for it."""
 
     level: Health
     message: str

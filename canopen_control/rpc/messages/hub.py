@@ -35,7 +35,7 @@ HUB: Final[Api[HubHello, NoReturn]] = Api("hub", HubHello, {})  # the hub pushes
 
 
 class Member(msgspec.Struct, frozen=True):
-    """Member of the bus, with the numbers of received, sent, lost and waiting frames."""
+    """Member of the bus, with its numbers of received, sent, lost and waiting frames."""
 
     label: str
     pid: int

@@ -1,4 +1,4 @@
-"""Messages with the PDO mappings of the buses, for traces, the monitor and exports; their keys are never renamed."""
+"""Messages with the PDO mappings of all buses, for traces, the monitor and exports; their keys are never renamed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Direction = Literal["rpdo", "tpdo"]
 
 
 class MappedEntry(msgspec.Struct, frozen=True):
-    """Object mapped in a PDO, with the `data_type` name of CiA 301 and the `name` in the EDS.
+    """Object mapped in a PDO; `data_type` is a name from CiA 301, `name` the name in the EDS.
 
     The value times `factor` plus `offset` is in `unit`, if the files of the robot define a unit; otherwise `unit` is
     "".

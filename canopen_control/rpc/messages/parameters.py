@@ -28,7 +28,7 @@ _SPECIAL: Final = {".nan": math.nan, ".inf": math.inf, "-.inf": -math.inf}
 
 
 def plain_value(value: object) -> PlainValue:
-    """Convert a Python value to its form in messages; None for a value that cannot be a parameter."""
+    """Convert a Python value to its form in messages; return None for a value that cannot be a parameter."""
     if isinstance(value, list | tuple):
         elements = [plain_value(item) for item in value]
         return [element for element in elements if element is not None and not isinstance(element, list)]
@@ -45,7 +45,7 @@ def number_of(value: Scalar) -> float:
 
 
 class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
-    """Value of a parameter with the dotted name `name`; `kind` is one of `KINDS`."""
+    """Value of the parameter `name`, a dotted name; `kind` is one of `KINDS`."""
 
     name: str
     kind: str

@@ -45,7 +45,7 @@ class NodeIdentity(msgspec.Struct, frozen=True):
 
 
 class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
-    """Node in the files of a robot: bus, path of the EDS, and settings from bus.yml.
+    """Node in the files of a robot: its bus, the path of its EDS, and its settings from bus.yml.
 
     `axes` is the number of CiA 402 axes in the EDS; `joints` are the joints that the node moves, none for a proxy.
     """
@@ -226,7 +226,7 @@ class ProcessData(msgspec.Struct, frozen=True):
 
 
 class RequestSeen(msgspec.Struct, frozen=True):
-    """Accepted request of a client with its parameters, except requests that only read."""
+    """Accepted client request with its parameters; read-only requests are not reported."""
 
     time: float
     method: str
@@ -270,7 +270,7 @@ class PublishEvent(Request[Done], frozen=True, kw_only=True):
 
 
 class CommandDone(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Result of a command; `idle` has the joints that do not follow the command, each with the reason and the remedy.
+    """Result of a command; `idle` lists the joints that do not follow the command, each with the reason and the remedy.
 
     A command is accepted if at least one joint follows.
     """
@@ -377,7 +377,7 @@ class SetMeasuredStates(Request[Done], frozen=True, kw_only=True):
 
 
 class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Result of an axis request; `text` names additionally affected axes of a base, else ""."""
+    """Result of an axis request; `text` names the other axes of a base that were also affected, or is ""."""
 
     text: str = ""
 
@@ -464,7 +464,7 @@ class InterfaceReading(msgspec.Struct, frozen=True):
 
 
 class HardwareReading(msgspec.Struct, frozen=True, kw_only=True):
-    """Hardware component as in `list_hardware_components` of ros2_control; `rate` is in Hz."""
+    """Hardware component as in ros2_control's `list_hardware_components`; `rate` is in Hz."""
 
     name: str
     type: str

@@ -116,7 +116,7 @@ class TrajectoryPoint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectorySample(Sample, frozen=True, kw_only=True, tag="trajectory"):
-    """Desired and actual state of a trajectory's joints, their error, and the output to the hardware.
+    """Desired and actual state of a trajectory's joints, the error between them, and the output to the hardware.
 
     `executing` is true while a goal is executed, `holding` while the joints hold their position.
     """
@@ -132,7 +132,7 @@ class TrajectorySample(Sample, frozen=True, kw_only=True, tag="trajectory"):
 
 
 class DofReading(msgspec.Struct, frozen=True, kw_only=True):
-    """Degree of freedom of a PID controller (control_msgs/SingleDOFState); `time_step` is in s, null if unknown."""
+    """State of one degree of freedom of a PID controller (control_msgs/SingleDOFState); `time_step` is in s or null."""
 
     name: str
     reference: float | None
@@ -260,15 +260,15 @@ ControllerSample: TypeAlias = (
 
 
 def grown(kind: type[S], sample: Sample, **more: Any) -> S:  # noqa: ANN401 - fields of any type
-    """Return a sample of the derived type `kind` from the fields of `sample` and further fields."""
+    """Return a sample of the derived type `kind`, with the fields of `sample` and the further fields `more`."""
     return kind(**(msgspec.structs.asdict(sample) | more))
 
 
 def stamped(message: M, time: float, **more: Any) -> M:  # noqa: ANN401 - fields of any type
-    """Return a copy of a message with another `time`, and other fields replaced by `more`."""
+    """Return a copy of a message with another `time`, and with the fields in `more` replaced."""
     return msgspec.structs.replace(message, time=time, **more)
 
 
 def kind_of(sample: type[Sample]) -> str:
-    """Return the value of `kind` in the JSON of a sample type."""
+    """Return the value of the JSON key `kind` for a sample type."""
     return str(sample.__struct_config__.tag)

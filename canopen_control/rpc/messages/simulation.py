@@ -1,7 +1,7 @@
 """Requests for a robot that is simulated by a ros2_control plugin without drives.
 
 The simulated time advances with the cycles of the robot. A robot with drives on a bus refuses all these requests, since
-real and virtual drives cannot be paused; disturbances are then requested from the virtual drives (`drive` socket). A
+real and virtual drives cannot be paused; use the `drive` socket of a virtual drive to request disturbances. A
 refusal has a reason and changes nothing.
 """
 

@@ -75,7 +75,7 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
     fault: FaultEvent | None = None
 
     def reason(self, name: str = "") -> str:
-        """Return the error without the node at its start, for a text that names the node; "" without an error."""
+        """Return the error text without the node at its start, for a text that names the node; "" without an error."""
         return without_node(self.error or "", self.node_id, name or self.name)
 
 
@@ -114,7 +114,7 @@ class JointReading(msgspec.Struct, frozen=True):
     tracking: TrackingReading | None = None
 
     def value(self, interface: str) -> float | None:
-        """Return the value of a state interface, or None if unknown or missing."""
+        """Return the value of a state interface, or None if it is unknown or missing."""
         if interface == "position":
             return self.position
         if interface == "velocity":
@@ -128,7 +128,7 @@ class JointReading(msgspec.Struct, frozen=True):
 
 
 class CycleTimes(msgspec.Struct, frozen=True):
-    """Timing of the control cycle; `late_counts` is a histogram of start delays with bounds `late_edges_s`."""
+    """Timing of the control cycle; `late_counts` is a histogram of start delays with the bin edges `late_edges_s`."""
 
     period_s: float = 0.0
     count: Count = 0
@@ -216,7 +216,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
-    """Common fields of the status and the state samples; `controllers` are controller states by name.
+    """Common fields of status and state samples; `controllers` maps controller names to their states.
 
     `hint` is the reason why the robot cannot move, with the remedy; `latched_by` is the client
     that latched a stop; `true_pose` exists if a simulation moves the base.
@@ -239,7 +239,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TimedSnapshot(Snapshot, frozen=True, kw_only=True):
-    """Snapshot at `time`, limited to the fields that recordings of every version have."""
+    """Snapshot at `time`, with only those fields that recordings of every version have."""
 
     time: UnixTime
 
@@ -280,7 +280,7 @@ class BusTraffic(msgspec.Struct, frozen=True):
 
 
 class BootStep(msgspec.Struct, frozen=True):
-    """Step of a node's last boot, with duration in s and error."""
+    """Step of a node's last boot, with its duration in s and its error."""
 
     node: str
     step: str
@@ -351,7 +351,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     @property
     def takes_outputs(self) -> bool:
-        """Whether commands are output values by name, which move no joint."""
+        """Whether commands are named output values, which move no joint."""
         return self.topic == "gpio_commands"
 
     @property
@@ -361,7 +361,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     @property
     def odometry_topic(self) -> str:
-        """Last part of the odometry topic of a base, which depends on the twist topic."""
+        """Last part of a base's odometry topic, which depends on the twist topic."""
         return "odometry" if self.topic == "reference" else "odom"
 
     @property

@@ -19,7 +19,7 @@ MAX_POINTS: Final = 20_000  # maximum of a trajectory
 
 
 class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
-    """Tolerances of a joint (control_msgs/JointTolerance); 0 selects the parameter, -1 disables a check."""
+    """Tolerances of a joint (control_msgs/JointTolerance); 0 selects the parameter's value, -1 disables the check."""
 
     joint: str
     position: float = 0.0
@@ -28,7 +28,7 @@ class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """Acceptance or refusal of a goal, with a FollowJointTrajectory code and the reason.
+    """Acceptance or refusal of a goal, with a FollowJointTrajectory code and a reason.
 
     `feedback_rate` in Hz and `outlives_client` are from the controller's parameters: the rate of feedback to the
     client, and whether the goal continues after the client has disconnected.
@@ -50,7 +50,7 @@ class TrajectoryResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryAt(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a trajectory at a time; if not `known`, the current state, with a reason in `text`."""
+    """State of a trajectory at a given time; if not `known`, the current state, with a reason in `text`."""
 
     known: bool
     text: str = ""

@@ -1,8 +1,8 @@
 """Drive view of the page: shows one node in tabs, next to STOP and the robot's state.
 
 To add a tab, write a file NAME_tab.py in this folder with a class that follows the protocol `drive_tab.DriveTab`, and
-add the class to `drive_view.TABS`. A tab is created when the user opens it for a node the first time, in the current
-container, with a `DriveTabContext`:
+add the class to `drive_view.TABS`. A tab is created in the current container when the user first opens it for a node.
+It gets a `DriveTabContext`:
 
 - `context.panel` is common to all panels of the page: `ask(request)` sends a request to the robot, `hold` and `release`
   drive while a button is held, `teleop` is True if this page may write and move at all.

@@ -1,4 +1,4 @@
-"""Interface of the tabs of the Drive view; the docstring of the package explains how to add a tab."""
+"""Interface for the tabs of the Drive view; the package docstring explains how to add a tab."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SHOWN: Final = 200  # maximum number of lines and rows
 
 
 class WorkBar:
-    """Progress bar for the latest job that a tab of any page has started at a node."""
+    """Progress bar for a node's latest job that was started from the tab `tab` on any page."""
 
     def __init__(self, node_jobs: NodeJobs, tab: str) -> None:
         self._node_jobs, self._tab = node_jobs, tab
@@ -76,7 +76,7 @@ class WorkBar:
 
 
 def progress_words(work: JobRun, now: float) -> str:
-    """Return a text with the step of a job, its progress and, if known, the rate and remaining time."""
+    """Return a text with a job's current step, its progress and, if known, the rate and the remaining time."""
     words = f"{work.title}: {work.doing}" if work.doing else work.title
     if work.total:
         words += f", {work.done:,} of {work.total:,} {work.unit} ({100 * work.done // work.total} %)"
@@ -99,9 +99,9 @@ def outcome(work: JobRun) -> str:
 
 
 class JobForm:
-    """Inputs for the options of a job: a checkbox for a switch, a text field for all others.
+    """Inputs for the options of a job: a checkbox for each switch, a text field for every other option.
 
-    The inputs for `names`, by default for all options, are created in the current container; `add` creates more.
+    The inputs for `names` (None: all options) are created in the current container; `add` creates more.
     """
 
     def __init__(self, job: Job, names: Iterable[str] | None = None) -> None:
@@ -110,12 +110,12 @@ class JobForm:
         self.add(*(job.declared if names is None else names))
 
     def add(self, *names: str) -> None:
-        """Create the inputs of further options in the current container."""
+        """Create the inputs for further options in the current container."""
         declared = self._job.declared
         self.inputs |= {name: _input(declared[name]) for name in names}
 
     def options(self, **others: object) -> Any:  # noqa: ANN401 - of the job's own type
-        """Return the options from the inputs and from `others`; raise ConfigError if an input is invalid."""
+        """Return the job's options, taken from the inputs and `others`; raise ConfigError if an input is invalid."""
         declared = self._job.declared
         values = {
             name: bool(widget.value) if declared[name].is_switch else declared[name].value_of(str(widget.value or ""))
@@ -139,14 +139,14 @@ READ_ONLY_NOTE = (
 
 @dataclass(frozen=True, slots=True)
 class DriveTabContext:
-    """Context of a tab: the page, and the node's jobs, which all pages share."""
+    """Context of a tab: the panel context of the page, and the node's jobs, which all pages share."""
 
     panel: PanelContext
     node_jobs: NodeJobs
 
     @property
     def place(self) -> NodePlace:
-        """Node ID, EDS, axes and joints of the node."""
+        """Node-ID, EDS, axes and joints of the node."""
         return self.node_jobs.place
 
     @property

@@ -88,7 +88,7 @@ class ObjectsTab:
     # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
-        """Show the values read since the last call, and whether an edit can be undone."""
+        """Show the values read since the last call, and enable the undo button if an edit can be undone."""
         node_jobs = self._context.node_jobs
         if self._is_left:
             self._is_left = False
@@ -174,7 +174,7 @@ _GONE: Final = "<p class='cc-note'>Unknown.</p>"
 
 
 class StatusTab:
-    """Tab with the state of the node; the error history is read once, and again at the user's request."""
+    """Tab with the state of the node; the error history is read once, and again when the user requests it."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -210,7 +210,7 @@ class StatusTab:
         self._events.show(event_log(event for event in content.events if event.node == self._context.node))
 
     def leave(self) -> None:
-        """Stop a motion that this tab commands."""
+        """Stop any motion that this tab commands."""
         self._context.panel.release(self._client.id)
 
     async def _read(self) -> None:
@@ -256,7 +256,7 @@ def _bits(axis: AxisReading) -> str:
 
 
 def _movers(content: PageContent, reading: NodeReading) -> str:
-    """Return a sentence about the controllers that command the node's joints as HTML."""
+    """Return, as HTML, a sentence about the controllers that command the node's joints."""
     joints = {axis.joint for axis in reading.axes}
     active = [controller for controller in content.controllers if controller.state == "active"]
     names = [
@@ -299,9 +299,9 @@ _LOST: Final = "<p class='cc-line cc-bad'>No connection: the state of the drive 
 
 
 class DriveView:
-    """Drive view of a page inside `main`.
+    """Drive view of a page, created inside `main`.
 
-    The toggle between the robot and the Drive view is the second panel in `side`; `query` are the query parameters of
+    The toggle between the robot and the Drive view is the second panel in `side`; `query` has the query parameters of
     the page's address.
     """
 
@@ -409,7 +409,7 @@ class DriveView:
 
 
 def node_state(content: PageContent, node: str) -> str:
-    """Return the states of a node's axes as HTML, or without axes the node's own state."""
+    """Return the states of a node's axes as HTML; for a node without axes, return the node's own state."""
     rows = [row for row in axis_rows(content.state) if row.node == node]
     return "".join(
         chip(f"{row.joint}: {row.state}" if len(rows) > 1 else row.state, row.tone)

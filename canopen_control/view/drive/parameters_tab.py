@@ -43,7 +43,7 @@ _TORQUE: Final = tuple(state.name for state in POWERED_STATES)
 
 
 class ReleasePanel:
-    """Panel that shows how the robot uses a node, with buttons to take the node out and to return it."""
+    """Panel that shows how the robot uses a node, with buttons to take the node out of use and to return it."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context = context
@@ -80,7 +80,7 @@ class ReleasePanel:
 
 
 def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]:
-    """Return a sentence about whether parameter sets may be written to a node, and the level for its colour."""
+    """Return a sentence on whether parameter sets may be written to a node, and the level for the sentence's colour."""
     if reading is None:
         return "No connection: the state of the drive is unknown.", WARN
     powered = [axis.joint for axis in reading.axes if axis.state in _TORQUE]
@@ -148,7 +148,7 @@ _WHAT: Final = (
 
 
 class FirmwareTab:
-    """Tab that starts a firmware download as the node's job, and shows its progress."""
+    """Tab that starts a firmware download as a job of the node, and shows its progress."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._node_jobs = context, context.node_jobs
@@ -189,7 +189,7 @@ class FirmwareTab:
             )
 
     def leave(self) -> None:
-        """Do nothing, since a download continues when the tab is hidden."""
+        """Do nothing, because a download continues when the tab is hidden."""
 
     def _begin(self) -> None:
         if self._image is None or (image := self._image.value) is None or not self._context.panel.teleop:
@@ -275,7 +275,7 @@ class ParametersTab:
             self._writers[0].set_enabled(free and self._file.value is not None)
 
     def leave(self) -> None:
-        """Do nothing, since a job continues when the tab is hidden."""
+        """Do nothing, because a job continues when the tab is hidden."""
 
     # ------------------------------------------------------------------------------------ what the user does
 
@@ -314,7 +314,7 @@ def _file_words(file: ParameterSet) -> str:
 
 
 def program_of(data: bytes, name: str) -> bytes:
-    """Return an uploaded program; raise ConfigError if the file is empty, or is an EDS or DCF."""
+    """Return the bytes of an uploaded program; raise ConfigError if the file is empty, or is an EDS or DCF."""
     refuse_no_program(data, name)
     return data
 

@@ -49,7 +49,7 @@ _MOST_BYTES: Final = 16_000_000  # of an overlay file
 
 
 class ScopeTab:
-    """Tab that starts a scope of the node and shows its captures; the scope continues when the page is closed."""
+    """Tab that starts a scope for the node and shows its captures; the scope continues when the page is closed."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._node_jobs, self._client = context, context.node_jobs, ui.context.client
@@ -161,7 +161,7 @@ class ScopeTab:
             self._draw(run.shots[-1])
 
     def leave(self) -> None:
-        """Do nothing, since the scope waits for its trigger even if no page is open."""
+        """Do nothing, because the scope waits for its trigger even if no page is open."""
 
     # ------------------------------------------------------------------------------------ what the user does
 
@@ -240,7 +240,7 @@ class ScopeTab:
             ui.download.content(csv_of(self._shown).encode(), f"{self._context.node}.csv")
 
     async def _save_png(self) -> None:
-        """Save the chart as a PNG, as the browser shows it, with zoom and cursors."""
+        """Save the chart as a PNG as shown in the browser, with zoom and cursors."""
         options = {"type": "png", "pixelRatio": 2, "backgroundColor": "#ffffff"}
         try:
             address = await self._chart.run_chart_method("getDataURL", options, timeout=5.0)
@@ -283,7 +283,7 @@ def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
 
 
 def signals_of(od: ObjectDictionary | None, node: str) -> dict[str, str]:
-    """Return the readable numeric objects of a node, as labels by signal text; empty without an EDS."""
+    """Return a label for each readable numeric object of a node, by signal text; empty without an EDS."""
     if od is None:
         return {}
     return {
@@ -296,7 +296,7 @@ def signals_of(od: ObjectDictionary | None, node: str) -> dict[str, str]:
 
 
 def cursor_table(named: NamedShot, cursors: tuple[float, float]) -> str:
-    """Return a table with the signals' values at both cursors, differences and RMS as HTML."""
+    """Return an HTML table with each signal's values at the two cursors, their difference, and the RMS between them."""
     first, second = cursors
     apart = second - first
     often = f" ({1 / apart:.4g} Hz)" if apart else ""

@@ -46,7 +46,7 @@ _APPLY: Final = (
 
 
 class TuneTab:
-    """Tab that starts tuning runs of a node, and shows the last result from any page."""
+    """Tab that starts tuning runs for a node, and shows the latest result, no matter which page started the run."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._node_jobs = context, context.node_jobs
@@ -153,7 +153,7 @@ class TuneTab:
         return f"Gains cannot be set in an enabled drive; disable {', '.join(on)} first." if on else ""
 
     def leave(self) -> None:
-        """Hide the tab; this ends a run that this page has started."""
+        """End a run that this page has started, because the tab is hidden."""
         work = self._node_jobs.work
         if self._is_own_run and work is not None and work.job is TUNE:
             work.end()

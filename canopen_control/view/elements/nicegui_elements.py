@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class SceneChange(TypedDict, total=False):
-    """Changed joint positions by index in rad or m, pose of the base, and joints whose drive is in fault.
+    """Changes of the scene: joint positions in rad or m by index, pose of the base, and joints with a drive in fault.
 
     `truth` is the true pose of a simulated base, in the odometry frame like `pose`.
     """
@@ -65,16 +65,16 @@ class FeedMessage(TypedDict, total=False):
 
 
 class Feed(Element, component="feed.js"):
-    """Invisible element that raises the event `cc-KEY` in the page's window for every key of a message."""
+    """Invisible element that dispatches the event `cc-KEY` in the page's window for every key of a message."""
 
     def send(self, data: FeedMessage) -> None:
-        """Send changed data; an empty message shows that the view is running."""
+        """Send the changed data; an empty message shows only that the view is running."""
         self.run_method("dispatch", data)
 
 
 @dataclass(frozen=True, slots=True)
 class HoldButton:
-    """Button of `HoldButtons`; `key` identifies the button, `keyboard` is an equivalent key."""
+    """Button of `HoldButtons`; `key` identifies the button, `keyboard` is the keyboard key with the same effect."""
 
     key: str
     label: str
@@ -83,7 +83,7 @@ class HoldButton:
 
 
 class HoldButtons(Element, component="hold_buttons.js"):
-    """Group of buttons that act while held; calls `held(key)` repeatedly, and `release()` at the end."""
+    """Group of buttons that act while held: calls `held(key)` repeatedly, and `release()` once a button is released."""
 
     def __init__(
         self, buttons: Sequence[HoldButton], held: Callable[[str], None], release: Callable[[], None], kind: str = ""
@@ -103,7 +103,7 @@ class HoldButtons(Element, component="hold_buttons.js"):
 
 
 class PresenceElement(Element, component="presence.js"):
-    """Invisible element that calls `here()` periodically while switched on, as long as the page exists."""
+    """Invisible element that calls `here()` periodically while it is switched on and the page exists."""
 
     def __init__(self, here: Callable[[], None]) -> None:
         super().__init__()
@@ -134,12 +134,12 @@ class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(
         self.classes("cc-scene")
 
     def follow(self, follow: bool) -> None:
-        """Keep the robot in the centre of the picture, or leave the camera where the user has placed it."""
+        """Keep the robot in the centre of the picture if `follow`, else leave the camera where the user placed it."""
         self.run_method("setFollow", follow)
 
 
 class StripCharts(Element, component="strip_charts.js"):
-    """Strip charts, updated by the rows in `plots` of feed messages, and by `titles`."""
+    """Strip charts, updated by the `plots` and `titles` of feed messages."""
 
     def __init__(self, charts: Sequence[Chart], names: Sequence[str], span: float) -> None:
         super().__init__()
@@ -152,7 +152,7 @@ class StripCharts(Element, component="strip_charts.js"):
 class TreeRow(TypedDict):
     """Static part of a row of the object tree: `a` is the address as text, `object` the name of the array or record.
 
-    `fixed` is the reason why the user cannot write the object, else "".
+    `fixed` is the reason why the user cannot write the object, or "".
     """
 
     a: str
@@ -183,10 +183,10 @@ class TreeUser(Protocol):
     """Listener for the events of an `ObjectTree`."""
 
     def seen(self, addresses: list[str]) -> None:
-        """Handle a change of the visible objects, given by address."""
+        """Handle a change of the visible objects; `addresses` are the objects that are now visible."""
 
     def search(self, text: str) -> None:
-        """Handle a changed search text."""
+        """Handle a change of the search text."""
 
     def write(self, address: str, text: str) -> None:
         """Handle the user's request to write `text` to an object."""
@@ -205,7 +205,7 @@ class ObjectTree(Element, component="object_tree.js"):
         self.on("write", lambda event: _written(event.args, user))
 
     def values(self, news: Mapping[str, ObjectWords]) -> None:
-        """Update the values of objects by address."""
+        """Update the displayed values; `news` maps addresses to values."""
         self.run_method("values", dict(news))
 
     def matches(self, text: str, addresses: Sequence[str] | None, problem: str = "") -> None:

@@ -1,1 +1,1 @@
-"""Panels of the page, one module each; `view_app.PANELS` defines their order."""
+"""Panels of the page, one module each; `view_app.PANELS` determines their order."""

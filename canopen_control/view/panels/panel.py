@@ -1,6 +1,6 @@
-"""Protocols of panels and of their context; common HTML, notices and sliders.
+"""Protocols for panels and their context; common HTML, notices and sliders.
 
-Functions of `words` have already escaped the text in a piece of HTML.
+Text within HTML has already been escaped by the functions of `words`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class PanelContext(Protocol):
-    """Access of the panels of a page to the robot; implemented by `view_app.ViewApp`."""
+    """Access to the robot for the panels of a page; implemented by `view_app.ViewApp`."""
 
     teleop: bool
 
@@ -49,7 +49,7 @@ class PanelContext(Protocol):
         ...
 
     def release(self, page: str) -> None:
-        """End the motion that a page's held button commanded, at once."""
+        """End the motion that the held button of a page commands, without waiting for the timeout."""
         ...
 
     def refresh_faults(self) -> None:
@@ -107,7 +107,7 @@ READ_ONLY: Final = (
 
 
 def value_slider(label: str, low: float, high: float, step: float, value: float) -> ui.slider:
-    """Create a slider with a label before it and the value behind it."""
+    """Create a slider, with a label before it and the current value after it."""
     with ui.element("div").classes("cc-slider"):
         ui.label(label)
         slider = ui.slider(min=low, max=high, step=step, value=value).props(f'dense aria-label="{label}"')

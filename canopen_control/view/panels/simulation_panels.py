@@ -225,7 +225,7 @@ def _button(label: str, act: Callable[..., object]) -> None:
 
 
 def _read(field: ui.number) -> float | None:
-    """Return the number in a field; None, with a notice, if the field is empty."""
+    """Return the number in a field; if the field is empty, show a notice and return None."""
     if field.value is None:
         show_notice("Not done", "a field is empty")
         return None

@@ -30,7 +30,7 @@ _UNKNOWN = "<p class='cc-note'>No connection: the state of the drives is unknown
 
 
 class DrivesPanel:
-    """Table of drives; without a connection, a note."""
+    """Table of drives, or a note while the robot is not connected."""
 
     def __init__(self, context: PanelContext) -> None:
         del context
@@ -123,7 +123,7 @@ class ScenePanel:
         ).classes("cc-follow")
 
     def show(self, content: PageContent) -> None:
-        """Do nothing, since the feed updates the scene."""
+        """Do nothing, because the feed updates the scene."""
 
 
 class PlotsPanel:
@@ -139,4 +139,4 @@ class PlotsPanel:
                     StripCharts([chart for chart in plots if chart.group == group], context.robot.history.names, SPAN_S)
 
     def show(self, content: PageContent) -> None:
-        """Do nothing, since the feed updates the charts."""
+        """Do nothing, because the feed updates the charts."""

@@ -1,4 +1,4 @@
-"""Panels that enable and disable drives, and that send a target while a button is held.
+"""Panels that enable and disable drives, and panels that send a target while a button is held.
 
 Driving requires `--teleop`. A target is sent while the button is held; releasing the button, closing the page or a lost
 connection ends the target. A velocity or an effort then becomes zero, a position the present position of the drive.
@@ -39,7 +39,7 @@ _LATCHED: Final = "STOP is latched: release it first, then enable."
 
 
 class PowerPanel:
-    """Buttons that enable, disable and reset each drive or all drives, or with `node` only that node's drives.
+    """Buttons that enable, disable and reset each drive or all drives; with `node`, only the drives of that node.
 
     The Enable buttons are disabled with a hint while STOP is latched, because the robot would refuse.
     """
@@ -77,7 +77,7 @@ class PowerPanel:
 
 
 class EnableButton:
-    """Button that is grey and disabled while STOP is latched; otherwise enabled if `allowed`, in its `color`."""
+    """Button in `color` that is enabled if `allowed`; grey and disabled while STOP is latched."""
 
     def __init__(self, button: ui.button, color: str, *, allowed: bool = True) -> None:
         self._button, self._color, self._allowed = button, color, allowed
@@ -179,7 +179,7 @@ class _Row:
         self._slider = value_slider(f"target, {drive.unit}", -end, end, end / 200, min(max(here, -end), end))
 
     def _stretch(self, end: float | None) -> None:
-        """Set the range of the slider to -`end` to `end`."""
+        """Set the range of the slider from -`end` to `end`."""
         if self._slider is None or not end or not 0.0 < end <= _MOST:
             return
         self._slider.props(f"min={-end} max={end} step={end / 200}")

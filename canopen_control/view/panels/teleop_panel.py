@@ -1,7 +1,7 @@
-"""Teleoperation panel: a button drives the robot while held; only with `--teleop`.
+"""Teleoperation panel: a button drives the robot while it is held; requires `--teleop`.
 
-The active controllers define what can be driven: a base by its twist, joints by values, and an arm by a trajectory to
-the positions of the sliders.
+The active controllers determine what can be driven: a base by its twist, joints by values, and an arm by a trajectory
+to the positions of the sliders.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class TeleopPanel:
             self._choice(candidates, active)
 
     def _choice(self, candidates: tuple[ControllerReading, ...], active: list[ControllerReading]) -> None:
-        """Create the selection of the controller, if there are several."""
+        """Create the selection of the controller if there are several candidates."""
         names = [candidate.name for candidate in candidates]
         if len(names) < 2:
             return
@@ -151,7 +151,7 @@ class TeleopPanel:
         hold_buttons(self._context, [HoldButton("drive", "Hold to drive")], lambda _key: self._motion(controller))
 
     def _reach(self, controller: ControllerReading) -> None:
-        """Create a slider for each joint of an arm, and a button that moves the arm there while held."""
+        """Create a slider for each joint of an arm, and a button that moves the arm to the sliders' positions."""
         limits = {joint: self._range(joint, "position") for joint in controller.joints}
         targets = self._targets = TargetSliders(limits)
         targets.follow(self._positions)
@@ -201,7 +201,7 @@ class TeleopPanel:
         )
 
     def _range(self, joint: str, interface: str) -> tuple[float, float]:
-        """Return the range of a slider from the joint's limits in the URDF, else from `LARGEST`."""
+        """Return the range of a slider: the joint's limits in the URDF or, without limits, a range from `LARGEST`."""
         own_limits = self._joints.get(joint)
         limits = own_limits.limits if own_limits is not None else UrdfLimits()
         if interface == "position" and math.isfinite(limits.lower) and math.isfinite(limits.upper):

@@ -140,7 +140,7 @@ class TrajectoryPanel:
             self._hold(None)
 
     def _arrange(self) -> None:
-        """Show the widgets for the possible actions."""
+        """Show the widgets for the actions that are possible now."""
         playing, loaded = self._playing is not None, self._loaded is not None
         shown = (
             (self._preview, loaded),
