@@ -61,9 +61,9 @@ class CheckOptions:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """Findings by file and line, with load and SYNC producer of each bus whose file is valid.
+    """Findings in the order of file and line, with the load and the SYNC producer of each bus whose file is valid.
 
-    `stops` are the stopping times of the joints on drives, empty if the robot cannot be built.
+    `stops` are the stopping times of the joints on drives. `sync` and `stops` are empty if the robot cannot be built.
     """
 
     findings: tuple[Finding, ...]
@@ -227,7 +227,7 @@ class _Checker:
 
 
 def _slow_stops(buses: dict[str, BusConfig], stops: tuple[StopTime, ...]) -> Iterator[Finding]:
-    """Find drives whose controlled stop from maximum speed is not complete before the quick stop follows."""
+    """Find drives whose controlled stop from maximum speed is so slow that a quick stop follows."""
     for stop in stops:
         case, facts = stop.slow_ramp, stop.facts
         config = next((bus for bus in buses.values() if facts.node in bus.nodes), None)
@@ -249,7 +249,7 @@ def _subject(facts: AxisFacts) -> str:
 
 
 def _sync_words(bus: RobotBus, choice: SyncChoice) -> str:
-    """Return a sentence about the SYNC producer, with the reason for the choice or against the kernel."""
+    """Return a sentence about the SYNC producer, with the reason for the choice, or why the kernel cannot send SYNC."""
     refused = None if choice.sender is not SyncSender.KERNEL else bus.why_no_kernel_sync()
     return f"{bus.sync_words}; {refused or choice.words}"
 
@@ -262,7 +262,7 @@ def _of_problem(problem: Problem, severity: Severity) -> Finding:
 
 
 def _of_eds(config: BusConfig) -> Iterator[Finding]:
-    """Yield a note about each EDS with issues, with their number and the first issue."""
+    """Yield a note for each EDS with issues: their number, and the first one."""
     for path, issues in config.eds_issues.items():
         odd = [issue for issue in issues if issue.severity is not Severity.NOTE]
         if odd:

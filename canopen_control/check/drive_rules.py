@@ -61,7 +61,7 @@ def _shown(od: ObjectDictionary, index: int) -> bool:
 
 
 def _measured(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find state interfaces in the URDF whose object is not in a TPDO of the drive."""
+    """Find state interfaces in the URDF whose object is in no TPDO, and broadcasters without anything to publish."""
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return
@@ -147,7 +147,7 @@ def _known(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _modes_unlisted(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find drives with a mode neither in bus.yml nor in the EDS (0x6502, optional in CiA 402-2)."""
+    """Find drives whose modes are given neither in bus.yml nor in the EDS (0x6502, optional in CiA 402-2)."""
     bus = robot.bus
     for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
         plan, motion = bus.plans.get(name) if bus is not None else None, node.motion
@@ -187,7 +187,7 @@ def _targets_unmapped(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _mapped_in_file(node: NodeConfig) -> set[tuple[int, int]]:
-    """Return the objects that bus.yml maps to RPDOs, also those that the plan refuses."""
+    """Return the objects that bus.yml maps to RPDOs, including those that the plan refuses."""
     pdos = node.boot.pdos("rpdo").values()
     return {(mapped.index, mapped.sub_index) for pdo in pdos for mapped in pdo.mapping or ()}
 
@@ -272,7 +272,7 @@ def _never_in_time(config: BusConfig, period_ns: int) -> Iterator[Finding]:
 
 
 def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
-    """Report a cycle half a period after an external SYNC, which loses set-points when late."""
+    """Find a cycle that runs half a period after an external SYNC, so that a late cycle loses set-points."""
     master = config.master
     if axes and not master.follows_closely and master.sync_producer in ("kernel", "other"):
         text = (

@@ -52,7 +52,7 @@ def sorted_findings(findings: list[Finding]) -> list[Finding]:
 
 @dataclass
 class CheckedRobot:
-    """Files of a robot as input of the rules; a file that could not be read is None.
+    """Files of a robot, as the input of the rules; a file that could not be read is None.
 
     `requested_controllers` are the names of --controller. `mock` and `real` override the plugins of the description.
     `started` are the controllers that a run would activate, None if unknown; `chosen` means that the user named them.
@@ -71,7 +71,7 @@ class CheckedRobot:
     configured: dict[str, Controller] = field(default_factory=dict)
 
     def severity(self, name: str) -> Severity:
-        """Return the severity of a controller's errors: WARNING if the user selected other controllers, else ERROR."""
+        """Return the severity of a controller's errors: WARNING if a selection or --mock omits it, else ERROR."""
         waits = (self.chosen or self.mock) and self.started is not None and name not in self.started
         return Severity.WARNING if waits else Severity.ERROR
 

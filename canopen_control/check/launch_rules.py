@@ -1,4 +1,4 @@
-"""Rules for common mistakes in the launch files (XML of ROS 1 and 2, YAML, Python) of a robot.
+"""Rules for common mistakes in a robot's launch files (XML of ROS 1 and 2, YAML, Python).
 
 Nothing is launched or included. `$(arg NAME)` is replaced by its default; other substitutions in XML are not checked.
 Launch files in Python are parsed and never executed (`runtime.launch_python`); computed names are reported as unknown.

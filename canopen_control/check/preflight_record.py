@@ -68,7 +68,7 @@ class _Position:
 
 
 class _Effort:
-    """Limiter of an effort command: 0 while the effort accelerates a joint above the speed cap."""
+    """Limiter of an effort command: sets it to 0 while it would accelerate a joint that exceeds the speed cap."""
 
     __slots__ = ("_command", "_limit", "_speed")
 
@@ -82,7 +82,7 @@ class _Effort:
 
 
 class _Target:
-    """Limiter of a `target` command by the quantity of the current mode: velocity, position or effort."""
+    """Limiter of a `target` command, whose quantity is that of the current mode: velocity, position or effort."""
 
     __slots__ = ("_command", "_effort", "_limit", "_position")
 
@@ -108,7 +108,7 @@ _NEEDS: dict[str, tuple[str, Callable[[CommandInterface, StateInterface, float],
 
 
 class SpeedCap:
-    """Command limiter that caps the speed of `joints` in rad/s or m/s; `unlimited` are commands without a cap."""
+    """Command limiter that caps the speed of `joints` in rad/s or m/s; `unlimited` are the commands it cannot cap."""
 
     def __init__(
         self, registry: InterfaceRegistry, joints: Container[str], limit: float, before: CommandLimiter | None = None
@@ -164,7 +164,10 @@ _ANSWER_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class PreflightRecord:
-    """Passed preflight; `config` is the hash of the files, `serials` are by node name, `time` is Unix time in s."""
+    """Record of a passed preflight; `config` is the result of `config_hash`.
+
+    `serials` are the serial numbers by node name; `time` is Unix time in s.
+    """
 
     config: str
     serials: dict[str, int]
@@ -221,7 +224,7 @@ def _file(setup: RobotSetup) -> Path:
 
 
 def save_record(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[str]) -> Path:
-    """Save a passed preflight of `joints` in place of an earlier record, and return the file."""
+    """Save a passed preflight of `joints` in place of an earlier record, and return the file's path."""
     path = _file(setup)
     path.parent.mkdir(parents=True, exist_ok=True)
     channels = ", ".join(setup.channels.values())
@@ -231,7 +234,7 @@ def save_record(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[
 
 
 def find_record(setup: RobotSetup) -> PreflightRecord | None:
-    """Return the last preflight record of a robot, or None without a readable record."""
+    """Return the last preflight record of a robot, or None if there is no readable one."""
     try:
         content = json.loads(_file(setup).read_text())
         serials = {str(name): int(serial) for name, serial in content["serials"].items()}
@@ -256,7 +259,7 @@ def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[
 
 
 def slow_reason(setup: RobotSetup) -> SlowReason | None:
-    """Return why full speed is not permitted, by record and serial numbers, or None if it is.
+    """Return why full speed is not permitted, and for which joints, or None if it is permitted for all.
 
     Raise BusError if a channel cannot be opened.
     """

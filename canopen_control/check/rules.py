@@ -224,7 +224,7 @@ def find(
     mock: bool = False,
     real: bool = False,
 ) -> list[Finding]:
-    """Return the findings of all rules; None is an unreadable file, `launch` is a ROS launch file."""
+    """Return the findings of all rules; a file that could not be read is None, `launch` is a ROS launch file."""
     started = _started(files, control, description, controllers)
     chosen = bool(controllers or files.spawned)
     robot = CheckedRobot(files, bus, control, description, controllers, mock, real, started, chosen)
@@ -275,7 +275,7 @@ def _unplaced(text: str, path: str) -> str:
 
 
 def _configure(robot: CheckedRobot) -> Iterator[Finding]:
-    """Create and configure every controller of the file like a start; yield errors and warnings."""
+    """Create and configure every controller of the file, as at a start; yield errors and warnings."""
     control = robot.control
     if control is None:
         return
@@ -358,7 +358,7 @@ def _namespaces(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _joints(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find command interfaces of controllers that the description lacks."""
+    """Find command interfaces that controllers need and the description lacks."""
     description = robot.description
     if description is None or not description.hardware:
         return

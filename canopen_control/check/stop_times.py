@@ -99,7 +99,7 @@ class StopTime:
 
     @property
     def slow_ramp(self) -> StopCase | None:
-        """Case whose ramp is the longest, if it exceeds the time after which the master commands a quick stop."""
+        """Case with the longest ramp, or None if every ramp ends before the master commands a quick stop."""
         slow = [case for case in self.cases if case.bound and STOP_TIME_S < case.ramp_s < math.inf]
         return max(slow, key=lambda case: case.ramp_s, default=None)
 
@@ -142,7 +142,7 @@ def _cases(facts: AxisFacts) -> Iterator[StopCase]:
 
 
 def _masters_ramp(facts: AxisFacts) -> tuple[float, str]:
-    """Return duration in s and name of the master's ramp."""
+    """Return the duration in s and the name of the master's ramp."""
     slope = facts.objects.get(o.PROFILE_DECELERATION)
     if not slope:
         return DEFAULT_RAMP_S, "the master's ramp"
@@ -156,7 +156,7 @@ def _on_lost_master(facts: AxisFacts) -> int | None:
 
 
 def _drives_ramp(facts: AxisFacts, option: int | None) -> tuple[float, str, bool]:
-    """Return duration in s and name of the drive's own ramp, and whether it has one."""
+    """Return the duration in s and the name of the drive's own ramp, and whether it has one."""
     if option is None:
         return math.inf, f"0x6007 is {_option(facts, o.ABORT_CONNECTION_OPTION)}, a reaction without a ramp", False
     code = _option(facts, option)

@@ -44,7 +44,7 @@ def finite(value: float) -> float | None:
 class StateCopy:
     """Snapshot of selected state interface values, from which a broadcaster builds its samples.
 
-    `layout` maps joint and interface name to the source of the value; None stands for a constant 0.0.
+    `layout` maps each joint to its interface names, and each name to the source of its value; None means 0.0.
     """
 
     def __init__(self, layout: Mapping[str, Mapping[str, StateInterface | None]]) -> None:
@@ -93,7 +93,7 @@ class WheelGeometrySource(Protocol):
 class DriveGeometry:
     """Wheel geometry and frame names from a base controller's parameters, which `check` compares with the URDF.
 
-    Lengths are in m, and a separation of 0 is unknown; `radius_key` and `separation_key` are the parameters that set
+    Lengths are in m, and a separation of 0 means unknown; `radius_key` and `separation_key` are the parameters that set
     them. `frozen` are the twist axes whose limits keep the speed constant.
     """
 
@@ -147,16 +147,16 @@ class EnableStatus:
         return f"{joint_names(waiting)}: not enabled; enable it"
 
     def idle(self, waiting: Sequence[CommandInterface]) -> dict[str, str]:
-        """Return by joint why it does not follow a command that other joints follow, and the remedy."""
+        """Return, for each joint, why it does not follow a command that other joints follow, and the remedy."""
         return {interface.joint: "not enabled; enable it" for interface in waiting}
 
     def stop_groups(self, interfaces: Interfaces) -> Sequence[Interfaces]:
-        """Return the command interfaces in stop groups; by default all are in one group."""
+        """Return the command interfaces as stop groups; by default, one group contains all of them."""
         return (interfaces,)
 
 
 def joint_names(interfaces: Sequence[CommandInterface]) -> str:
-    """Return the joint names of interfaces as a comma-separated text without duplicates."""
+    """Return the joint names of the interfaces, comma-separated and without duplicates."""
     return ", ".join(dict.fromkeys(interface.joint for interface in interfaces))
 
 
@@ -164,7 +164,7 @@ def joint_names(interfaces: Sequence[CommandInterface]) -> str:
 class ControllerEvent:
     """Event of a controller, with a text for the user.
 
-    `kind` is activated, deactivated, error, fallback, limited, or specific to the controller type.
+    `kind` is a short name such as activated, error or command_timeout; some kinds are specific to a controller type.
     """
 
     kind: str
@@ -189,13 +189,15 @@ def sample_type_of(controller: Controller) -> type[Sample] | None:
 class Controller:
     """Base class of all controllers; without overrides it claims no interfaces and computes nothing.
 
-    - `commands`, `states`: the interfaces while the controller is active, in the order of their names.
+    - `commands`, `states`: the interfaces while the controller is active, in the order of `command_interface_names` and
+      `state_interface_names`.
     - `rejected`: number of refused commands.
     - `command_timeout`: timeout of the command.
-    - `topic`: name of the ROS topic for commands, None without one.
+    - `topic`: name of the ROS topic for commands, or None.
     - `publishes`: topics of joint states for ROS, relative to the robot's namespace; `frame_id` is their frame.
-    - `sample_type`: type of the published samples, None without samples.
-    - `publish_rate`: publications in Hz; 0 publishes at every update. `stamp` is the time of the last one in ns.
+    - `sample_type`: type of the published samples, or None.
+    - `publish_rate`: publication rate in Hz; 0 publishes at every update. `stamp` is the time of the last publication
+      in ns.
     """
 
     title: ClassVar[str] = ""
@@ -260,7 +262,7 @@ class Controller:
     def on_set(self, params: Params) -> None:
         """Apply changed `settable` parameters in any state; raise ConfigError, with no change, for invalid values.
 
-        An override reads all of them, as `on_configure` does, before it changes anything.
+        An override reads all parameters, as `on_configure` does, before it changes anything.
         """
 
     def command_interface_names(self) -> list[str]:
@@ -327,7 +329,7 @@ class Controller:
         return None
 
     def dead_reckoning(self, ahead: float) -> tuple[float, float, float] | None:  # noqa: ARG002 - of a base
-        """Return the pose that odometry predicts in `ahead` s: x and y in m, heading in rad; None without odometry."""
+        """Return the pose that the odometry predicts for `ahead` s from now, in m and rad; None without odometry."""
         return None
 
     def is_standstill(self, values: Sequence[float]) -> bool:
@@ -346,7 +348,7 @@ class Controller:
         return ControlError(f"{self.name} {reason}")
 
     def checked(self, values: Sequence[object], names: Sequence[str]) -> None:
-        """Raise ControlError unless the controller is active and each name has one finite number."""
+        """Raise ControlError unless the controller is active and `values` has one finite number for each name."""
         if self.state is not ControllerState.ACTIVE:
             raise self.refusal(f"is {self.state.value}; activate it before commanding it")
         if len(values) != len(names):
@@ -364,9 +366,9 @@ class Controller:
         return "its targets are 0" if are_zeroed else "moving joints are stopped, positions are held"
 
     def refuse_out_of_range(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
-        """Refuse a value outside the range of the CANopen object behind any of these interfaces.
+        """Raise ControlError if a value is outside the range of the CANopen object behind any of these interfaces.
 
-        A refused value also ends the previous command, and raises ControlError.
+        A refused value also ends the previous command.
         """
         for command in commands:
             problem = command.range_error(value)

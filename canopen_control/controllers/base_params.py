@@ -96,11 +96,11 @@ class BaseParams(CommonParams):
     )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield pairs of a flag, True for a failed check, and the error text; the base class checks nothing."""
+        """Yield each check as a flag, True if it failed, and its error text; the base class checks nothing."""
         return iter(())
 
     def frame_ids(self, namespace: str = "") -> tuple[str, str]:
-        """Return the names of the odometry frame and the base frame, with prefix."""
+        """Return the names of the odometry frame and the base frame, with their prefix."""
         prefix = self.frame_prefix(namespace)
         return prefix + self.odom_frame_id, prefix + self.base_frame_id
 
@@ -137,9 +137,9 @@ def read_checked(params: Params, cls: type[P], renames: Mapping[str, str] | None
 def with_dimensions(
     params: P, report: Callable[[str], object], names: Mapping[str, str] | None = None, **described: float | None
 ) -> P:
-    """Return the parameters with the dimensions that are missing (0) and `described`; `report` is called for each.
+    """Return the parameters with missing dimensions (0) taken from `described`; `report` is called for each.
 
-    `names` are the names in the file of fields that have another name.
+    `names` maps fields to their names in the file, where the two differ.
     """
     found: dict[str, Any] = {
         field: value for field, value in described.items() if value and getattr(params, field) <= 0.0
@@ -158,7 +158,10 @@ def refuse(name: str, checks: Iterable[tuple[bool, str]]) -> None:
 
 
 def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:
-    """Return the prefix of frame names: `prefix` with its first `~` as the namespace, or the namespace alone."""
+    """Return the prefix of frame names, or "" unless `enable`.
+
+    The first `~` of `prefix` is replaced by the namespace; an empty `prefix` is the namespace itself.
+    """
     if not enable:
         return ""
     text = prefix.replace("~", namespace, 1) if prefix else namespace
@@ -418,8 +421,7 @@ def read_params(
 ) -> DiffDriveParams:
     """Return the checked parameters; raise RobotConfigError with all errors in them.
 
-    Missing wheel dimensions are taken from the `geometry` of the description, as in noetic; `report` is called for
-    each.
+    Missing wheel dimensions are taken from `geometry`, as in noetic; `report` is called with a text for each.
     """
     settings = _completed(params.read(DiffDriveParams, RENAMES), geometry, report)
     if not math.isnan(

@@ -88,8 +88,8 @@ class BatteryFacts:
 class BatteryParams(CommonParams):
     """Parameters of battery_state_broadcaster/BatteryStateBroadcaster.
 
-    The keys of `interfaces` are "<battery>.battery_temperature" and so on; `own` are the properties in the order of
-    `names`.
+    The keys of `interfaces` are "<battery>.battery_temperature" and so on; `own` are the properties of each
+    battery, in the order of `names`.
     """
 
     batteries: tuple[str, ...] = setting(
@@ -112,7 +112,7 @@ class BatteryParams(CommonParams):
         return (self.sensor_name,) if self.sensor_name else self.batteries
 
     def measured(self, battery: str) -> list[str]:
-        """Return the state interface for each of `QUANTITIES` of a battery; "" if a quantity is not read."""
+        """Return a battery's state interfaces in the order of `QUANTITIES`; "" marks a quantity that is not read."""
         if self.sensor_name:
             return [f"{battery}/voltage", *[""] * (len(QUANTITIES) - 1)]
         first, *others = QUANTITIES
@@ -235,7 +235,7 @@ class RangeParams(SensorParams):
 class ForceTorqueParams(SensorParams):
     """Parameters of force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster.
 
-    The state interfaces are those of `sensor_name`, or are named singly by `interface_names`; axes without a name have
+    The state interfaces are those of `sensor_name`, or are listed one by one in `interface_names`; unlisted axes have
     no value. Forces in N and torques in Nm are published as (value + offset) * multiplier.
     """
 
@@ -279,7 +279,7 @@ class ForceTorqueParams(SensorParams):
 
 @dataclass(frozen=True)
 class PoseTransform:
-    """Transform that a pose broadcaster publishes: an enable flag and the child frame."""
+    """Parameters of the transform that a pose broadcaster publishes: an enable flag and the child frame."""
 
     enable: bool = setting(True, help="whether to publish the pose as a transform on `/tf` too")
     child_frame_id: str = setting("", help="child frame of the transform; empty: `pose_name`")
@@ -290,7 +290,7 @@ class PoseTransform:
 class PoseParams(CommonParams):
     """Parameters of pose_broadcaster/PoseBroadcaster.
 
-    The state interfaces are those of `pose_name`, or are named singly by `interface_names`.
+    The state interfaces are those of `pose_name`, or are listed one by one in `interface_names`.
     """
 
     frame_id: str = setting("", help="frame in which the pose is given")
@@ -303,7 +303,7 @@ class PoseParams(CommonParams):
 
     @property
     def names(self) -> list[str]:
-        """Seven state interfaces of the pose, in the order of `POSE`."""
+        """The seven state interfaces of the pose, in the order of `POSE`."""
         if self.pose_name:
             return [f"{self.pose_name}/{key}" for key in POSE]
         return [self.interface_names[key] for key in POSE]
@@ -341,7 +341,7 @@ _IMU: Final = (
 
 
 class SensorBroadcaster(Controller):
-    """Base class of broadcasters of a fixed list of state interfaces, in which "" marks a missing interface."""
+    """Base class of broadcasters that read a fixed list of state interfaces; "" marks a missing interface."""
 
     is_broadcaster: ClassVar[bool] = True
 
@@ -584,7 +584,8 @@ def _mean(values: Sequence[float | None]) -> float | None:
 class StateParams(CommonParams):
     """Parameters of the GPIO and diagnostics broadcasters; `stale_after` is in s.
 
-    An empty `joints` selects all joints, an empty `interfaces` the default interfaces of the broadcaster.
+    An empty `joints` selects all joints. An empty `interfaces` selects all interfaces of the listed joints, or, if no
+    joints are listed, the default interfaces of the broadcaster.
     """
 
     joints: tuple[str, ...] = setting((), help="publish only these joints; empty: all")
@@ -597,7 +598,7 @@ class StateParams(CommonParams):
 
 
 class _StateBroadcaster(Controller):
-    """Base class of broadcasters of selected state interfaces, by default those in `chosen`."""
+    """Base class of broadcasters that publish selected state interfaces, by default those in `chosen`."""
 
     title: ClassVar[str] = "GPIO and diagnostics"
     reads: ClassVar[type[StateParams]] = StateParams

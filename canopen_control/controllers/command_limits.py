@@ -61,7 +61,7 @@ States = Sequence["StateInterface"]
 
 
 class Limited(metaclass=ABCMeta):
-    """Base class of limiters for commands that are limited together; `enforce` is needed only if `passes` is False."""
+    """Base class of limiters for commands that are limited together; run `enforce` only if `passes` is False."""
 
     __slots__ = ()
 
@@ -398,7 +398,7 @@ def _summary(texts: list[str]) -> str:
 def hard_limits(joint: Joint, part: ControlJoint, *, speeds: bool = True) -> HardLimits:
     """Return the limits of a joint, combined from its URDF <limit> and its command interfaces.
 
-    Without `speeds` the velocity of the joint is unknown, so that its acceleration cannot be limited.
+    Without `speeds` the velocity of the joint is unknown, so its acceleration cannot be limited.
     """
     limits, interfaces = joint.limits, part.command_interfaces
     position = interfaces.get(POSITION, _NO_BOUNDS)

@@ -1,4 +1,4 @@
-"""Timeout and senders of a controller's commands, with the reason for the end of a command.
+"""Timeout and senders of a controller's commands, and the reason why a command ended.
 
 A velocity or effort command that is not renewed expires after the timeout of the YAML file or, without one, after
 `DEFAULT_TIMEOUT_S`; an explicit timeout of 0 means unlimited, the default in ros2_controllers. A position command does
@@ -35,7 +35,7 @@ class GoalState(enum.Enum):
 
 
 class CommandSender(NamedTuple):
-    """Sender of commands: `identity` differs for two connections, `name` is for messages."""
+    """Sender of commands: `identity` is unique to its connection, `name` is for messages."""
 
     identity: object
     name: str
@@ -49,7 +49,7 @@ _KNOWN: Final = 4  # number of senders that are distinguished
 
 
 class SenderWatch:
-    """Detection of senders that command one controller alternately, so that its joints jerk between two commands.
+    """Detector of senders that command one controller alternately, which makes its joints jerk between two commands.
 
     A new sender that takes over, and a sender that returns once, are normal.
     """
@@ -62,7 +62,7 @@ class SenderWatch:
         self._reported = False
 
     def take(self, sender: CommandSender, now: int) -> tuple[str, str] | None:
-        """Record the sender of a command; when two senders begin to alternate, return their names, once."""
+        """Record the sender of a command; return the names of two senders that have started to alternate, else None."""
         known = self._known
         if known and known[-1].identity == sender.identity:
             return None
@@ -82,12 +82,12 @@ class SenderWatch:
 
 
 class CommandTimeout:
-    """Validity of a controller's current command, without the values of the command.
+    """Validity of a controller's current command, without its values.
 
     - `live`: whether the command is valid; `created`: its creation time in ns; `limit_ns`: the timeout, 0 if unlimited.
     - `source`: text that names the sender; `senders` detects senders that alternate.
     - `holder`: connection whose end also ends the command; None if the command outlives the connection.
-    - `ended_by`: reason for the end of the previous command, "" if unknown.
+    - `ended_by`: reason why the previous command ended, "" if unknown.
     """
 
     __slots__ = ("created", "ended_by", "holder", "limit_ns", "live", "senders", "source")
@@ -101,11 +101,11 @@ class CommandTimeout:
         self.senders = SenderWatch()
 
     def start(self, now: int) -> None:
-        """Start the validity of a command that was created at `now`, in ns."""
+        """Mark the command as valid; `now` is its creation time in ns."""
         self.created, self.live = now, True
 
     def expire(self, now: int) -> bool:
-        """Return True once when the command has expired; `now` is in ns."""
+        """End the command if it has expired, and return whether this call ended it; `now` is in ns."""
         if not self.live or not self.limit_ns or now - self.created <= self.limit_ns:
             return False
         self.live = False
@@ -126,9 +126,9 @@ def timeout_ns(timeout: float | None, interfaces: Iterable[str]) -> int:
 
 
 def timeout_warning(key: str, timeout: float | None, interfaces: Iterable[str]) -> str | None:
-    """Return a warning about an explicit timeout of velocities, efforts or accelerations that is 0 or long, else None.
+    """Return a warning if a velocity, effort or acceleration has an explicit timeout of 0 or over a minute, else None.
 
-    A value of more than a minute is usually one in ms; the unit is s.
+    `timeout` is the value of the parameter `key` in s. Such a long value was usually meant in ms.
     """
     if timeout is None or 0.0 < timeout <= _LONG_S or not MOVING.intersection(interfaces):
         return None

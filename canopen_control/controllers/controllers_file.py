@@ -162,7 +162,7 @@ class _Declared:
 def read_controllers(
     path: str | os.PathLike[str], *, strict: bool = False, variables: Mapping[str, str] | None = None
 ) -> ControllersFile:
-    """Read a ros2_controllers.yaml; raise RobotConfigError with all errors, by file, line and column.
+    """Read a ros2_controllers.yaml; raise RobotConfigError with all errors, each with file, line and column.
 
     The parameters of a controller are checked when it is configured. With `strict`, warnings are errors. `variables`
     are the arguments of a launch file: they replace `$(var NAME)` and `<namespace>`, as in launch_ros's ParameterFile
@@ -214,7 +214,7 @@ def _with_variables(text: str, variables: Mapping[str, str]) -> str:
 
 
 def _variables_in(text: str) -> list[tuple[str, int]]:
-    """Return the variables without a value as pairs of name and first line, without duplicates."""
+    """Return the variables that remain in a text, without duplicates, as pairs of a name and its first line."""
     lines = enumerate(LINE_END.split(text), 1)
     uses = [(match[0], number) for number, line in lines for match in _VARIABLE.finditer(line.partition("#")[0])]
     return list({name: (name, number) for name, number in reversed(uses)}.values())[::-1]
@@ -256,7 +256,7 @@ def _nested(node: Node) -> Node:
 
 
 def is_within(pattern: str, namespace: str) -> bool:
-    """Whether the namespace of a parameter block includes a node's namespace.
+    """Whether a parameter block in the namespace `pattern` applies to a node in `namespace`.
 
     The pattern may contain the wildcards of rcl; a namespace with `*` matches every pattern.
     """
@@ -340,7 +340,7 @@ def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
 def _controllers(
     declared: dict[str, _Declared], blocks: dict[str, _Block], everywhere: Node, namespace: str
 ) -> dict[str, ControllerConfig]:
-    """Combine type and parameters of each controller; a controller without a block is in the manager's namespace."""
+    """Combine the type and parameters of each controller; without a block, it is in the manager's `namespace`."""
     shared = set(flattened(everywhere).keys())
     controllers: dict[str, ControllerConfig] = {}
     for name, entry in declared.items():
@@ -374,9 +374,9 @@ def _check_fallbacks(declared: dict[str, _Declared], controllers: dict[str, Cont
 
 
 def from_file(place: Node, text: str, name: str) -> Node:
-    """Return the parameters of controller `name` in the `params_file` with the path `text`.
+    """Return the parameters of controller `name` from the `params_file` at path `text`; none after an error.
 
-    A relative path begins at the folder of the file that names it. Errors are reported at `place`.
+    A relative path starts from the folder of the file that names it. Errors are reported at `place`.
     """
     path = Path(place.path).parent / Path(os.path.expandvars(text)).expanduser()
     blocks: dict[str, _Block] = {}
@@ -434,7 +434,7 @@ class SpawnerArguments:
 
 
 class SpawnedControllers:
-    """Parameters that spawners have set for all controllers.
+    """Parameters that spawners have set, for each controller.
 
     The resulting controllers are added to `control`, the contents of the robot's file.
     """
@@ -445,7 +445,7 @@ class SpawnedControllers:
         self.arguments: dict[str, SpawnerArguments] = {}
 
     def set(self, parameters: Sequence[ParameterValue]) -> None:
-        """Set parameters named `CONTROLLER.KEY`; if one is invalid, set none and raise an error."""
+        """Set parameters named `CONTROLLER.KEY`; if one is invalid, set none and raise ControlError or ConfigError."""
         arguments_by_name = dict(self.arguments)
         for parameter in parameters:
             name, _, key = parameter.name.rpartition(".")

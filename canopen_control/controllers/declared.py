@@ -55,7 +55,7 @@ def _reading(row: _Row, value: object, patterns: Iterable[str]) -> ParameterRead
 
 
 def given_in(params: Params) -> tuple[ParameterReading, ...]:
-    """Return the parameters in the file for a controller that is not yet configured; they are read-only."""
+    """Return the parameters that the file gives to a controller that is not yet configured; they are read-only."""
     values = {key.text: value.value for key, value in params.flat.pairs()}
     return tuple(
         ParameterReading(name=name, kind=_kind_of(value), value=plain_value(value), read_only=True)
@@ -67,7 +67,7 @@ def given_in(params: Params) -> tuple[ParameterReading, ...]:
 def checked(
     owner: str, declared: Sequence[ParameterReading], parameters: Sequence[ParameterValue]
 ) -> dict[str, PlainValue]:
-    """Return the values to set by parameter name; raise ControlError, with rclcpp's text, if one is invalid."""
+    """Return the values to set, by parameter name; raise ControlError, worded as by rclcpp, if one is invalid."""
     rows = {reading.name: reading for reading in declared}
     values: dict[str, PlainValue] = {}
     for parameter in parameters:

@@ -44,7 +44,7 @@ class ForwardCommandController(Controller):
 
     @property
     def timed_out(self) -> bool:
-        """Whether the last command has expired and was not replaced."""
+        """Whether the last command has expired and has not been replaced."""
         return self._timed_out
 
     def on_configure(self, params: Params) -> None:

@@ -48,7 +48,7 @@ _LIST: Final = ".interfaces"
 class GpioParams(CommonParams):
     """Parameters of gpio_controllers/GpioCommandController, including safe values of outputs.
 
-    `command_timeout` is in s, see the module `command_timeout` for its default and 0. The keys of the interface lists
+    `command_timeout` is in s; for its default and 0 see the module `command_timeout`. The keys of the interface lists
     are "<gpio>.interfaces", those of the safe values "<gpio>.<interface>"; `kept_outputs` are "<gpio>/<interface>".
     """
 
@@ -97,7 +97,7 @@ class GpioParams(CommonParams):
         return [gpio for gpio in self.gpios if not self.state_interfaces.get(gpio + _LIST)]
 
     def safe_value(self, output: str, hardware: float | None) -> float:
-        """Return the value of an output after its commands have ended; nan keeps it, `hardware` is the default."""
+        """Return the value of an output after its commands have ended, by default `hardware` or 0.0; nan keeps it."""
         default = 0.0 if hardware is None else hardware
         return math.nan if output in self.kept_outputs else self.safe_values.get(_dotted(output), default)
 
@@ -208,7 +208,7 @@ class GpioCommandController(Controller):
         self.command_timeout.end()
 
     def on_deactivate(self, now: int) -> None:
-        """Set the commanded outputs to their safe values, which also apply after the release."""
+        """Set the commanded outputs to their safe values, which are also the values after the release."""
         for command, safe in zip(self.commands, self._safe, strict=True):
             command.release_value = safe
         self.forget(now)

@@ -93,7 +93,7 @@ class GripperParams(CommonParams):
 
 @dataclass(frozen=True)
 class ParallelGripperParams(GripperParams):
-    """Parameters of parallel_gripper_action_controller/GripperActionController, whose default effort is another."""
+    """Parameters of parallel_gripper_action_controller/GripperActionController, with a different default effort."""
 
     max_effort: float = setting(10.0, low=0.0)
 
@@ -118,7 +118,7 @@ def read_params(params: Params, name: str, cls: type[P]) -> P:
 
 
 def _with_gains(cls: type[P], joint: str) -> type[P]:
-    """Return a parameter class with a section `gains.<joint>` if the class has gains."""
+    """Return the class, with a section `gains.<joint>` added if it has gains."""
     if not issubclass(cls, EffortGripperParams):
         return cls
     loop = ("loop", LoopGains, section(f"gains.{joint}", LoopGains()))

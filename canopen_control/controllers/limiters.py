@@ -65,7 +65,7 @@ def _or(value: float, default: float) -> float:
 
 
 def slow_stop(name: str, seconds: float, key: str) -> str:
-    """Return a warning about a deceleration limit with which a stop takes longer than `LONGEST_STOP_S`."""
+    """Return a warning that `name` takes `seconds` s to stop because of its deceleration limit `key`."""
     return f"{name} needs {seconds:.0f} s to stop from its velocity limit; raise the magnitude of {key}"
 
 
@@ -98,12 +98,12 @@ class RateLaw:
 
     @property
     def brakes(self) -> bool:
-        """Whether a motion can end: a deceleration limit of 0 keeps the speed, also when the commands have ended."""
+        """Whether a motion can end: a deceleration limit of 0 keeps the speed even after the commands have ended."""
         return not self._has_a or self._dec < 0.0 < self._dec_reverse
 
     @property
     def brake_s(self) -> float:
-        """Time in s of a stop from the velocity limit, or from 1 m/s or rad/s without one; 0 without a deceleration."""
+        """Time in s to stop from the velocity limit, or else from 1 m/s or rad/s; 0 without a deceleration limit."""
         if not (self._has_a and self.brakes):
             return 0.0
         slowest = min(-self._dec, self._dec_reverse)
@@ -111,7 +111,7 @@ class RateLaw:
 
     @property
     def longest_brake(self) -> str:
-        """Name of the limit that `brake_s` results from."""
+        """Name of the deceleration limit that determines `brake_s`."""
         return "max_deceleration" if -self._dec <= self._dec_reverse else "max_deceleration_reverse"
 
     def limit(self, v: float, v0: float, v1: float, dt: float) -> float:
@@ -138,7 +138,7 @@ class RateLaw:
         return v0 + (low if step < low else high if step > high else step)
 
     def limit_jerk(self, v: float, v0: float, v1: float, dt: float) -> float:
-        """Return `v` with the change of its step clamped to the jerk limits while the step grows; `dt` is in s."""
+        """Return `v`; if its step from `v0` grows, the growth is clamped to the jerk limits. `dt` is in s."""
         if not self._has_j:
             return v
         dv, dv0 = v - v0, v0 - v1
@@ -252,7 +252,7 @@ class JointLimiter:
         return limited
 
     def _begin(self, actual: list[float], desired: list[float]) -> None:
-        """If previous commands are missing, start from the measured state or else from the desired values."""
+        """Without previous commands, start from the measured values, or where unknown from the desired values."""
         before = self.before
         for limited in before:
             if limited == limited:  # is not nan
@@ -262,7 +262,7 @@ class JointLimiter:
                 before[at] = desired[at] if math.isnan(actual[at]) else actual[at]
 
     def _bound(self, at: int, target: float, actual: list[float], period: float) -> None:
-        """Set `_low` and `_high` to the allowed range of a quantity; swap bounds in the wrong order."""
+        """Set `_low` and `_high` to the allowed range of a quantity; swap the two if they are in the wrong order."""
         if at == POS:
             self._bound_position(actual, period)
         elif at == VEL:
@@ -432,7 +432,7 @@ _ZERO: Final = 1e-10  # values up to this magnitude count as not given
 
 
 class PointLimiter:
-    """Limiter of trajectory points to the `limits` of their joints; `joint` is the index of the first limited joint."""
+    """Limiter that keeps trajectory points within joint `limits`; `joint` is the index of the first limited joint."""
 
     def __init__(self, limits: Sequence[HardLimits]) -> None:
         self.limits = list(limits)
@@ -446,8 +446,7 @@ class PointLimiter:
     def enforce(self, actual: Point, desired: Point, period: float) -> bool:
         """Clamp the desired point in place and return whether a value was changed; `period` is in s.
 
-        Nothing is done without the actual positions of all joints, or without desired positions or velocities of all
-        joints.
+        The point is unchanged unless all joints have actual positions, and all have desired positions or velocities.
         """
         count = len(self.limits)
         self._places, self._speeds = len(desired.positions) == count, len(desired.velocities) == count

@@ -228,7 +228,7 @@ class ControllerManager:
         return controller
 
     def loops(self, name: str, action: str) -> ClosesLoops:
-        """Return a PID controller by name; raise ControlError, which mentions `action`, if it has another type."""
+        """Return a PID controller by name; for another type raise ControlError, with `action` in its text."""
         controller = self.get(name)
         if not isinstance(controller, ClosesLoops):
             raise ControlError(f"{name} {action}; it is not a PID controller")
@@ -269,16 +269,16 @@ class ControllerManager:
     # -------------------------------------------------------------------------------------------------- parameters
 
     def parameters(self, name: str) -> Parameters:
-        """Return the parameters of a controller; before it is configured, those in its file."""
+        """Return the parameters of a controller; before it is configured, those given in its file."""
         controller, params = self.get(name), self._params[name]
         if params.source is None:
             return given_in(params)
         return declared_by(params.source, controller.settable, update_rate=controller.update_rate or self.update_rate)
 
     def set_parameters(self, name: str, parameters: Sequence[ParameterValue]) -> None:
-        """Set parameters of a configured controller; if one is invalid, set none and raise an error.
+        """Set parameters of a configured controller; if one is invalid, set none and raise ControlError or ConfigError.
 
-        The values apply until the controller is unloaded, also when it is configured again.
+        The values apply until the controller is unloaded, even if it is configured again.
         """
         controller = self.get(name)
         values = checked(name, self.parameters(name), parameters)
@@ -315,7 +315,7 @@ class ControllerManager:
         )
 
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
-        """Deactivate the controllers of a failed component, and those chained to them; return their names.
+        """Deactivate the controllers that use a failed component, and those chained to them; return their names.
 
         Broadcasters continue with the states of the other components.
         """
@@ -353,7 +353,7 @@ class ControllerManager:
         holder: object = None,
         sender: CommandSender | None = None,
     ) -> dict[str, str]:
-        """Pass a command to a controller; raise ControlError if refused, NotEnabled if the drives are not enabled.
+        """Pass a command to a controller; raise ControlError if it is refused, NotEnabled if drives are not enabled.
 
         `values` are all values, or some by interface names; times are in ns. `source` names the sender; the command
         ends with the connection `holder`, unless it commands standstill. A refusal is reported once, until a command is
@@ -387,7 +387,7 @@ class ControllerManager:
     def _accepted(
         self, controller: Controller, source: str, holder: object, sender: CommandSender | None, now: int
     ) -> None:
-        """Record the sender of an accepted command, and report two senders that begin to alternate."""
+        """Record the sender of an accepted command, and report two senders that have started to alternate."""
         timeout = controller.command_timeout
         timeout.source, timeout.holder = source, holder
         if (both := timeout.senders.take(sender or CommandSender(source, source), now)) is not None:
@@ -398,7 +398,7 @@ class ControllerManager:
             self._report("two_senders", controller.name, text)
 
     def _idle(self, controller: Controller, values: Sequence[float]) -> dict[str, str]:
-        """Return why joints do not follow an accepted command that requires their motion; report new joints once."""
+        """Return, by joint, why it does not follow a command that requires its motion; report each new joint once."""
         name, entry = controller.name, self.running.entry_of(controller)
         disabled = [] if entry is None else entry.disabled
         if not disabled:
@@ -426,7 +426,7 @@ class ControllerManager:
         return not abs(known.get(f"{command.joint}/{POSITION}", math.nan) - value) < _AT_TARGET
 
     def _pass(self, controller: Controller, command: Callable[[], None], source: str) -> None:
-        """Pass a command to a controller with enabled drives through `command`, and report the first refusal."""
+        """Call `command` if the drives of the controller are enabled; report the first refusal, and raise every one."""
         name = controller.name
         try:
             self._require_enabled(controller)
@@ -437,7 +437,7 @@ class ControllerManager:
         self._reported_refusals.discard(name)
 
     def report_refusal(self, name: str, error: ControlError, source: str) -> None:
-        """Report the first command refused since the controller last accepted one."""
+        """Report a refused command if it is the first since the last accepted one; ignore NotYetEnabled."""
         if name not in self._reported_refusals and not isinstance(error, NotYetEnabled):
             self._reported_refusals.add(name)
             self._report("refused", name, f"{error} (from {source or 'not named'}; reported once)")

@@ -1,4 +1,4 @@
-"""Base class of vehicle controllers: convert twists to wheel commands, and wheel motion to odometry.
+"""Base class of vehicle controllers, which convert twists to wheel commands, and wheel motion to odometry.
 
 Each update uses the newest twist, or zero if the newest twist is older than the timeout, limits it against the last two
 limited twists (so that a timeout brakes along the ramp), updates the odometry, and writes the commands. When another
@@ -79,7 +79,7 @@ class LimitedTwist:
 
     @property
     def is_standstill(self) -> bool:
-        """Whether requested and limited twist have been zero for more than two steps."""
+        """Whether both the requested and the limited twist have been zero for more than two steps."""
         return self._quiet > _STEPS and not any(self.desired)
 
     def limit(self, period: float) -> None:
@@ -288,7 +288,7 @@ class MobileBase(Controller):
     def advance(self, dt: float) -> None:
         """Integrate the wheel motion of the last `dt` s into the pose.
 
-        The method must be overridden by a base that does not override `follow`.
+        A base that does not override `follow` must override this method.
         """
 
     def integrate_command(self, dt: float) -> None:
@@ -358,11 +358,11 @@ class MobileBase(Controller):
         return any(reference.owner is not None for reference in self._references)
 
     def frame_ids(self, namespace: str = "") -> tuple[str, str]:
-        """Return the names of the odometry frame and the base frame, with prefix."""
+        """Return the names of the odometry frame and the base frame, with their prefix."""
         return self._odometry_params.frame_ids(namespace)
 
     def set_odometry(self, x: float, y: float, heading: float) -> None:
-        """Set the pose of the odometry, in m and rad; raise ControlError while inactive, or for nan or infinity."""
+        """Set the pose of the odometry, in m and rad; raise ControlError if inactive, or if a value is not finite."""
         if self.state is not ControllerState.ACTIVE:
             raise ControlError(f"{self.name} is {self.state.value}; activate it before setting its odometry")
         if not all(map(math.isfinite, (x, y, heading))):
@@ -383,7 +383,7 @@ class MobileBase(Controller):
         return self._publication.sample(self.published(wall_offset_ns), self._odometry_params, limited)
 
     def snapshot(self) -> None:
-        """Copy pose, velocities and limited twist for publication; an override must call this method first."""
+        """Copy the pose, velocities and limited twist for publication; an override must call this method first."""
         self._publication.store(self.pose, self.velocities(), self.limited)
 
     # ----------------------------------------------------------------------------------------------------- lifecycle

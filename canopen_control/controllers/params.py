@@ -231,7 +231,7 @@ class ForwardParams(GroupParams):
 
 @dataclass(frozen=True)
 class SingleParams(CommonParams):
-    """Parameters of the ROS 1 controllers of one joint; `pid` is ignored because drives have their own loops."""
+    """Parameters of controllers of one joint; ROS 1's `pid` gains are ignored, because drives have their own loops."""
 
     joint: str = setting("", help="name of the joint")
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
@@ -270,10 +270,10 @@ class BroadcasterParams(CommonParams):
 
 @dataclass(frozen=True)
 class LoopGains:
-    """Gains of a PID loop with the names of control_toolbox; contradictory gains raise ValueError.
+    """Gains of a PID loop with the names of control_toolbox; invalid gains raise ValueError.
 
-    Contradictory are limits that exclude each other, and a back calculation whose time constant is neither given nor
-    follows from the gains: upstream then computes nan.
+    Gains are invalid if p, i or d is not finite, if limits exclude each other, or if the time constant of a back
+    calculation is neither given nor follows from the gains (upstream then computes nan).
     """
 
     p: float = setting(0.0, help="proportional gain")
@@ -339,7 +339,7 @@ RENAMES: Final = {"publish_rate": "update_rate"}
 
 @dataclass(frozen=True)
 class DofGains(LoopGains):
-    """Gains of one degree of freedom; `antiwindup` is ROS 1's deprecated name for the strategy `legacy`."""
+    """Gains of one degree of freedom; the deprecated `antiwindup` makes `legacy` clamp the integral itself."""
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {"activate_state_publisher": "~/controller_state contains the whole state"}
 

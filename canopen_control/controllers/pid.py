@@ -89,7 +89,7 @@ class Pid:
             self.integral = 0.0
 
     def compute(self, error: float, dt: float) -> float:
-        """Return the command for an error, `dt` s after the previous step; its rate is derived from the last error.
+        """Return the command for an error, `dt` s after the previous step; its rate follows from the previous error.
 
         If `dt` is 0, nothing changes; a negative `dt` raises ValueError; an error that is not finite results in nan.
         """

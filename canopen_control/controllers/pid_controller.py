@@ -4,8 +4,8 @@ Rules (ros2_controllers jazzy, pid_controller/PidController): the reference is t
 controller that claims `NAME/DOF/INTERFACE` (chaining); a second interface, the derivative, gives the loop the rate of
 the error. Safer than upstream: without a reference or a state the target is 0, where upstream leaves the last target.
 When a drive is disabled or external measured states stop (`use_external_measured_states`), the degree of freedom loses
-reference and integral, and holds its actual state once it is enabled again. A reference that causes motion expires (see
-`command_timeout`).
+its reference and integral, and holds its actual state once it is enabled again. A reference that causes motion expires
+(see `command_timeout`).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class _Dof:
             self.reference_rate.value = 0.0
 
     def step(self, period: float, feed_forward: bool) -> float:
-        """Compute the command of one cycle; nan if reference or state is missing. `period` is in s."""
+        """Return the command of one cycle, or nan if the reference or the state is missing; `period` is in s."""
         reference = self.reference.value
         measured = math.nan if self.state is None else self.state.value
         self.error = shortest_angular_distance(measured, reference) if self.wraps else reference - measured
@@ -248,7 +248,7 @@ class PidController(Controller):
         self.command_timeout.start(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Whether the references are zero velocities or efforts; position references are targets."""
+        """Whether the references are zero velocities or efforts; position references never count."""
         return self._references[0].interface in MOVING and super().is_standstill(values)
 
     def set_feed_forward(self, enabled: bool) -> None:
@@ -303,7 +303,7 @@ class PidController(Controller):
             self._exported[index].value = self.states[index].value
 
     def _turn(self, index: int, enabled: bool) -> None:
-        """Reset a degree of freedom when its drive is enabled or disabled, and update its references."""
+        """Record that a drive was enabled or disabled; clear its loop and references, or set its first reference."""
         dof = self._dofs[index]
         self._follows[index] = dof.reference.enabled = enabled
         if dof.reference_rate is not None:

@@ -97,7 +97,7 @@ class HolonomicKinematics(PlanarPose):
     """Kinematics of a holonomic base: the matrix J from twists to rim speeds, and its pseudo-inverse.
 
     A row of J is the rim speed of one wheel at 1 m/s forward, at 1 m/s to the left, and at 1 rad/s; the `radius` of the
-    wheels is in m. `wheels` are the commands for a twist in rad/s; `forward` and `left` (m/s) and `angular` (rad/s) are
+    wheels is in m. `wheels` are the wheel commands in rad/s; `forward` and `left` (m/s) and `angular` (rad/s) are
     the least-squares fit to the measured wheel speeds.
     """
 

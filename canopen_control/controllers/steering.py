@@ -169,7 +169,7 @@ class TricycleSteeringController(SteeringController):
 class AckermannSteeringController(SteeringController):
     """Controller of a base with two traction wheels and two steered wheels.
 
-    With the parameters of ROS 1's controller it is a base with one wheel of each kind.
+    With the parameters of ROS 1's controller, the base has one wheel of each kind.
     """
 
     title: ClassVar[str] = "Ackermann steering"

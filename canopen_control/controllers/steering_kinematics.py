@@ -85,7 +85,7 @@ class SteeringKinematics(PlanarPose):
         self.traction[0] = speed
 
     def set_steering(self, angle: float, curve: float) -> None:
-        """Distribute a steering angle over the steered wheels; `curve` is the current angle."""
+        """Distribute a steering angle over the steered wheels; `curve` is the angle of the current curve."""
         del curve
         self.steering[0] = angle
 
@@ -132,7 +132,7 @@ class SteeringKinematics(PlanarPose):
     def command(self, linear: float, angular: float, open_loop: bool, reduce: bool = False) -> None:
         """Compute `traction` and `steering` commands from a twist in m/s and rad/s.
 
-        In closed loop, `reduce` slows down the wheels until the steering has reached the commanded angle.
+        In closed loop, `reduce` slows down the wheels while the steering is far from the commanded angle.
         """
         angle = math.atan(quotient(angular * self.wheelbase, linear))
         if not math.isfinite(angle):  # without speed and turn
@@ -149,8 +149,7 @@ class SteeringKinematics(PlanarPose):
     def bound(self, linear: float, angular: float) -> None:
         """Scale the traction commands down to the fastest wheel speed that a twist in m/s and rad/s needs.
 
-        To be called after `command`: with the wheels steered across, the speeds for the measured curve would be
-        unlimited.
+        Call it after `command`, whose speeds for the measured curve are unlimited if the wheels are steered across.
         """
         most = (abs(linear) + self.traction_track / 2.0 * abs(angular)) / self.radius
         fastest = 0.0
@@ -162,7 +161,7 @@ class SteeringKinematics(PlanarPose):
             self.traction[index] = self.traction[index] / fastest * most if math.isfinite(fastest) else 0.0
 
     def share(self, speed: float, angle: float) -> None:
-        """Distribute a speed in rad/s over the right and left traction wheel, for steering angle `angle`."""
+        """Distribute a speed in rad/s over the right and left traction wheels, for steering angle `angle`."""
         if abs(angle) < _STRAIGHT:
             self.traction[0] = self.traction[1] = speed
             return

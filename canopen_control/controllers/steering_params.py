@@ -190,7 +190,7 @@ def read_params(params: Params, cls: type[SteeringParams]) -> SteeringParams:
 
 
 def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:
-    """Return the new names of humble's parameters for front and rear wheels; "" if without effect."""
+    """Map humble's parameter names for front and rear wheels to the new names; "" means without effect."""
     node = params.flat.get("front_steering")
     by_front = node is None or node.text.lower() != "false"
     fields = cls.__dataclass_fields__

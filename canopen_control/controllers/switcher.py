@@ -84,7 +84,7 @@ class InterfaceGroup:
         self.enabled = self.follows()
 
     def follows(self) -> bool:
-        """Whether the interfaces are enabled, ignoring interfaces that a user has excluded."""
+        """Whether the interfaces that no user has excluded are enabled; False if all are excluded."""
         following = not self.interfaces
         for interface in self.interfaces:
             if interface.enabled:
@@ -119,7 +119,7 @@ class ActiveController:
         return [interface for group in self.groups for interface in group.interfaces if not interface.enabled]
 
     def take_over(self, before: ActiveController, were_enabled: set[CommandInterface]) -> None:
-        """Copy timing and enabled groups from the controller's entry before a switch."""
+        """Take over the timing and the enabled groups from `before`, the controller's entry before a switch."""
         self.rate.last = before.rate.last
         for group in self.groups:
             group.enabled = group.enabled or were_enabled.issuperset(group.interfaces)
@@ -141,13 +141,13 @@ class ActiveController:
 
 
 def _followers(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
-    """Return the controllers whose references a controller claims."""
+    """Return the controllers whose reference interfaces a controller claims."""
     names = set(controller.command_interface_names())
     return [other for other in among if any(reference.name in names for reference in other.reference_interfaces())]
 
 
 def _below(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
-    """Return the controllers whose references or exported states a controller uses."""
+    """Return the controllers whose reference interfaces or exported states a controller uses."""
     read = set(controller.state_interface_names())
     commanded = _followers(controller, among)
     return [other for other in among if other in commanded or any(one.name in read for one in other.exported_states())]
@@ -197,7 +197,7 @@ def hardware_interfaces_of(controller: Controller, among: Iterable[Controller]) 
 
 
 def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list[Controller]:
-    """Return the failed controllers and all active controllers chained to them, in update order."""
+    """Return the failed controllers that are active, and all active controllers chained to them, in update order."""
     group = [controller for controller in failed if controller in active]
     grew = True
     while grew:

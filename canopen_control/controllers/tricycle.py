@@ -155,7 +155,7 @@ class DrivenWheelPose(PlanarPose):
         self.drive(linear * dt, angular * dt)
 
     def command(self, linear: float, angular: float) -> tuple[float, float]:
-        """Return wheel speed in rad/s and steering angle in rad for a twist; a turn on the spot needs 90 degrees."""
+        """Return the wheel speed in rad/s and the steering angle in rad for a twist; 90 degrees turn on the spot."""
         across = angular * self._wheelbase
         speed = math.hypot(linear, across) / self._radius
         if linear == 0.0:
@@ -242,7 +242,7 @@ class TricycleController(MobileBase):
         self.kinematics.integrate_command(self.limited[0], self.limited[1], dt)
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Compute wheel speed and steering angle from a twist; `update` limits their rates of change.
+        """Compute the wheel speed and the steering angle from a twist; `update` limits their rates of change.
 
         The speed is reduced while the steering is far from the commanded angle.
         """

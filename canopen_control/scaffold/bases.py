@@ -1,4 +1,4 @@
-"""Kinds of bases for `init`, with controller, possible numbers of drives, and joint names.
+"""Kinds of bases for `init`, each with its controller, possible numbers of drives, and joint names.
 
 Drives are assigned to joints in this order: left before right, front before rear, traction before steering.
 """

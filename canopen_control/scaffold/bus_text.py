@@ -141,9 +141,9 @@ def _device_pdos(node: NewNode, product: str) -> Iterator[str]:
 
 
 def _known(robot: NewRobot, node: NewNode, present: Collection[str]) -> list[str]:
-    """Return the missing keys that a drive of a known manufacturer needs, with sources.
+    """Return the missing keys that a drive of a known manufacturer needs, with their sources.
 
-    The keys are comments, but if the user named the manufacturer, all keys except modes are active.
+    The keys are commented out; if the user named the manufacturer, only the modes are commented out.
     """
     drive = node.known
     if drive is None:
@@ -263,7 +263,7 @@ def _counts_comment(axis: AxisChoice) -> str:
 
 
 def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
-    """Return the `sdo` entries: manufacturer's needs, reaction to a lost master, and ramps missing in the EDS."""
+    """Return the `sdo` entries: for the manufacturer's drives, for a lost master, and for ramps missing in the EDS."""
     lines, od = list[str](), node.device.od
     if accepts(od.get(ABORT_CONNECTION_OPTION, 0), _QUICK_STOP) and _stops_quickly(node):
         lines.append(remark("  - {index: 0x6007, sub_index: 0, value: 3}", "when the master is lost: quick stop"))
@@ -285,7 +285,7 @@ def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
 
 
 def _stops_quickly(node: NewNode) -> bool:
-    """Whether a quick stop stops the drive, by 0x605A in the EDS; otherwise a fault (0x6007 = 1) has to stop it."""
+    """Whether a quick stop stops the drive, as 0x605A in the EDS states; if not, a fault (0x6007 = 1) must stop it."""
     entry = node.device.od.get(QUICK_STOP_OPTION, 0)
     return entry is None or entry.value is None or entry.value in OPTION_CODES[QUICK_STOP_OPTION]
 
@@ -323,7 +323,7 @@ def _pdo(use: PdoUse) -> list[str]:
 
 
 def _by_scale(node: NewNode) -> bool:
-    """Whether bus.yml needs scale factors, separate for position and velocity or for each axis."""
+    """Whether bus.yml needs separate scale factors for positions and velocities, or for each axis."""
     units = {(joint.mirrored, joint.axis.counts, joint.axis.rpm) for joint in node.joints}
     return len(units) > 1 or any(_in_rpm(joint.axis) for joint in node.joints)
 

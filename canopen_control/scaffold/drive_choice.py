@@ -1,4 +1,4 @@
-"""Choice of interfaces, modes, PDOs, units and supervision for a new robot's drive, by its EDS.
+"""Choice of interfaces, modes, PDOs, units and supervision for a new robot's drive, based on its EDS.
 
 The objects of each further axis of a device are 0x800 higher. All axes are moved and share the device's PDOs; axes with
 the same command interface have the same mode, since bus.yml has one mode per interface and node. Velocity is preferred
@@ -136,7 +136,7 @@ def _view(od: ObjectDictionary) -> ObjectDictionary:
 
 
 def _pdos_for(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
-    """Choose the PDOs for objects of the axes, with the device's addresses of shared objects."""
+    """Return the PDOs for objects of the axes, and those that do not fit; shared objects have the device's address."""
     if (motors := motors_of(od)) is None:
         return choose_pdos(od, required)
     needed, useful = (
@@ -203,7 +203,7 @@ _Chosen = list[tuple[str, OperationMode]]
 def _choose_modes(
     od: ObjectDictionary, axes: Sequence[int], interfaces: Sequence[Sequence[str]]
 ) -> tuple[_Chosen, tuple[PdoUse, ...]]:
-    """Choose interface and mode of each axis, then the RPDOs of the drive."""
+    """Choose the interface and mode of each axis, then the RPDOs; raise RobotConfigError if impossible."""
     chosen: _Chosen = []
     for axis, interface in zip(axes, interfaces, strict=False):
         chosen.append(_choose_mode(od, axis, interface, dict(chosen)))
@@ -216,7 +216,10 @@ def _choose_modes(
 def _choose_mode(
     od: ObjectDictionary, axis: int, interfaces: Sequence[str], chosen: dict[str, OperationMode]
 ) -> tuple[str, OperationMode]:
-    """Choose interface and mode of one axis; `chosen` are the modes of the other axes, by interface."""
+    """Choose the interface and mode of one axis; raise RobotConfigError with the reason if impossible.
+
+    `interfaces` are in order of preference; `chosen` maps each interface to the mode already chosen for earlier axes.
+    """
     listed = supported_modes(_number(_view(od), objects.axis_index(objects.SUPPORTED_DRIVE_MODES, axis), 0) or 0)
     possible = tuple(OperationMode) if motors_of(od) is None else MODES
     for interface in interfaces:
@@ -248,7 +251,7 @@ def _rpdos(
 
 
 def _counts(od: ObjectDictionary, axis: int) -> float | None:
-    """Return position counts per shaft revolution by the EDS defaults, or None."""
+    """Return the position counts per shaft revolution from the EDS defaults, or None."""
 
     def pair(index: int) -> tuple[int, int] | None:
         first, second = (_number(od, objects.axis_index(index, axis), subindex) for subindex in (1, 2))

@@ -175,7 +175,7 @@ def plan_robot(
     allow_unsupervised: bool = False,
     interfaces: Sequence[str] = (),
 ) -> NewRobot:
-    """Choose nodes, joints and PDOs of a robot; RobotConfigError lists all errors, one per line.
+    """Choose the nodes, joints and PDOs of a robot; raise RobotConfigError with all errors, one per line.
 
     Problems of the devices are in the robot's `problems`. A drive that cannot be moved has no joint, and the robot then
     has no base. `interfaces` are the acceptable interfaces of every joint in order of preference, by default the
@@ -252,7 +252,7 @@ def _drive_node(
 
 
 def _remedy(od: ObjectDictionary) -> str:
-    """Return what to do with a drive without usable PDOs; EDS of some drives map no target (Faulhaber MCBL, MCDC)."""
+    """Return what to do with a drive without usable PDOs; some EDS files map no target (Faulhaber MCBL, MCDC)."""
     addresses = [(axis_index(index, axis), sub) for index, sub in TARGET_OBJECTS.values() for axis in axes_of(od)]
     if any((entry := od.get(*address)) is not None and entry.rpdo_mappable for address in addresses):
         return "map the objects in bus.yml by hand"
@@ -304,7 +304,7 @@ def _wrong_base(name: str, axes: int) -> list[str]:
 
 
 def _baudrate(devices: Sequence[Device]) -> int:
-    """Return the highest bit rate in kbit/s common to all EDS files that list any; 1000 without a common one."""
+    """Return the highest bit rate in kbit/s common to all EDS files that list any; 1000 if there is none."""
     bit_rates = [device.od.device.bit_rates for device in devices if device.od.device.bit_rates]
     common = frozenset.intersection(*bit_rates) if bit_rates else frozenset[int]()
     return max(common) // 1000 if common else 1000

@@ -36,7 +36,7 @@ class PdoRequirement:
 
 @dataclass(frozen=True, slots=True)
 class PdoUse:
-    """PDO in the new bus.yml; `remaps` if the mapping is written, `auto` if the COB-ID is set to the default.
+    """PDO in the new bus.yml; `remaps`: the mapping is written; `auto`: the COB-ID is set to the default.
 
     `transmission` None keeps the device's type. `own` means that nothing can be changed, so that bus.yml omits the PDO.
     """
@@ -64,7 +64,7 @@ def choose_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[P
 
 
 def complete_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[PdoUse, ...]:
-    """Return PDOs that contain the required objects; () if none needs to, or can, be added to the default PDOs.
+    """Return PDOs that contain the required objects; () if the default PDOs need, or permit, no addition.
 
     PDOs that are enabled by default stay unchanged. Disabled PDOs that have the objects in the default mapping are
     enabled, as CiA 401 requires for PDOs 2 to 4; objects that are still missing are mapped into unused PDOs.
@@ -105,7 +105,7 @@ def _choose(
     required: PdoRequirement,
     requirements: tuple[list[Address], list[Address]],
 ) -> list[_Use]:
-    """Fill writable PDOs and use fixed PDOs for the remaining objects; prefer sufficient fixed mappings."""
+    """Use fixed PDOs if they suffice; otherwise fill writable PDOs, and use fixed PDOs for the remaining objects."""
     needed, useful = requirements
     uses = _covering(fixed, needed, useful, doubling=not required.is_rpdo)
     if not od.device.granularity and not _missing(uses, needed):
@@ -139,7 +139,7 @@ def _covering(
 ) -> list[_Use]:
     """Choose the PDOs with the most required objects in their default mapping, then PDOs with useful objects.
 
-    PDOs for useful objects must not repeat an object, except with `doubling`, which would do harm in RPDOs.
+    PDOs for useful objects must not repeat an object unless `doubling` is True, which would do harm in RPDOs.
     """
     uses, rest = list[_Use](), set(needed)
     remaining = list(pdos)

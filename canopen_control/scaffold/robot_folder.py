@@ -1,4 +1,4 @@
-"""Generator of a robot's folder: files are written to a temporary folder, checked like `check`, and moved.
+"""Generator of a robot's folder: files are written to a temporary folder, checked as by `check`, and moved.
 
 The temporary folder is next to the robot's, so that a full disk leaves nothing: the complete files are only renamed. An
 existing folder is changed only on request, and then only the generated files are replaced. Errors that the check
@@ -183,7 +183,7 @@ def _control(joint: NewJoint) -> list[str]:
 
 
 def device_controller(node: NewNode) -> tuple[str, str, list[str]]:
-    """Return name, type and parameter lines of the controller for a device with signals."""
+    """Return the name, the type and the parameter lines of the controller for a device with signals."""
     if node.outputs:
         return f"{node.name}_outputs", "gpio_controllers/GpioCommandController", _outputs(node)
     if node.profile is Profile.BATTERY and any(signal.name == QUANTITIES[0] for signal in node.signals):
@@ -377,7 +377,8 @@ class Written:
 def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Written:
     """Write the folder of a robot into `parent`.
 
-    Raise ConfigError if it exists or is not writable, DiskFull if full.
+    Raise ConfigError if the folder exists and `force` is False, or if it cannot be written; raise DiskFull if the disk
+    is full.
     """
     folder = parent / robot.name
     refuse_existing(folder, force=force)
@@ -409,7 +410,7 @@ def _folder_beside(folder: Path) -> Iterator[Path]:
 
 
 def refuse_existing(folder: Path, *, force: bool) -> None:
-    """Raise RobotConfigError if `folder` is a file, or an existing folder without `force`."""
+    """Raise RobotConfigError if `folder` is a file or a link, or if it exists and `force` is False."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise RobotConfigError(f"{folder} exists and is not a folder; choose another name")
     if folder.exists() and not force:
@@ -429,7 +430,7 @@ def _with_distinct_files(robot: NewRobot) -> NewRobot:
 
 
 def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, ...]]:
-    """Create the files with the shortest SYNC period that the bus load permits; return robot and warnings."""
+    """Create the files with the first SYNC period that the bus load permits; return the robot and the warnings."""
     errors, warnings, robot = list[str](), tuple[str, ...](), replace(robot, problems=())
     for period in dict.fromkeys([*_dcf_periods(robot), *_PERIODS_US]):
         robot = replace(robot, sync_us=period)
