@@ -53,7 +53,7 @@ class InterfaceStatus:
 
 
 class InterfaceDocument(Document, frozen=True, kw_only=True):
-    """CAN interface in `bus status --json`; unknown values are null. The fields are those of CanInterface."""
+    """CAN interface in `bus status --json`; unknown values are null. The first fields are those of CanInterface."""
 
     name: str
     kind: str
@@ -359,7 +359,10 @@ _REQUESTS: dict[str, Callable[[argparse.Namespace], Request[Done]]] = {
 
 
 def _label(spec: ChannelSpec, word: str) -> str:
-    """Return the label of the bus member for a node name, node-ID or label; raise ConfigError if no member matches."""
+    """Return the label of the bus member that `word` names (node, node-ID, joint or label).
+
+    Raise ConfigError if no member matches.
+    """
     status = ask_hub(spec.name, hub.GetHubStatus())
     labels = [member.label for member in status.members]
     present = {*labels, *status.cut, *status.bus_off, *status.delays_ms}  # a disconnected member may have left

@@ -167,7 +167,7 @@ def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -
 
 
 class _YamlCopy:
-    """Corrected copy of ros2_controllers.yaml; `path` is the original file, or None."""
+    """Corrected copy of ros2_controllers.yaml; `path` is the original file, or None if no copy is written."""
 
     def __init__(self, args: argparse.Namespace, link: BaseLink) -> None:
         from canopen_control.errors import ConfigError

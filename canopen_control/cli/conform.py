@@ -147,7 +147,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_options(args: argparse.Namespace) -> None:
-    """Raise ConfigError for an option that does not apply to the check of a device, or to --master."""
+    """Raise ConfigError if an option is missing, or is for the other kind of check (of a device or of the master)."""
     if not args.master:
         if args.node is None:
             raise ConfigError("give the node-ID of the device to check, or --master to check the master on the bus")

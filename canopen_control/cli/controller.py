@@ -114,7 +114,7 @@ def _list(args: argparse.Namespace, robot: RobotClient) -> int:
 
 
 def _commands(controller: ControllerReading) -> str:
-    """Return the command interfaces of a controller as text; "-" if the controller is not loaded."""
+    """Return the command interfaces of a controller as text; "-" if it has none or is not loaded."""
     if controller.state == "unloaded":
         return "-"
     nothing = "none (broadcaster)" if controller.is_broadcaster else "-"

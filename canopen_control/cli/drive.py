@@ -77,7 +77,7 @@ def _axis_line(axis: AxisState) -> str:
 
 
 def quality_lines(quality: SetPointQuality) -> Iterator[str]:
-    """Yield lines with the counts, the ripple, and the phase relative to SYNC of cyclic set-points."""
+    """Yield lines about cyclic set-points: counts, ripple, and phase relative to SYNC."""
     yield (
         f"set-points: {quality.taken} taken, {quality.missed} missed, {quality.doubled} doubled, "
         f"{quality.overwritten} overwritten"
@@ -236,7 +236,7 @@ def parse_node_ids(text: str) -> list[int]:
 
 
 def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dict[int, Path]]:
-    """Return the common EDS file and the EDS files of single nodes.
+    """Return the common EDS file, and the EDS files of single nodes by node-ID.
 
     Raise ConfigError if one is missing or ambiguous.
     """

@@ -172,7 +172,7 @@ class RobotNetwork:
         self._node(node_id, timeout_s).write(index, subindex, data)
 
     def nmt(self, command: NmtCommand, node_id: int) -> None:
-        """Send an NMT command through the robot; GatewayRefusal 204 if the nodes do not confirm it."""
+        """Send an NMT command through the robot; raise GatewayRefusal 204 if a node does not confirm it."""
         all_nodes = node_id == BROADCAST
         sessions = self._target.sessions if all_nodes else [self._node(node_id)]
         timeout = ROBOT_TIMEOUTS.get(command, NMT_TIMEOUT_S)

@@ -26,7 +26,7 @@ EXAMPLE = "canopen-control plan robby --against can0"
 
 
 class WriteDocument(Document, frozen=True):
-    """Planned write: `data` in hexadecimal, `value` as text, `reason` for writes that are not in bus.yml."""
+    """Planned write: `data` in hexadecimal, `value` as text; `reason` is None for writes that are in bus.yml."""
 
     index: int
     subindex: int
@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the plans; return 1 if a node does not answer with --against, else 0."""
+    """Print the plans and return 0; with --against, return 1 if a node does not answer."""
     from canopen_control.master.config import read_bus
 
     options = {"peer_merge": args.peer_merge, "allow_unsupervised": args.allow_unsupervised}
@@ -154,7 +154,7 @@ def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, 
 
 
 def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], str | None]:
-    """Return the writes that a node needs, and the reason if it cannot be read, else None."""
+    """Return the writes that a node needs, and None; if the node cannot be read, return no writes and the reason."""
     from canopen_control.errors import BusError, CanopenError, SdoAbort, without_node
     from canopen_control.master.boot_pdos import groups, needed_writes, reads_of
 

@@ -64,7 +64,7 @@ _ERRORS: dict[tuple[int, int], str] = {(0x1001, 0): "error register", (0x603F, 0
 
 @dataclass(frozen=True, slots=True)
 class PreflightStep:
-    """Result of a preflight step; `passed` is None if the step is informative only."""
+    """Result of a preflight step; `passed` is None if the step is only for information."""
 
     name: str
     passed: bool | None
@@ -233,7 +233,7 @@ class Jog:
         self._folder.cleanup()
 
     def range_refusal(self, joint: str) -> str | None:
-        """Return why a joint has not enough travel left for a jog, or None if it has."""
+        """Return why a joint does not have enough travel left for a jog, or None if it does."""
         if self._interfaces[joint] != POSITION:
             return None
         position, needed = self._reading(joint)["position"], self.speed * (self._hold_s + _SPARE_S)
@@ -244,7 +244,7 @@ class Jog:
         return f"{text}, and a jog at {self.speed:g} rad/s needs {needed:.3f}"
 
     def turn(self, joint: str) -> PreflightStep:
-        """Jog one joint, and check that only this joint moves, and at the commanded speed."""
+        """Jog one joint; check that it turns at the commanded speed, and that no other joint moves."""
         low, high = self.speed * (1 - TOLERANCE), self.speed * (1 + TOLERANCE)
         speeds, start = {joint: self.speed}, self._positions()
         if not self._until(speeds, lambda: self._is_fast(joint, start)):
@@ -290,7 +290,7 @@ class Jog:
         )
 
     def _is_fast(self, joint: str, start: Mapping[str, float]) -> bool:
-        """Whether a joint has reached the jog speed; a joint commanded by position must have moved for `_RUN_UP_S`."""
+        """Whether a joint has reached the jog speed; if commanded by position, whether it has moved far enough."""
         sample = self._reading(joint)
         if joint in self._targets:
             return abs(sample["position"] - start[joint]) >= self.speed * _RUN_UP_S
@@ -497,7 +497,7 @@ def _ask(question: str) -> bool:
 
 
 def _conclude(flight: Preflight, *, passed: bool, check_only: bool, report: str | None) -> tuple[int, PreflightReport]:
-    """Print the verdict, write the report and the record of a pass; return exit code and findings."""
+    """Print the verdict, write the report and the record of a pass; return the exit code and the findings."""
     setup = flight.setup
     failed = [step for step in flight.steps if step.passed is False]
     serials = read_serials(setup) if passed else {}

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb; raise ConfigError for a wrong argument, RemoteError if the drive does not run or refuses."""
+    """Run the verb; raise ConfigError for a wrong argument, RemoteError if the drive is not running or refuses."""
     if args.what == "list":
         return _list(args)
     if args.name is not None:

@@ -49,7 +49,7 @@ _ENDS = (signal.SIGINT, signal.SIGTERM)  # they set a flag, so that the bag is c
 class RecordedBag:
     """Result of recording a ROS 2 bag: numbers of messages, samples and events.
 
-    `left_out` names the controllers that publish more often than samples are recorded, None if there are none.
+    `left_out` is a sentence about the controllers that publish more often than samples are recorded, or None.
     """
 
     bag: str
@@ -69,10 +69,10 @@ class RecordedBag:
 
 
 def record_bag(name: str | None, folder: str, seconds: float | None, rate: float | None = None) -> RecordedBag:
-    """Record a ROS 2 bag for `seconds`, until a signal or the end of the robot; `rate` of the samples is in Hz.
+    """Record a ROS 2 bag until `seconds` have passed, a signal arrives or the robot ends.
 
-    By default the rate is that of the controllers. Raise ConfigError if no robot runs, rosbags is missing or `folder`
-    exists.
+    `rate` is the sample rate in Hz; by default it is the rate of the controllers. Raise ConfigError if no robot runs,
+    rosbags is missing, `folder` exists or `rate` is invalid.
     """
     if rate is not None and not 0 < rate <= MAX_RATE:
         raise ConfigError(f"--rate {rate:g} Hz: it must be above 0 and at most {MAX_RATE:g}")
@@ -214,7 +214,7 @@ def _bus_of(args: argparse.Namespace) -> tuple[str, str]:
 
 
 def record_frames(port: Port, path: str, seconds: float | None) -> tuple[Recorded, str]:
-    """Record frames until Ctrl-C, SIGTERM, the loss of the bus or for `seconds`; then close the port.
+    """Record frames until `seconds` have passed, a signal arrives, the bus is lost or the disk is full; close the port.
 
     Return the result, and the reason why the recording ended early, or "".
     """

@@ -186,7 +186,7 @@ def _sentence(channel: str, played: PlayReport, lost: int) -> str:
 
 
 def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
-    """Return the node-IDs of the COB-IDs of frames, by the predefined connection set (CiA 301)."""
+    """Return the node-IDs in the COB-IDs of frames, by the predefined connection set (CiA 301)."""
     node_ids = set()
     for _, frame in frames:
         service, node_id = service_of(frame.can_id) or (None, 0)

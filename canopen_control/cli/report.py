@@ -78,7 +78,10 @@ def run(args: argparse.Namespace) -> int:
 def _recording(
     args: argparse.Namespace,
 ) -> tuple[Path | None, FlightFile, dict[str, NetworkDescription] | None]:
-    """Return path, content and networks of the recording selected by the arguments."""
+    """Return the path, the content and the networks of the selected recording.
+
+    The path is None if a running robot is observed; the networks are None except for a recording of frames.
+    """
     from canopen_control.trace.flight_file import is_flight_file, read_flight
 
     if args.duration is not None:
@@ -92,7 +95,7 @@ def _recording(
 
 
 def _list(args: argparse.Namespace) -> int:
-    """Print time, robot and first problem of every flight recording; damaged files are reported on stderr."""
+    """Print the time, robot and reason of every flight recording; damaged files are reported on stderr."""
     from canopen_control.cli.support.output import json_text
     from canopen_control.trace.flight_file import read_meta
     from canopen_control.trace.report_facts import clock

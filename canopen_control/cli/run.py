@@ -392,7 +392,7 @@ def _prepare(
 
 
 def _share_imports(options: RunOptions) -> None:
-    """Import the modules of the hub, and of the drives if started here, before processes are forked."""
+    """Allow forks; first import the modules of the drives, if started here, so that all forks share them."""
     from canopen_control.bus import hub  # noqa: F401 - for the forks
     from canopen_control.host.fork import allow_forks
 
@@ -601,7 +601,7 @@ class Announcer:
 
 
 class _EventPrinter(RobotObserver):
-    """Observer that prints events as lines; it counts the booted nodes of a robot with four or more.
+    """Observer that prints events as lines; it counts the booted nodes if the robot has four or more.
 
     On a terminal the process of a live table prints the events above the table once it has subscribed to them, until
     the robot stops: two processes would overwrite each other's lines.

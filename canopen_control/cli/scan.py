@@ -172,7 +172,7 @@ def _expected_of(config: str) -> dict[int, NodePlace]:
 
 
 def survey_channel(channel: str | None, timeout: float, *, name: str | None = None) -> ScanResult:
-    """Scan a channel directly, or through the robot that runs on it or is called `name`."""
+    """Scan a channel, directly or through the robot that runs on it; without a channel, scan through robot `name`."""
     owner = robot_on(channel) if channel is not None else None
     if channel is not None and owner is None:
         return _survey_bus(channel, timeout)
@@ -186,7 +186,7 @@ def _survey_bus(channel: str, timeout: float) -> ScanResult:
 
 
 class _Servers:
-    """Listener that collects the node-IDs of the SDO answers on the bus, however late they are."""
+    """Listener that collects the node-IDs of all SDO answers on the bus, including late ones."""
 
     def __init__(self) -> None:
         self.node_ids: set[int] = set()
@@ -201,7 +201,7 @@ class _Servers:
 def _read_identities(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
     """Read 0x1000 of all node-IDs, then further objects of the nodes that respond; return the nodes found.
 
-    A node whose answer comes too late is present: it is read again, with a longer timeout.
+    A node whose answer comes too late counts as present: it is read again, with a longer timeout.
     """
     servers = _Servers()
     bus.listeners.append(servers)

@@ -271,7 +271,7 @@ class _Output:
 
 
 class _ScopeLoop:
-    """Main loop of a scope: outputs captures until all are complete or the user ends it."""
+    """Main loop of a scope; it outputs captures until all are complete, the wait is over or the user ends it."""
 
     def __init__(self, scope: Scope, output: _Output, args: argparse.Namespace, *, several: bool) -> None:
         self._scope, self._signals, self._output = scope, scope.signals, output

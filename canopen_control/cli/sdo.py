@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _right_order(args: argparse.Namespace) -> str:
-    """Return the command with its words in the right order, for a NODE that is a file or an object."""
+    """Return the command with its words in the right order; the user gave a file or an object as NODE."""
     last = getattr(args, "value", None) or getattr(args, "file", None)
     words = [args.object, args.node, last]
     if names_file(args.node):  # FILE NODE INDEX:SUB

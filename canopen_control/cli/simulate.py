@@ -169,7 +169,10 @@ def _add_serving(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate a robot, a world or a campaign; return 1 if an invariant was violated, 130 if interrupted, else 0."""
+    """Simulate a robot, a world or a campaign.
+
+    Return 1 if an invariant was violated or the robot does not start, 130 if a campaign was interrupted, else 0.
+    """
     try:
         if args.world is not None and not names_robot(args):
             return _run_world(args)
@@ -336,7 +339,7 @@ def _processors() -> int:
 
 
 def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[ScenarioEvent, ...], int, int]:
-    """Return events, seed and duration in ns, from a scenario or a recording, or drawn from the seed."""
+    """Return the events, the seed and the duration in ns; the events may be drawn from the seed."""
     from canopen_control.simulation.motions import motions_of
     from canopen_control.simulation.random_schedule import draw_schedule, known_faults
     from canopen_control.simulation.scenario_steps import read_scenario_steps

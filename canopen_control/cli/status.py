@@ -70,7 +70,7 @@ class _Cause:
 
 
 def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> list[str]:
-    """Return one line for each cause in `events`, except for errors in `current` (by node name)."""
+    """Return one line for each cause in `events`; leave out what `current` shows, the current errors by node name."""
     merged: list[_Cause] = []
     for cause in _gather(events):
         same = next((previous for previous in merged if _same_cause(previous, cause)), None)
@@ -206,7 +206,7 @@ def run_plain(arguments: Sequence[str]) -> bool:
 def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNamespace | None:
     """Call a method without parameters and return the fields of the result; raise RemoteError without a reply.
 
-    None for another protocol version, a refusal or invalid JSON: the typed client reports the cause of these.
+    Return None for another protocol version, a refusal or invalid JSON: the typed client reports their cause.
     """
     label = f"robot {robot}"
     with LineClient(socket_path("robot", robot), timeout, label=label) as stream:
@@ -227,7 +227,7 @@ def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNames
 
 
 def _object_in(line: bytes | None, late: str) -> dict[str, object]:
-    """Return the JSON object in a line, {} if there is none.
+    """Return the JSON object in a line, or {} if the line is not one.
 
     Raise RemoteError with the text `late` if `line` is None.
     """
@@ -341,7 +341,7 @@ def _unsupervised(state: Snapshot) -> list[str]:
 
 
 def _marked(name: str, node: NodeReading) -> str:
-    """Return name and node-ID of a node for the table, with "!" if the drive is unsupervised."""
+    """Return the name and the node-ID of a node for the table, with "!" if the drive is unsupervised."""
     return f"{name} ({node.node_id})" + (" !" if node.unsupervised else "")
 
 
@@ -378,7 +378,7 @@ def _number(value: float | None) -> str:
 
 
 def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
-    """Return a line for each node: durations of the boot steps, SDO requests, and an error not shown in `current`."""
+    """Return a line for each node: durations of the boot steps, their errors unless in `current`, SDO requests."""
     steps: dict[str, list[str]] = {}
     for step in status.boot:
         why = "" if str(step.error) in current.get(step.node, "") else f": {step.error}"
@@ -388,7 +388,7 @@ def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
 
 
 def _program(status: Status) -> list[str]:
-    """Return a line with version and build of the robot's program, or nothing if unknown."""
+    """Return a line with the version and the build of the robot's program, or no line if unknown."""
     advice = f" ({TO_COMPILE})" if status.build == PURE else ""
     return [f"canopen_control {status.version}, {status.build}{advice}"] if status.version else []
 

@@ -153,7 +153,7 @@ def _wait(decoder: KeyDecoder, teleop: Teleop) -> float:
 
 
 def _leave(target: TeleopTarget, screen: Screen) -> None:
-    """Command zero velocity several times and finish the status line, even if robot or terminal is gone."""
+    """Command zero velocity several times and finish the status line, even if the robot or the terminal is gone."""
     with contextlib.suppress(RemoteError):  # after a refusal or a loss of the robot no command is active
         for _ in range(ZEROS):
             target.send(ZERO)
@@ -277,7 +277,7 @@ class TeleopRobot:
 def choose(controllers: Sequence[ControllerReading], name: str | None) -> ControllerReading:
     """Return the controller `name`, or the only active controller that can drive.
 
-    Raise ConfigError if there is none.
+    Raise ConfigError if no controller or more than one is suitable.
     """
     if name is not None:
         matching = [controller for controller in controllers if controller.name == name]
@@ -319,7 +319,7 @@ _LEFT_RIGHT: Final = (-1, 1)  # signs of the angular speed: turning left, the le
 
 
 def sides(joints: Sequence[str]) -> tuple[int, int]:
-    """Return the signs of the angular speed for two wheels; the first is left unless the names say otherwise."""
+    """Return the signs of the angular speed for two wheels; the first is the left one unless the names differ."""
     swapped = "right" in joints[0].lower() or "left" in joints[1].lower()
     return (_LEFT_RIGHT[1], _LEFT_RIGHT[0]) if swapped else _LEFT_RIGHT
 

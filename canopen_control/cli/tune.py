@@ -185,7 +185,7 @@ def _hinted(lines: Iterator[str], args: argparse.Namespace) -> Iterator[str]:
 
 
 def _find_gains(args: argparse.Namespace) -> None:
-    """Check, before the drive moves, that the gain objects of the drive are known; raise ConfigError otherwise."""
+    """Raise ConfigError, before the drive moves, if the objects of its gains or their units are unknown."""
     with open_session(args) as session:
         if session.robot and args.counts is None:
             raise ConfigError(

@@ -90,7 +90,7 @@ def act_on_simulation(args: argparse.Namespace) -> int:
 
 
 def act_in_simulation(args: argparse.Namespace, act: WorldAct) -> bool:
-    """Disturb the simulated world of the running robot; return False if the robot has no simulation plugin."""
+    """Disturb the simulated world of the robot; return False if no robot with a simulation plugin is running."""
     with contextlib.ExitStack() as stack:
         try:
             robot = stack.enter_context(RobotClient.connect(args.name))
@@ -103,7 +103,7 @@ def act_in_simulation(args: argparse.Namespace, act: WorldAct) -> bool:
 
 
 def print_simulation(args: argparse.Namespace) -> bool:
-    """Print the state of the running robot's simulation; return False if the robot has no simulation plugin."""
+    """Print the state of the robot's simulation; return False if no robot with a simulation plugin is running."""
     try:
         with RobotClient.connect(args.name) as robot:
             _report(robot.ask(GetSimulation()), args)
@@ -224,7 +224,7 @@ def _numbers(text: str, count: int, names: str) -> list[float]:
 
 
 def _drive(can: str | None) -> tuple[str, int]:
-    """Return channel and node-ID of a virtual drive in the world; every drive reports the whole world."""
+    """Return the channel and node-ID of a virtual drive in the world; every drive reports the whole world."""
     nodes = known_nodes(can)
     sockets = list_sockets("drive")
     for node in nodes:

@@ -97,14 +97,14 @@ class Names(argparse.Action):
 
 
 def one_name(text: str) -> str:
-    """Return a name or a node-ID; refuse a list of names, with the form that works."""
+    """Return a name or a node-ID; raise ArgumentTypeError with advice for a list of names."""
     if "," in text:
         raise argparse.ArgumentTypeError(f"{text!r}: give one name here, and repeat the command for each of the others")
     return text
 
 
 def switched_on(args: argparse.Namespace, verb: str) -> bool:
-    """Whether the arguments switch on; raise ConfigError with both forms if neither on nor off is given."""
+    """Whether the `state` argument is on; raise ConfigError with both forms if neither on nor off is given."""
     if args.state is None:
         bus = "" if args.can is None else f" --can {args.can}"
         raise ConfigError(

@@ -217,7 +217,7 @@ def open_frames(path: str, bus: str | None = None) -> Source:
 
 
 def frames_of_file(path: str | Path) -> Recording:
-    """Open a recording of frames; raise ConfigError if no frame of it can be read."""
+    """Open a recording of frames; raise ConfigError if it contains no readable frame."""
     recording = Recording(path)
     if next(iter(recording), None) is None:
         raise ConfigError(recording.problem or f"{path}: contains no frames")

@@ -55,7 +55,8 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
 def send(args: argparse.Namespace, command: Command, zeros: Command | None) -> int:
     """Send `command` once or at 10 Hz, and `zeros` at the end; raise RemoteError if the robot refuses a command.
 
-    Without `zeros` the command ends when the connection is closed.
+    Without `zeros` the command ends when the connection is closed. Return 1 if a joint did not follow the last command,
+    else 0.
     """
     stopped = threading.Event()
     with (
@@ -83,7 +84,7 @@ def send(args: argparse.Namespace, command: Command, zeros: Command | None) -> i
 
 
 class _Idle:
-    """Joints that do not follow the commands, each printed once; `last` are those of the last command, with reasons."""
+    """Joints that do not follow the commands, each printed once; `last` maps those of the last command to reasons."""
 
     def __init__(self, first: CommandDone) -> None:
         self._named: set[str] = set()
@@ -151,7 +152,8 @@ def ask_for_controllers(robot: str | None) -> Sequence[ControllerReading]:
 def values_at_the_end(controllers: Sequence[ControllerReading], name: str, values: list[float]) -> list[float] | None:
     """Return the last values of a command: the commanded value for a position or target, otherwise 0.
 
-    All are 0 if the controller is unknown or takes another number of values. None for outputs, which have safe values.
+    All are 0 if the controller is unknown or takes another number of values. Return None for outputs, which have safe
+    values.
     """
     if any(controller.name == name and controller.takes_outputs for controller in controllers):
         return None
@@ -184,9 +186,9 @@ def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bo
 
 
 def find_controller(robot: RobotClient, name: str | None, samples: str, title: str) -> ControllerReading:
-    """Return the controller `name`; if None, the only active controller that publishes `samples`; else ConfigError.
+    """Return the controller `name`, or if it is None the only active controller that publishes `samples`.
 
-    `title` is the kind of controller in the error text.
+    Raise ConfigError if there is no such controller or more than one; `title` is the kind of controller in the message.
     """
     controllers = robot.ask(ListControllers())
     if name is not None:

@@ -145,7 +145,7 @@ def own_robot(
 
 
 def _read(robot: NewRobot, path: Path, channel: str) -> RobotSetup:
-    """Read the generated robot; a RobotConfigError for its files is attributed to the EDS."""
+    """Read the generated robot; if it is invalid, raise RobotConfigError with the EDS in place of its files."""
     try:
         return read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True)
     except ConfigError as error:

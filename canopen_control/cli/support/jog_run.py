@@ -210,7 +210,7 @@ class JogRun:
                 line.show(lambda: self._words(motion))
 
     def _outside_end(self, keyboard: Keyboard | None) -> JogEnd:
-        """Return the reason to end the jog that is neither a key nor the drive: a signal, or a lost terminal."""
+        """Return the external reason to end the jog (suspension, signal or lost terminal), or JogEnd.NONE."""
         if self._suspension.seconds:
             return JogEnd.SUSPENDED
         if keyboard is None or not keyboard.ended:

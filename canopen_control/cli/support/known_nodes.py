@@ -81,7 +81,7 @@ def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
 
 
 def drive_of(word: str, can: str | None) -> tuple[str, int]:
-    """Return the channel and node-ID of the drive that a user names; ConfigError lists the valid names."""
+    """Return the channel and node-ID of the drive named `word`; raise ConfigError with the valid names if none."""
     nodes, silent = ask_nodes(can)
     node = find_node(word, nodes)
     if node is not None:
@@ -121,7 +121,7 @@ def _node_id(text: str, choices: str) -> int:
 
 
 def connect_to(channel: str, node_id: int) -> DriveClient:
-    """Connect to the control socket of a virtual drive; RemoteError lists the drives that run instead."""
+    """Connect to the control socket of a virtual drive; raise RemoteError with the available drives if not running."""
     from canopen_control.client.drive_client import DriveClient
 
     try:

@@ -127,7 +127,7 @@ def _amount(done: int, total: int | None, unit: str) -> str:
 
 
 def _rate(done: int, total: int | None, gained: int, elapsed: float, unit: str) -> str:
-    """Return rate and remaining time, or "" before they can be estimated."""
+    """Return the rate and the remaining time as text, or "" before they can be estimated."""
     if gained <= 0 or not total or elapsed <= 0.0:
         return ""
     return f", {gained / elapsed:,.0f}{unit}/s, {(total - done) * elapsed / gained:.0f} s left"

@@ -45,7 +45,7 @@ def add_robot_name(parser: argparse._ActionsContainer) -> None:
 
 
 def actions_of(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """Yield each parser without subcommands, after its full name such as `ros topic list`."""
+    """Yield the full name, such as `ros topic list`, and the parser of each action without further actions."""
     groups = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]  # noqa: SLF001 - no public way
     if not groups:
         yield path, parser
@@ -87,7 +87,7 @@ def _width() -> int:
 
 
 class _VerbParser(argparse.ArgumentParser):
-    """Parser of a verb, and of each of its actions; a word that begins as a negative number is a value.
+    """Parser of a verb, and of each of its actions; a word that starts like a negative number is a value.
 
     NAME:=VALUE is allowed anywhere on the line, if the verb accepts xacro arguments. argparse itself accepts such
     positional arguments in one place only, so that none could follow an option.

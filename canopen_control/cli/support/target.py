@@ -109,7 +109,7 @@ def find_eds(text: str) -> Path:
 
 
 def names_file(word: str) -> bool:
-    """Whether a word can only name a file: it has a slash or the suffix of an EDS, or a suffix, and the file exists."""
+    """Whether a word can only name a file: it has a slash or an EDS suffix, or another suffix and the file exists."""
     path = Path(word).expanduser()
     return "/" in word or path.suffix.lower() in SUFFIXES or (bool(path.suffix) and path.is_file())
 
@@ -117,7 +117,7 @@ def names_file(word: str) -> bool:
 def refuse_as_node(args: argparse.Namespace, word: str, right: str, *, file: str | None = None) -> None:
     """Raise ConfigError if the NODE `word` is a file or the address of an object; `right` is the command to give.
 
-    `file` is the FILE of the same command: a NODE that exists as a file is exchanged with a FILE that does not.
+    `file` is the FILE of the same command: NODE also counts as a file if it exists as one and FILE does not.
     """
     exchanged = file is not None and Path(word).expanduser().is_file() and not Path(file).expanduser().is_file()
     kind = "a file" if names_file(word) or exchanged else "an object" if _ADDRESS.fullmatch(word) else ""
@@ -184,7 +184,7 @@ class RobotTarget(Target):
     def command(
         self, command: NmtCommand, sessions: list[NodeSession], timeout: float, *, all_nodes: bool
     ) -> tuple[list[NodeSession], dict[str, NodeReading]]:
-        """Send an NMT command to nodes of the robot; return the unconfirmed nodes, and all last readings."""
+        """Send an NMT command to nodes; return the unconfirmed nodes and the last readings of all nodes."""
         begin = time.monotonic()
         name = next(name for name, known in COMMAND_NAMES.items() if known is command)
         self.robot.ask(NmtRequest(command=name, node=ALL if all_nodes else str(sessions[0].node_id)))
@@ -246,7 +246,10 @@ class BusTransfers(Transfers):
         self._bus.cancel()
 
     def command(self, command: NmtCommand) -> None:
-        """Send an NMT command, and wait for a heartbeat with the expected state if the node sends heartbeats."""
+        """Send an NMT command, and wait for a heartbeat with the expected state if the node sends heartbeats.
+
+        Raise DriveError if the heartbeats have another state.
+        """
         seconds = _RESET_S if command in RESETS else _MUTE_S if self._mute else _NMT_S
         for result in self._bus.command(command, self._node_id, seconds):
             if isinstance(result, NmtUnconfirmed) and result.state is not None:
