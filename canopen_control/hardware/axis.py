@@ -43,8 +43,8 @@ _QUICK_STOP_WORD: Final = 0x0002  # CiA 402-2, table 24: bit 1 is 1, bit 2 is 0
 class AxisStatus:
     """Statusword and mode display of an axis, from TPDOs or by SDO; None while unknown.
 
-    `machine` defines the requested mode if no PDO contains it. `holds_load` means that the axis would drop its load
-    without power, so that disable voltage is not sent.
+    `machine` supplies the mode to write by SDO if no RPDO contains 0x6060. `holds_load` means that the axis would drop
+    its load without power, so that disable voltage is not sent.
     """
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine, *, holds_load: bool = False) -> None:
@@ -114,7 +114,10 @@ class AxisStatus:
         return self.word is None and self._by_sdo.refused
 
     def restart(self) -> None:
-        """Use the TPDO again after the node became operational, or when its feedback returned or became stale."""
+        """Start afresh: stop SDO uploads of the statusword and forget since when it has been missing.
+
+        Called when the node has become operational, and when its feedback has returned or become stale.
+        """
         self._by_sdo.end()
         self._blind_since = None
 
@@ -220,7 +223,7 @@ class AxisObjectLimits:
     `blocked` is the direction, 1 or -1, in which an active limit (statusword bit 11) forbids motion, 0 for none.
     `described` is the velocity limit of the description, or a lower limit for this run, in rad/s (m/s), infinite
     without a limit; `words` is its name in messages. The smaller of `described` and the drive's `velocity` applies:
-    `most` in velocity units, `pace` in position counts per s. `held` is True if a target was slowed down since the last
+    `most` in velocity units, `pace` in position counts per s. `held` is True if a target was reduced since the last
     check. `ramp_unbounded` means that the drive's own ramp of PP may exceed `described`.
     """
 
@@ -342,7 +345,7 @@ class AxisProcessData:
         return any(pdo.overdue for pdo in self._feedback)
 
     def hold(self, raw: int) -> None:
-        """Set all position targets to the raw position, and all targets of velocity and torque to 0."""
+        """Set all position targets to the raw position, and all velocity and torque targets to 0."""
         for is_position, output in self._targets:
             output.set(raw if is_position else 0)
 
@@ -445,7 +448,7 @@ def configured_scale(node: RemoteNode, axis: int) -> Scale:
 
 
 def _position_span(node: RemoteNode, index: int) -> int:
-    """Return the counts after which a drive's position wraps: by 0x607B in bus.yml or in its file, else 2**32.
+    """Return the number of counts after which a drive's position wraps: from 0x607B in bus.yml or EDS, else 2**32.
 
     CiA 402-2, 0x607B: a position beyond one end of the range continues at the other end, as on a rotary table. Targets
     stay relative to the position, and the drive wraps them.

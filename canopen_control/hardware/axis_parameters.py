@@ -192,7 +192,7 @@ def _feeds(axis: AxisProcessData, interface: str) -> bool:
 
 
 def _served(axis: AxisProcessData, interface: str) -> tuple[int, ...]:
-    """Return the modes that can serve a command interface, beginning with modes whose target is in bus.yml."""
+    """Return the modes that can serve a command interface; modes whose target is set in bus.yml come first."""
     own = [mode for mode, name in axis.own_modes.items() if name == interface]
     return (*own, *(mode for mode in _SERVED[interface] if mode not in own and _starts_alone(axis, mode)))
 
@@ -279,7 +279,7 @@ def _completed(tag: Ros2ControlSystem, plans: Mapping[str, NodePlan]) -> Ros2Con
 
 
 def _joint(joint: ControlJoint, plans: Mapping[str, NodePlan]) -> ControlJoint:
-    """Add the interfaces that its node can serve to a joint without command interfaces."""
+    """Add to a joint without command interfaces those that its node can serve."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     plan = plans.get(name or "") or next((plan for plan in plans.values() if str(plan.node_id) == node_id), None)
     axis = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
@@ -389,10 +389,7 @@ class AxisParameters:
             report(False, "its EDS has no 0x6081, so the drive alone limits its speed in PP")
 
     def bound_homing(self, done: Callable[[str], None]) -> None:
-        """Reduce the homing speeds (0x6099) to the velocity limit, then call `done` with "" or an error.
-
-        The argument of `done` is "" or the reason of a failure.
-        """
+        """Reduce the homing speeds (0x6099) to the velocity limit; call `done` with "" or the reason for a failure."""
         axis = self._axis
         subindices = [sub for sub in _HOMING_SPEEDS if axis.has(objects.HOMING_SPEEDS, sub)]
         if axis.limits.described == math.inf:
@@ -484,7 +481,7 @@ class AxisParameters:
         self._on_loaded()
 
     def _report_slow_ramps(self) -> None:
-        """Report ramps of a stop that the drive has stored and with which the axis would turn on for minutes."""
+        """Report decelerations in the drive that are so low that the axis would keep moving for minutes in a stop."""
         axis = self._axis
         speed = axis.limits.most
         for base in (objects.PROFILE_DECELERATION, objects.QUICK_STOP_DECELERATION):
@@ -496,7 +493,7 @@ class AxisParameters:
                 )
 
     def _report_quick_stop(self) -> None:
-        """Report a reaction to a quick stop that only the manufacturer defines: Beckhoff's AX8000 ignores it at -1."""
+        """Report a 0x605A that CiA 402 does not define: with -1, Beckhoff's AX8000 ignores a quick stop."""
         code = self.get(objects.QUICK_STOP_OPTION)
         if code is not None and code not in objects.OPTION_CODES[objects.QUICK_STOP_OPTION]:
             index = self._axis.index(objects.QUICK_STOP_OPTION)

@@ -2,7 +2,7 @@
 
 `TABLE` has for each state and trigger the next state and the commands to the drive; a trigger without a row changes
 nothing. Targets of a controller are sent only in FOLLOWING, and every path to this state begins with ENABLE: a fault
-reset, a drive that returns or a complete group never lead from a stop to FOLLOWING. The rows with GROUP_ are triggers
+reset, a drive that returns or a complete group never leads from a stop to FOLLOWING. The rows with GROUP_ are triggers
 of the stop group (`StopGroup`): its joints are enabled in one cycle and disabled in one cycle. Every state of a stop
 has a timeout (`LIMITS_NS`), which is followed by a quick stop, then by disable voltage, unless the axis holds a load
 that would fall; the last state reports that the axis has not stopped.
@@ -407,7 +407,7 @@ def merge_base_groups(joints: Iterable[J], bases: Mapping[str, Collection[str]],
 
 
 def _merged(groups: set[StopGroup[J]], joints: Iterable[J]) -> StopGroup[J]:
-    """Return one stop group in place of several; reuse the first joint's group if its members are the same."""
+    """Return one stop group that replaces several; reuse the first joint's group if it already has all their joints."""
     members = [joint for joint in joints if joint.stop_group in groups]
     if members[0].group.joints == members:
         return members[0].group

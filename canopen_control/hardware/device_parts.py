@@ -243,7 +243,7 @@ class NodeInputs:
             device_input.read(now)
 
     def report_jump(self, signal: str, text: str) -> None:
-        """Record a jump of a signal for `take_news`, once per boot."""
+        """Record a jump of a signal for `take_news`, at most once per signal and boot."""
         if self._jumped.get(signal) != self.boots:
             self._jumped[signal] = self.boots
             self.jumps.append(text)
@@ -419,7 +419,7 @@ def _them(names: Sequence[str]) -> str:
 
 
 def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
-    """Return the node of a part: "" if the part names an unknown node, None if it has no device."""
+    """Return the name of a part's node: "" if the part names an unknown node, None if it has no device."""
     name, node_id = part.parameters.get("device_name"), part.parameters.get("node_id")
     if name is not None:
         return name if name in nodes else ""

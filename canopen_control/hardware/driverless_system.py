@@ -123,7 +123,7 @@ class Engine(Protocol):
         """Return the motor of a joint, or None; new targets apply from the next `step` on."""
 
     def sensed(self, interface: str) -> Callable[[], float] | None:
-        """Return a reader of a sensor interface, such as "imu/orientation.x", or None if unknown."""
+        """Return a function that reads a sensor interface, such as "imu/orientation.x", or None if it is unknown."""
 
     def step(self, seconds: float) -> None:
         """Advance all motors and sensors by `seconds`."""
@@ -216,7 +216,7 @@ class _Joint:
 
 
 class SimulatedSystem(ComponentLifecycle):
-    """Simulated joints of one <ros2_control> tag; `joints` of the description have the limits.
+    """Simulated joints of one <ros2_control> tag; `joints` maps their names to the URDF joints with the limits.
 
     Parameters of the tag or of a joint are time_constant (s), inertia and damping. `make_motor` replaces the built-in
     motors. The motors of an `engine` are coupled, and its sensors are used.

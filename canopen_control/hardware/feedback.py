@@ -2,8 +2,8 @@
 
 A value changes only with a new frame, and is nan without a node. Positions are continuous: the 32-bit wrap-around is
 removed, a restarted drive continues at its position, and a step that no motor can make is a jump, which is reported and
-does not count as motion. A step is plausible if it is within the present velocity, or else the drive's maximum
-velocity, plus one revolution.
+does not count as motion. A step is plausible if it is at most one revolution longer than the way at three times the
+present velocity, or the drive's maximum velocity if the present one is unknown.
 """
 
 from __future__ import annotations
@@ -111,10 +111,7 @@ _SLACK: Final = math.tau  # rad: motion between two samples that is possible wit
 
 
 class Feedback:
-    """State interfaces of one joint; `at_standstill` while the drive reports almost no motion.
-
-    `at_standstill` is True while the drive reports nearly no motion.
-    """
+    """State interfaces of one joint; `at_standstill` is True while the drive shows almost no motion."""
 
     def __init__(self, description: ControlJoint, axis: AxisProcessData) -> None:
         self._axis = axis
@@ -150,7 +147,7 @@ class Feedback:
         self._derived_from, self._derived_at = 0, -_DERIVE_NS  # count and stamp
 
     def node_ready(self) -> None:
-        """Continue at the last joint position after the node has returned, regardless of its raw position."""
+        """Continue at the last joint position after the node has returned, whatever its raw position is."""
         self._axis.unwrap.rebase()
         self._derived_at = -_DERIVE_NS
         self._position_values = self._velocity_values = None
@@ -205,7 +202,7 @@ class Feedback:
         return jump
 
     def ramp_ns(self, default: int) -> int:
-        """Return the duration in ns of the drive's ramp from the current velocity to 0, at most `default`."""
+        """Return the time in ns to allow for the drive's ramp from the current velocity to 0, at most `default`."""
         slope = self._axis.limits.deceleration
         if self._raw_velocity is None or not math.isfinite(slope):
             return default
@@ -255,7 +252,8 @@ class Feedback:
     def unit_mismatch_of_jump(self, commanded: float = 0.0) -> UnitMismatch | None:
         """Return the wrong velocity unit that would explain the last jump, or None.
 
-        `commanded` is the velocity sent to the drive in rad/s, nan for none, because the reported velocity may lag.
+        `commanded` is the velocity sent to the drive in rad/s (nan: none); it is compared first, because the reported
+        velocity may lag.
         """
         raw = round(commanded * self._axis.scale.vel_to_dev) if math.isfinite(commanded) else None
         return self._check_unit(self._jump_speed, raw, rising=True) or self._check_unit(
@@ -263,7 +261,7 @@ class Feedback:
         )
 
     def velocity_unit_mismatch(self, now: int) -> UnitMismatch | None:
-        """Return a velocity unit mismatch once, after several checks; call ten times a second."""
+        """Return a mismatch of the velocity unit once, when several checks in a row have found one; call at 10 Hz."""
         count = self._axis.unwrap.count
         moved, elapsed = count - self._checked_count, now - self._checked_at
         self._checked_count, self._checked_at = count, now
@@ -279,7 +277,7 @@ class Feedback:
         return unit_mismatch(self._axis, speed, raw, rising=rising)
 
     def _largest_step(self, elapsed_ns: int) -> int:
-        """Return the largest plausible step in counts: three times the current velocity plus one revolution."""
+        """Return the largest plausible step in counts: the way at three times the velocity, plus one revolution."""
         axis = self._axis
         slack = self._slack
         if self._raw_velocity is not None:

@@ -177,7 +177,7 @@ class HardwareComponent(Protocol):
         ...
 
     def cleanup(self) -> None:
-        """Undo `configure`, and `activate` first if necessary."""
+        """Undo `configure`; deactivate the component first if necessary."""
         ...
 
     def shutdown(self) -> None:
@@ -206,7 +206,7 @@ class HardwareComponent(Protocol):
         ...
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Stop released joints; select the modes of claimed joints and start to enable them.
+        """Stop released joints; select the modes of claimed joints and start enabling them.
 
         This method never blocks.
         """
@@ -295,8 +295,8 @@ class InterfaceRegistry:
     def claim(self, names: Sequence[str], owner: str) -> list[CommandInterface]:
         """Claim command interfaces for a controller, all or none.
 
-        Raise UnknownInterface, or InterfaceConflict if another controller owns one. Interfaces that the controller
-        already owns are accepted.
+        Raise UnknownInterface for an unknown name, InterfaceConflict if another controller owns one. Interfaces that
+        the controller already owns are accepted.
         """
         commands = [self.command(name) for name in names]
         for command in commands:

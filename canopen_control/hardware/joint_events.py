@@ -154,10 +154,7 @@ class StatusWatch:
         return self._against == WRONG_CHECKS
 
     def refuses(self, interface: str | None) -> str | None:
-        """Return a text once if a target does not fit its object, and again after a valid target; call at 10 Hz.
-
-        Call ten times a second.
-        """
+        """Return a text once if a target does not fit its object, and again after a valid target; call at 10 Hz."""
         target, reported = self._axis.out_of_range, self._out_of_range
         self._out_of_range = target
         if math.isnan(target) or not math.isnan(reported):
@@ -316,7 +313,7 @@ class MotionWatch:
         self.late = cyclic and not self._moved and self._standing == _LATE_CHECKS
 
     def _check_direction(self, way: int, here: int, step: int, scale: float) -> None:
-        """Count checks in which the axis moves away from its target, unless this motion has moved towards it before."""
+        """Count checks in which the axis moves away from its target without having moved towards it in this motion."""
         if abs(step) < _STEP * scale:
             self.moves_away = self._ended_away(way, here, scale)
             self._rest, self._right, self._away = here, False, 0
@@ -328,7 +325,7 @@ class MotionWatch:
         self.moves_away = self._away == WRONG_CHECKS
 
     def _ended_away(self, way: int, here: int, scale: float) -> bool:
-        """Whether a motion of less than `WRONG_CHECKS` checks ended farther from its target."""
+        """Whether a motion that ended too early for `WRONG_CHECKS` checks led away from its target."""
         if self._right or self._rest is None:
             return False
         moved = here - self._rest
@@ -398,7 +395,7 @@ class JointHoming:
         return self.phase is HomingPhase.HOMED
 
     def abort(self, reason: str) -> None:
-        """End the homing as failed, unless already ended; bit 4 is 0 from the next cycle on."""
+        """End the homing as failed, unless it has already ended; bit 4 is 0 from the next cycle on."""
         if not self.over:
             self._fail(reason)
 

@@ -1,7 +1,7 @@
 """Hardware plugins of <ros2_control> tags: CANopen drives, simulation, mock hardware, transmissions.
 
 The plugin names of other stacks are accepted, so that their descriptions run unchanged, and so that users switch from
-simulation to hardware by changing the same line as there. `--mock` and `--real` do the same without a change.
+simulation to hardware by changing the same line as there. `--mock` and `--real` do the same without changing a file.
 """
 
 from __future__ import annotations
@@ -254,7 +254,7 @@ def _offset(parameters: Mapping[str, str]) -> float:
 
 
 class _State:
-    """State interface before and after a transmission: joint value = actuator value * factor + offset."""
+    """State interface on both sides of a transmission: joint value = actuator value * factor + offset."""
 
     __slots__ = ("factor", "inner", "offset", "outer")
 
@@ -264,7 +264,7 @@ class _State:
 
 
 class _Command:
-    """Command interface before and after a transmission; the joint's limits become limits of the actuator."""
+    """Command interface on both sides of a transmission; the joint's limits become limits of the actuator."""
 
     __slots__ = ("factor", "inner", "offset", "outer")
 
@@ -423,7 +423,7 @@ def busless_component(
 ) -> HardwareComponent:
     """Return the component of a tag without a bus: a simulation or mock hardware.
 
-    A tag with a plugin for drives or simulation gets mock hardware with dynamics.
+    Mock hardware that replaces another plugin calculates dynamics, unless the tag says otherwise.
     """
     if kind is PluginKind.SIMULATION:
         return driverless_system.SimulatedSystem(tag, description.joints, engine=engine)

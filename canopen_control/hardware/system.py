@@ -114,7 +114,7 @@ PLUGINS: Final[tuple[str, ...]] = (
 class CanopenSystem(ComponentLifecycle):
     """Component of the CANopen drives and devices of one <ros2_control> tag.
 
-    `groups` are the robot's stop groups by name, to which the joints are added; components that share them stop
+    `groups` are the robot's stop groups by name, to which the joints are added; components that share a group stop
     together.
     """
 

@@ -177,7 +177,7 @@ class Tracking:
     """Tracking statistics of one joint; `interface` is the compared quantity, or "".
 
     Positions that are equal in consecutive cycles while the joint moves are counted in `repeated`; velocities are
-    never. `skipped` counts the cycles without a set-point.
+    not counted. `skipped` counts the cycles without a set-point.
     """
 
     __slots__ = (
@@ -237,7 +237,7 @@ class Tracking:
         self.restart()
 
     def step(self, target: float, actual: float) -> None:
-        """Add the set-point of this cycle and the last measured value; nan if unknown."""
+        """Add the set-point of this cycle and the last measured value; each may be nan (unknown)."""
         last = self._first
         if target == actual and target == last == self._second == self._third:  # no error, as in the cycles before
             self._count += 1
