@@ -92,7 +92,7 @@ def _stuffed_bytes() -> list[int]:
 
 @lru_cache(maxsize=4096)
 def _head(can_id: int, length: int) -> tuple[int, int, int, int]:
-    """Return bit count, CRC and number of stuff bits of a frame before its data, and the stuffing state there."""
+    """Return the bit count, the CRC, the number of stuff bits and the stuffing state of a frame before its data."""
     content, bits = _header(can_id)
     content, bits = content << 4 | length, bits + 4
     count, state = _stuffed(0, content, bits)
@@ -190,20 +190,20 @@ class PacedWire:
         return len(self.queues.pop(sender, ()))
 
     def drain(self) -> Iterator[tuple[int, bytes]]:
-        """Yield the sender and the raw record of all waiting frames in the order of arbitration, without delay."""
+        """Yield sender and raw record of the frame on the wire, then of the waiting frames in arbitration order."""
         while self.on_wire is not None:
             _, sender, _, record = self.on_wire
             yield sender, record
             self._begin(self._done_ns)
 
     def repeat(self) -> None:
-        """Send the frame on the wire, which was disturbed, again before the waiting frames of its sender."""
+        """Return the disturbed frame on the wire to the head of its sender's queue, and start the next frame."""
         if (done := self.on_wire) is not None:
             self.queues.setdefault(done[1], deque()).appendleft(done)
             self._begin(self._done_ns)
 
     def end(self) -> Waiting | None:
-        """Complete the frame on the wire and start the next frame; return the completed frame, None on an idle wire."""
+        """Complete the frame on the wire and start the next one; return the completed frame, None if idle."""
         done = self.on_wire
         if self.queues:
             if done is not None:

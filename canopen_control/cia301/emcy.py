@@ -249,7 +249,7 @@ class EmcyMessage:
         return is_reset_code(self.error_code)
 
     def __str__(self) -> str:
-        """Return code, meaning, register and nonzero manufacturer-specific bytes in one line."""
+        """Return the code, its meaning, the register and nonzero manufacturer-specific bytes in one line."""
         extra = f", data {self.data.hex(' ')}" if any(self.data) else ""
         return f"{code_text(self.error_code)}, register 0x{self.error_register:02X}{extra}"
 
@@ -313,7 +313,7 @@ class EmcyProducer:
         return self._lost + self.outgoing.lost
 
     def raise_error(self, code: int, register: int, now: int, data: bytes = b"") -> bool:
-        """Activate and report an error; return False if the error is already active."""
+        """Activate an error and send its EMCY message; return False if the error is already active."""
         # CiA 301, 7.2.7: an error is sent once when it occurs
         if code in self._active:
             return False
@@ -334,7 +334,7 @@ class EmcyProducer:
             self.clear_error(code, now)
 
     def clear_error(self, code: int, now: int) -> bool:
-        """Remove an active error and send an error reset with the remaining register bits; False if not active."""
+        """Remove an error and send an error reset with the remaining register bits; return False if not active."""
         if self._active.pop(code, None) is None:
             return False
         # CiA 301, 7.2.7: error code 0x0000, and the errors that remain in the register

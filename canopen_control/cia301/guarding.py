@@ -111,7 +111,7 @@ class GuardingMaster:
                 node.poll_ns = next_on_grid(node.poll_ns, node.guard_ns, now)
 
     def postpone(self, nanoseconds: int) -> None:
-        """Extend all deadlines by `nanoseconds`, a time in which no remote frame was sent."""
+        """Extend all deadlines by `nanoseconds`, a time during which no remote frame was sent."""
         for node in self._nodes.values():
             node.deadline_ns += nanoseconds
 

@@ -90,7 +90,7 @@ class HeartbeatProducer:
         self._deadline_ns = deadline
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next heartbeat; 0 means at once, None that no heartbeat is due."""
+        """Return the time of the next heartbeat, 0 if it is due at once, or None if no heartbeat is sent."""
         if self._period_ns <= 0 or self.state is NmtState.INITIALISING:
             return None
         return self._deadline_ns or 0
@@ -154,7 +154,10 @@ class HeartbeatConsumer:
         self.event_queue: Outbox[HeartbeatEvent] = Outbox(1024)
 
     def watch(self, node_id: int, timeout_ns: int) -> None:
-        """Monitor `node_id` with `timeout_ns` (0x1016) from its next heartbeat on; 0 ends monitoring."""
+        """Monitor `node_id` with `timeout_ns` (0x1016) from its next heartbeat on; 0 ends monitoring.
+
+        Raise LocalProtocolError for an invalid node-ID or a negative timeout.
+        """
         if not 1 <= node_id <= MAX_NODE_ID or timeout_ns < 0:
             msg = f"cannot watch node {node_id} with {timeout_ns} ns; node-IDs are 1 to {MAX_NODE_ID}"
             raise LocalProtocolError(msg)
@@ -167,11 +170,11 @@ class HeartbeatConsumer:
             self.watch(node_id, 0)
 
     def watched(self) -> dict[int, int]:
-        """Return the monitored nodes with their timeouts in ns."""
+        """Return the timeouts in ns of the monitored nodes, by node-ID."""
         return {node_id: node.timeout_ns for node_id, node in self._nodes.items() if node.timeout_ns}
 
     def state_of(self, node_id: int) -> NmtState | None:
-        """Return the last received state, INITIALISING after a boot-up; None before any frame or if undefined."""
+        """Return the last received state (INITIALISING after a boot-up), or None before any frame or if undefined."""
         node = self._nodes.get(node_id)
         return None if node is None else node.state
 

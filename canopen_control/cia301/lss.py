@@ -258,7 +258,7 @@ class LssMaster:
             self._advance(job, now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next request or timeout; 0 means at once, None that no service is waiting."""
+        """Return the time of the next request or timeout, 0 for now, or None if no service is waiting."""
         if not self._jobs:
             return None
         job = self._jobs[0]

@@ -151,7 +151,7 @@ class NmtStateChanged:
 
 @dataclass(frozen=True, slots=True)
 class NmtResetRequested:
-    """Reset request to the owner, which must restore the power-on values and then call `NmtSlave.boot`."""
+    """Request to the owner for a reset: it must restore the power-on values and then call `NmtSlave.boot`."""
 
     command: NmtCommand  # RESET_NODE: all objects; RESET_COMMUNICATION: 0x1000 to 0x1FFF (CiA 301, 7.3.2.2.1)
 
@@ -273,7 +273,7 @@ class NmtMaster:
         self._events: Outbox[NmtConfirmed | NmtUnconfirmed] = Outbox()
 
     def command(self, command: NmtCommand, node_id: int, now: int, *, confirm_by: Iterable[int] | None = None) -> None:
-        """Send `command`; the nodes `confirm_by` must confirm it (default: `node_id`; no node for broadcasts)."""
+        """Send `command`; the nodes in `confirm_by` must confirm it (default: `node_id`; none for a broadcast)."""
         nodes = (node_id,) if confirm_by is None else confirm_by
         self._frames.put(nmt_frame(command, node_id))
         for node in nodes:
@@ -355,6 +355,6 @@ def reaction(value: int, state: NmtState) -> NmtCommand | None:
 
 
 def check_reaction(value: int) -> AbortCode | None:
-    """Return the abort code of a write to 0x1029; None if the value is valid."""
+    """Return the abort code for a write to 0x1029, or None if the value is valid."""
     # CiA 301, 7.5.2.32: 0, 1 and 2 are defined
     return None if value in _REACTIONS else AbortCode.INVALID_VALUE

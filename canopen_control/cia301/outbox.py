@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 class Outbox(Generic[T]):
-    """Queue of at most `limit` items, oldest first; `lost` counts dropped items.
+    """Queue of at most `limit` items, oldest first; `lost` counts the items dropped because it was full.
 
     `waiting` is the underlying deque: testing it for items avoids a call in cycles that have none.
     """
@@ -39,7 +39,7 @@ class Outbox(Generic[T]):
         return items
 
     def clear(self) -> None:
-        """Clear all items without counting them as lost."""
+        """Discard all items without counting them as lost."""
         self.waiting.clear()
 
     def __len__(self) -> int:

@@ -74,7 +74,7 @@ def parse_mapping_entry(value: int) -> tuple[int, int, int]:
 def dummy(data_type: DataType) -> MappedObject:
     """Return the RPDO mapping entry that skips a value of `data_type`.
 
-    Raise LocalProtocolError if not in `DUMMY_TYPES`.
+    Raise LocalProtocolError if the type is not in `DUMMY_TYPES`.
     """
     if data_type not in DUMMY_TYPES:
         msg = f"{data_type.name} cannot fill a gap in a PDO; use one of the data types 1 to 7"
@@ -99,7 +99,7 @@ def is_reserved(transmission_type: int) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PdoParameters:
-    """Communication parameter of one PDO, 0x1400 or 0x1800 and above.
+    """Communication parameters of one PDO (0x1400 and above for RPDOs, 0x1800 and above for TPDOs).
 
     `cob_id` is the CAN identifier alone; `enabled` and `rtr_allowed` are the inverse of bits 31 and 30 of the entry.
     `from_value` disables a PDO whose identifier is 0 or restricted (CiA 301, 7.3.5).
@@ -134,7 +134,7 @@ class PdoParameters:
         event_timer_ms: int = 0,
         sync_start: int = 0,
     ) -> PdoParameters:
-        """Return the parameters from the values of COB-ID (subindex 1) and the other subindices."""
+        """Return the parameters for the values of the COB-ID (subindex 1) and the other subindices."""
         extended = bool(value & EXTENDED_BIT)
         identifier = value & (0x1FFFFFFF if extended else 0x7FF)
         return cls(
@@ -338,7 +338,7 @@ class RpdoConsumer:
         return self._parameters
 
     def configure(self, parameters: PdoParameters, length: int) -> None:
-        """Set the communication parameter and mapping length; waiting data is discarded."""
+        """Set the communication parameters and the mapping length, and discard waiting data."""
         self.length = length
         self._clear()
         self._adopt(parameters)
@@ -480,7 +480,7 @@ class TpdoProducer:
         return self._parameters
 
     def configure(self, parameters: PdoParameters, now: int) -> None:
-        """Set the communication parameter; a running PDO restarts with it."""
+        """Set the communication parameters; a running PDO restarts with them."""
         self._adopt(parameters)
         if not self._valid:
             self.outgoing.clear()
@@ -490,7 +490,7 @@ class TpdoProducer:
     def start(self, now: int, *, shows: bool = True) -> None:
         """Start transmission when the node enters OPERATIONAL or the PDO becomes valid.
 
-        An event-driven PDO sends its initial values, unless `shows` is False, as some device profiles require.
+        An event-driven PDO sends its initial values at once, unless `shows` is False; some device profiles require that.
         """
         self._clear()
         self.running = True
@@ -508,7 +508,7 @@ class TpdoProducer:
         self.outgoing.clear()
 
     def changed(self, now: int) -> None:
-        """Record a changed value or a profile event; no effect on PDOs whose type is not triggered by changes."""
+        """Record a changed value or a profile event; no effect if the transmission type is not triggered by changes."""
         if not self._active:
             return
         transmission_type = self._type
@@ -546,7 +546,7 @@ class TpdoProducer:
             self.unanswered += 1
 
     def tick(self, now: int) -> None:
-        """Send the PDO if the event timer or the inhibit time has elapsed."""
+        """Send the PDO if the event timer has elapsed, or the inhibit time after a change."""
         deadline = self.next_deadline()
         if deadline is not None and now >= deadline:
             self._send(now)

@@ -64,7 +64,7 @@ class PdoRules:
     wrong_state: AbortCode = AbortCode.INVALID_VALUE
 
     def check_communication(self, subindex: int, value: int, present: PdoParameters) -> AbortCode | None:
-        """Check a write to the communication parameter; `present` are its current values."""
+        """Check a write to a communication parameter; `present` contains the current values."""
         # CiA 301, 7.5.2.35 and 7.5.2.37: the highest subindex is constant
         if subindex == 0:
             return AbortCode.READ_ONLY
@@ -90,7 +90,7 @@ class PdoRules:
         return self._check_target(value) if value else None
 
     def check_mapping_count(self, value: int, entries: Sequence[int], present: PdoParameters) -> AbortCode | None:
-        """Check a write to the number of mapped objects while `entries` are the mapping entries."""
+        """Check a write to the number of mapped objects; `entries` are the current mapping entries."""
         # CiA 301, 7.5.2.36 and 7.5.2.38: the number of objects is written while the PDO is invalid
         if present.enabled:
             return self.wrong_state

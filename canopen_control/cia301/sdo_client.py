@@ -71,7 +71,7 @@ class Awaiting(Phase, metaclass=ABCMeta):
         exchange.handle_timeout(request, now)
 
     def abandon(self, exchange: SdoTransfer) -> None:
-        """Withdraw the initiate request, or abort the request if it was sent."""
+        """Withdraw the initiate request if it is not sent yet, else send an abort."""
         if exchange.out:
             exchange.out.pop()
         else:
@@ -223,7 +223,7 @@ _FLUSHING: Final = FlushingLateAnswers()
 
 
 def first_phase(exchange: SdoTransfer, request: SdoRequest) -> tuple[Phase, bytes]:
-    """Return the first phase and the first frame of a try: of the request, or of a flush before it."""
+    """Return the first phase and the first frame of a try, or of the flush that must precede the try."""
     if request.block and exchange.may_use_blocks:
         phase: Phase = _BLOCK_DOWNLOAD if request.is_write else _BLOCK_UPLOAD
         data = initiate_block(request, exchange.options)
@@ -317,7 +317,7 @@ class SdoClient:
             self._exchange.report(request, error)
 
     def cancel_transfer(self, request: SdoRequest) -> None:
-        """End a transfer in segments or blocks with an abort to the server and SdoCancelled; ignore other requests.
+        """Abort a transfer in segments or blocks and end its request with SdoCancelled; ignore other requests.
 
         A request of one frame is completed, because the server executes it anyway.
         """
@@ -355,7 +355,7 @@ class SdoClient:
 
     @property
     def retried(self) -> int:
-        """Number of tries after the first."""
+        """Number of retries, over all requests."""
         return self._exchange.retried
 
     @property
@@ -394,7 +394,7 @@ class SdoClient:
             self._next(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`; 0 means at once, None that no request is active."""
+        """Return the time of the next `tick`, 0 for now, or None if no request is active."""
         return self._exchange.deadline
 
     def frames(self) -> list[CanFrame]:

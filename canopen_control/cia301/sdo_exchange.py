@@ -80,7 +80,7 @@ class SdoOptions:
 
 
 class SdoRequest:
-    """One upload or download, from its queueing until it is done.
+    """One upload or download, from the time it is queued until it is done.
 
     `data` is the result of a read or the payload of a write; `error` is None on success; `block` requests block
     transfer; `context` is free for the caller. `elapsed_ns` counts from the first frame, and is 0 for a cancelled
@@ -209,7 +209,7 @@ def initiate_block(request: SdoRequest, options: SdoOptions) -> bytes:
 
 
 def completed(data: bytes) -> bytes:
-    """Return the data of a frame padded to 8 bytes; empty if a byte used by the protocol is missing.
+    """Return a frame's data padded to 8 bytes; empty if it is longer, or lacks a byte that the protocol uses.
 
     Some servers truncate frames after the last used byte, although CiA 301 requires 8 bytes.
     """
@@ -313,7 +313,7 @@ class Phase:
         """Handle the expiry of the deadline of the phase."""
 
     def abandon(self, exchange: SdoTransfer) -> None:
-        """Send an abort for a cancelled request if the server has received it."""
+        """Send an abort for a cancelled request if the request was sent."""
 
 
 class Pausing(Phase):
@@ -375,7 +375,7 @@ class SdoTransfer:
         self.start_try(request, now)
 
     def receive(self, data: bytes, now: int) -> None:
-        """Receive the data of a frame of the server; a frame that does not answer the request is counted."""
+        """Receive the data of a server's frame; count it as ignored if it does not answer the request."""
         if len(data) != 8 and not (data := completed(data)):
             self.ignored += 1
         elif data[0] != ABORT:
@@ -405,7 +405,7 @@ class SdoTransfer:
             self.phase.expire(self, request, now)
 
     def cancel(self, error: CanopenError) -> None:
-        """End the active request with `error`; send an abort if the server has received it."""
+        """End the active request with `error`; send an abort if the request was sent."""
         if (request := self.active) is None:
             return
         self.phase.abandon(self)
@@ -443,7 +443,7 @@ class SdoTransfer:
         self.start_try(request, now)
 
     def fits(self, request: SdoRequest, size: int | None, now: int) -> bool:
-        """Whether the announced size of an upload is within the limit; otherwise end the request."""
+        """Whether the announced size of an upload is within the limit; if not, end the request."""
         if size is None or size <= self.options.max_size:
             return True
         self.abort_transfer(request, AbortCode.OUT_OF_MEMORY, now)

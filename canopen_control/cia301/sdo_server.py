@@ -67,7 +67,7 @@ class ServedObjects(Protocol):
         """Write the bytes of an object; the store checks length, limits, access and state."""
 
     def size_of(self, index: int, subindex: int) -> int | None:
-        """Return the size of an object in bytes, or None if variable.
+        """Return the size of an object in bytes, or None if it is variable.
 
         Called before a download in several frames, so that a wrong size is refused at the initiate.
         """
@@ -321,7 +321,7 @@ class SdoServer:
     # -- store
 
     def _accepts(self, index: int, subindex: int, announced: int | None) -> bool:
-        """Whether a download of several frames may start; otherwise an abort is sent."""
+        """Whether a download of several frames may start; if not, send an abort."""
         if (size := self._size(index, subindex)) is None:
             return False
         code = 0

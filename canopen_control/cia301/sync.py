@@ -54,7 +54,7 @@ def is_valid_overflow(overflow: int) -> bool:
 
 
 def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
-    """Return the abort code of a write to 0x1019 while 0x1006 is `period_us`, or None if valid."""
+    """Return the abort code for a write to 0x1019 while 0x1006 is `period_us`, or None if the write is valid."""
     # CiA 301, 7.5.2.22: the overflow value must not change while 0x1006 is not 0
     if period_us:
         return AbortCode.DEVICE_STATE
@@ -62,7 +62,7 @@ def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
 
 
 def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> AbortCode | None:
-    """Return the abort code of a write to 0x1005 whose current value is `present`, or None if valid."""
+    """Return the abort code for a write to 0x1005 whose current value is `present`, or None if the write is valid."""
     # CiA 301, 7.5.2.5: bit 30, the device generates SYNC
     if value & PRODUCER_BIT and not can_produce:
         return AbortCode.INVALID_VALUE
@@ -139,7 +139,7 @@ class SyncProducer:
 
 
 class SyncEventKind(enum.Enum):
-    """Kind of a consumer's SYNC event."""
+    """Kind of event that a SYNC consumer reports."""
 
     SYNC = "sync"
     LENGTH_ERROR = "length error"  # report EMCY 0x8240; a SYNC event follows
@@ -190,7 +190,7 @@ class SyncConsumer:
         self.event_queue.put(SyncEvent(SyncEventKind.SYNC, now, counter))
 
     def receive_plain(self, now: int) -> bool:
-        """Count a timely SYNC without data, with no event; False if `receive` must process it."""
+        """Count a timely SYNC without data, but report no event; return False if `receive` must process it."""
         deadline = self._deadline_ns
         if self.overflow or self._missed or (deadline is not None and now >= deadline):
             return False

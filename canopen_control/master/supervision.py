@@ -81,7 +81,7 @@ class PdoWatch:
             self._changes.append(pdo)
 
     def _is_late(self, pdo: ReceivedPdo, now: int) -> bool:
-        """Whether a missing TPDO had enough time, allowing half a period of jitter, and is not waiting at the port."""
+        """Whether a missing TPDO had enough time (allowing half a period of jitter), and does not wait at the port."""
         time = max((2 * pdo.allowed_silence - 3) * self._period // 2, self.least_ns - self._period)
         if now - pdo.since < time:
             return False
@@ -98,7 +98,7 @@ def _is_like(gap: int, other: int) -> bool:
 
 
 class EmcyGate:
-    """Limiter of a node's reported EMCY messages to ten per second; `held` counts the suppressed messages."""
+    """Limiter of the EMCY messages reported for a node, to ten per second; `held` counts the suppressed messages."""
 
     def __init__(self) -> None:
         self.held = 0
@@ -106,7 +106,7 @@ class EmcyGate:
         self._window = 0
 
     def passes(self, now: int) -> bool:
-        """Whether an EMCY message may be reported; False until `summary` has reported suppressed messages."""
+        """Whether an EMCY message may be reported; after a suppressed one, False until `summary` returns the count."""
         if now - self._window >= _SECOND and not self.held:
             self._window, self._passed = now, 0
         self._passed += 1
@@ -116,7 +116,7 @@ class EmcyGate:
         return True
 
     def summary(self, now: int) -> int:
-        """Return the number of suppressed messages after the end of the second, and clear the counter; 0 if none."""
+        """Return and clear the number of suppressed messages once the second has ended; return 0 before that."""
         if not self.held or now - self._window < _SECOND:
             return 0
         count, self.held = self.held, 0
@@ -183,7 +183,7 @@ class DuplicateWatch:
         return False
 
     def reset(self) -> None:
-        """Record that a reset was sent to the node, which must be followed by a boot-up."""
+        """Record that a reset was sent to the node, so that the boot-up after it is expected."""
         self._resets = min(self._resets + 1, _MOST_RESETS)
         self._reset_at = None
 
