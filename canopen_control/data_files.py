@@ -40,7 +40,7 @@ def data_names(kind: str) -> list[str]:
 def read_limited(path: Path, limit: int) -> bytes:
     """Return the bytes of a regular file; raise ValueError for a folder, a device, or more than `limit` bytes.
 
-    Raise OSError as raised by `open`.
+    Raise OSError if it cannot be opened.
     """
     if path.exists() and not path.is_file():
         raise ValueError("it is a folder" if path.is_dir() else "it is not a regular file")
@@ -61,7 +61,7 @@ def foreign_format(data: bytes) -> str:
 
 
 def read_utf8(path: Path, limit: int = LONGEST_TEXT) -> str:
-    """Return the text of a UTF-8 file; raise ValueError for any other file, and OSError as raised by `open`."""
+    """Return the text of a UTF-8 file; raise ValueError for any other file, OSError if it cannot be opened."""
     data = read_limited(path, limit)
     if foreign := foreign_format(data):
         raise ValueError(f"it is {foreign}")

@@ -137,7 +137,7 @@ def cob_id(service: Service, node_id: int = BROADCAST) -> int:
 
 
 def service_of(identifier: int) -> tuple[Service, int] | None:
-    """Return service and node-ID of a COB-ID in the predefined connection set; None for other COB-IDs."""
+    """Return the service and node-ID of a COB-ID in the predefined connection set; None for other COB-IDs."""
     if (single := _SINGLE.get(identifier)) is not None:
         return single, BROADCAST
     service, node_id = _PER_NODE.get(identifier & 0x780), identifier & 0x7F

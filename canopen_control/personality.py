@@ -128,7 +128,7 @@ def personality_names() -> list[str]:
 
 
 def read_personality(name: str) -> Personality:
-    """Read a bundled personality by name, or a file; PersonalityError lists all errors by line."""
+    """Read a bundled personality by name, or a file by path; raise PersonalityError, which lists all errors."""
     bundled = data_path("eds", _FOLDER) / f"{name}.yaml"
     path = bundled if name in personality_names() else Path(name)
     if path is not bundled and not path.is_file():

@@ -112,13 +112,13 @@ class Signal:
         return raw * gain + self.offset
 
     def raw(self, value: float, gain: float, *, whole: bool) -> float:
-        """Return the raw number of a value; `whole` rounds to an integer, for objects of integer types."""
+        """Return the raw number of a value; `whole` rounds it to an integer, for objects of integer types."""
         raw = (value - self.offset) / gain
         return round(raw) if whole else raw
 
 
 def object_of(text: str) -> tuple[int, int, int | None] | None:
-    """Return index, subindex and bit of ``0x6401:01``, ``6000:1.3`` or ``0x6004``; None for other texts."""
+    """Return the index, subindex and bit of ``0x6401:01``, ``6000:1.3`` or ``0x6004``; None for other texts."""
     match = _OBJECT.fullmatch(text.strip())
     if match is None:
         return None
@@ -222,7 +222,7 @@ _SIGNATURES: Final = (
 
 
 def profile_of(od: ObjectDictionary) -> Profile:
-    """Return the profile of a device; NONE if neither 0x1000 nor the objects indicate a known profile."""
+    """Return the profile of a device; NONE if neither 0x1000 nor its objects indicate a known one."""
     if any(
         (_CONTROLWORD + _AXIS_OFFSET * axis, 0) in od and (_STATUSWORD + _AXIS_OFFSET * axis, 0) in od
         for axis in range(_AXES)
@@ -487,12 +487,12 @@ def safe_outputs(signals: Iterable[Signal], od: ObjectDictionary) -> Iterator[Sa
 
 
 def has_error_mode(od: ObjectDictionary, signal: Signal) -> bool:
-    """Return False for an output whose error mode object (CiA 401, CiA 404) the device lacks, else True."""
+    """Whether the device has the error mode object of a signal; True if CiA 401 and CiA 404 define none for it."""
     return signal.index not in ERROR_OBJECTS or (ERROR_OBJECTS[signal.index][0], signal.subindex) in od
 
 
 def _of_lines(lines: list[Signal]) -> tuple[int, int]:
-    """Return the bit fields of error mode and error value for the lines of one object.
+    """Return the bit fields of the error mode and the error value for the lines of one object.
 
     If a line has two names, the last signal counts, which is the signal of bus.yml.
     """
@@ -526,7 +526,7 @@ def profile_signals(od: ObjectDictionary, profile: Profile) -> dict[str, Signal]
 
 
 def object_signal(od: ObjectDictionary, name: str) -> Signal | None:
-    """Return a signal with the raw number of the object at an address, or None if it does not exist."""
+    """Return the signal named by an object's address, with its raw number; None if there is no such object."""
     place = object_of(name) if name[:2] in ("0x", "0X") else None
     entry = None if place is None else od.get(place[0], place[1])
     if place is None or entry is None or entry.data_type.bits is None:

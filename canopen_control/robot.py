@@ -71,7 +71,7 @@ class Robot:
     ) -> Robot:
         """Create a robot from its files, for `start` or a `with` block; raise ConfigError for invalid files.
 
-        `can`, `name` and `mock` are as the options `--can`, `--as` and `--mock`; `controllers` are to be activated.
+        `can`, `name` and `mock` are as the options `--can`, `--as` and `--mock`; `controllers` are activated at start.
         `drives=False` starts no virtual drives. `xacro` are the arguments of the description.
         """
         from canopen_control.runtime.background import BackgroundRobot
@@ -216,7 +216,7 @@ class Robot:
         return self._ask(messages.GetStatus())
 
     def events(self, timeout: float | None = None) -> EventStream:
-        """Return a stream of events from now on, which ends after `timeout` s without an event (None: never)."""
+        """Return a stream of the events from now on; it ends after `timeout` s without an event (None: never)."""
         self._client()  # raises if the robot is not running
         return EventStream(RobotClient.connect(self.name, _CALL_S), timeout)
 

@@ -14,7 +14,7 @@ TO_COMPILE: Final = "faster: tools/compile --install"
 
 
 def build() -> str:
-    """Return the build that this process runs: `COMPILED` or `PURE`."""
+    """Return the kind of build that this process runs: `COMPILED` or `PURE`."""
     import importlib.machinery
     import importlib.util
 

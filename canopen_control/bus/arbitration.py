@@ -197,7 +197,7 @@ class PacedWire:
             self._begin(self._done_ns)
 
     def repeat(self) -> None:
-        """Return the disturbed frame on the wire to the head of its sender's queue, and start the next frame."""
+        """Put the disturbed frame on the wire back at the head of its sender's queue, and start the next frame."""
         if (done := self.on_wire) is not None:
             self.queues.setdefault(done[1], deque()).appendleft(done)
             self._begin(self._done_ns)

@@ -84,7 +84,7 @@ def find_listeners(interface: str, proc: Path = PROC) -> list[Listener]:
 
 
 def count_hearing(interface: str, proc: Path = PROC) -> int:
-    """Return the number of sockets that receive frames from an interface."""
+    """Return the number of receivers of an interface's frames: sockets, and tasks of the broadcast manager."""
     receivers = set()
     for path in (proc / "net" / "can" / f"rcvlist_{name}" for name in _RECEIVE_LISTS):
         with contextlib.suppress(OSError):
@@ -275,7 +275,7 @@ class CommandResult(NamedTuple):
 class InterfaceCommand(NamedTuple):
     """Command that changes an interface, with its reason.
 
-    An `optional` command may fail, because a later command would then fail too.
+    A failure of an `optional` command is ignored: if the command was necessary, a later one fails too.
     """
 
     argv: tuple[str, ...]
@@ -287,7 +287,7 @@ class InterfaceCommand(NamedTuple):
 
 
 def run_command(argv: Sequence[str]) -> CommandResult:
-    """Run a command to its end; raise OSError if it cannot be started."""
+    """Run a command to its end; raise OSError if it cannot be started, TimeoutExpired after 15 s."""
     done = subprocess.run(argv, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
     return CommandResult(done.returncode, done.stdout, done.stderr.strip())
 
@@ -436,7 +436,8 @@ def up_commands(
 ) -> list[InterfaceCommand]:
     """Return the commands that bring an interface up with these settings; [] if nothing needs to be done.
 
-    `link` is the current state of the interface, None if there is no such interface.
+    `link` is the current state of the interface, None if there is no such interface. Raise ConfigError if a CAN adapter
+    or its bit rate is missing, or if a virtual interface is given a bit rate or sample point.
     """
     kind = link.kind if link is not None else next((kind for kind in _VIRTUAL if name.startswith(kind)), "can")
     if kind in _VIRTUAL:
@@ -461,7 +462,7 @@ def bring_up(
 ) -> None:
     """Bring an interface up with these settings and report each step.
 
-    Raise ConfigError with the commands to type if rights are missing, or with the missing or refused setting.
+    Raise ConfigError if rights are missing (with the commands to type), or if a setting is missing or refused.
     """
     link = find_can_interface(name, run)
     commands = up_commands(name, link, bitrate=bitrate, restart_ms=restart_ms, sample_point=sample_point)

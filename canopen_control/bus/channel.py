@@ -163,7 +163,7 @@ def name_and_channel(text: str) -> tuple[str, str]:
 
 
 def may_host_virtual_drives(channel: str) -> bool:
-    """Whether the channel cannot have real drives: ``local:``, ``memory:``, ``virtual:`` and ``vcan*``."""
+    """Whether a channel can only have virtual drives: ``local:``, ``memory:``, ``virtual:`` and ``vcan*``."""
     spec = parse_channel(channel)
     if spec.kind is ChannelKind.SOCKETCAN:
         return spec.name.startswith("vcan")
@@ -174,7 +174,7 @@ def open_port(channel: str, *, label: str = "", join: bool = False) -> Port:
     """Open a channel; `label` names the port to the other ports of a ``local:`` or ``memory:`` bus.
 
     With `join` a ``local:`` bus that is not open raises `BusNotOpen` instead of being created, for callers that only
-    listen or query. Raise ConfigError for an invalid name; `InterfaceNotFound`, `InterfaceDown` or another `BusError`.
+    listen or query. Raise ConfigError for an invalid name, or BusError (`InterfaceNotFound`, `InterfaceDown`, …).
     """
     spec = parse_channel(channel)
     if join and spec.kind is ChannelKind.LOCAL:

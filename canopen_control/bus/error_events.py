@@ -51,7 +51,7 @@ def _controller_events(detail: int, counters: str) -> Iterator[BusEvent]:
 
 
 def events_of(frame: CanFrame) -> list[BusEvent]:
-    """Return the events of an error frame; a single bus error is only counted and has no event.
+    """Return the events of an error frame; a mere bus error has none, and is only counted by `note_errors`.
 
     Bus-off hides the other events of its frame: some adapters report in the same frame that the controller was
     error-passive before.
@@ -157,7 +157,7 @@ _EVERY_CLASS: Final = (
 
 
 def error_text(frame: CanFrame) -> str:
-    """Return the complete text of an error frame by its classes, never empty; missing bytes count as zero."""
+    """Return a text, never empty, that describes all error classes of a frame; missing data bytes count as zero."""
     frame = CanFrame(frame.can_id, frame.data[:_FULL_LENGTH].ljust(_FULL_LENGTH, b"\0"))
     text = "; ".join(_parts(frame))
     if frame.can_id & COUNTERS and not lost_frames(frame):

@@ -92,7 +92,7 @@ def lost_frames(frame: CanFrame) -> int:
 
 
 def has_error_frames(records: bytes) -> bool:
-    """Whether a record may be an error frame; True also for other frame flags (extended, remote), False is certain."""
+    """Whether records may contain error frames; also True if a frame has another flag (extended, remote)."""
     flags = records[_FLAG_BYTE::RECORD_SIZE]
     return flags != _ALL_PLAIN[: len(flags)]
 

@@ -74,7 +74,7 @@ class WireFaults:
         return label in self.cut or label in self.bus_off
 
     def delay_of(self, label: str) -> int:
-        """Return the delay of frames from this label, in ns."""
+        """Return the delay of frames from this label in ns; the delay of "" applies to labels without their own."""
         return self.delays.get(label, self.delays.get("", 0))
 
     def delay(self, label: str, delay_ns: int) -> None:
@@ -355,7 +355,10 @@ class FrameRouter:
         self._refresh()
 
     def bus_off(self, label: str, *, restart: bool = False) -> None:
-        """Set the CAN controllers with a label to bus-off, or restart them; their ports receive an error frame."""
+        """Set the CAN controllers with a label to bus-off or, with `restart`, restart them.
+
+        Their ports receive an error frame.
+        """
         (self.faults.bus_off.discard if restart else self.faults.bus_off.add)(label)
         self._refresh()
         self.report(label, restarted_frame() if restart else bus_off_frame())

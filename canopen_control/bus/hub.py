@@ -46,7 +46,7 @@ class _End:
 
 
 class Hub:
-    """Server of one ``local:`` bus on a reactor; `on_end` is called when the hub ends without `close`."""
+    """Server of one ``local:`` bus on a reactor; `on_end` is called when the hub ends by itself."""
 
     def __init__(self, reactor: Reactor, name: str) -> None:
         self.name = name

@@ -92,7 +92,7 @@ class HubControl:
         self._server.register(kind, handle)
 
     def _label(self, label: str) -> str:
-        """Return `label` if a member or a fault has it; raise ConfigError otherwise."""
+        """Return `label` if a member or a fault has it, else raise ConfigError."""
         faults = self._exchange.faults
         labels = [member.label for member in self._exchange.members.values()]
         if label in labels or faults.silences(label) or label in faults.delays:

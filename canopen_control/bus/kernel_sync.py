@@ -66,7 +66,7 @@ class KernelSync:
     def start(self, period_us: int) -> None:
         """Start cyclic transmission by the kernel every `period_us`, the first frame at once.
 
-        Raise BusError if refused.
+        Raise BusError if the kernel refuses.
         """
         self._set_up(period_us, _SET_TIMER | _START_TIMER | _FROM_THE_FIRST)
 

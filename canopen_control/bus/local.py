@@ -173,7 +173,7 @@ class LocalPort:
             self._report(pack_subscription(can_ids))
 
     def _report(self, records: bytes) -> None:
-        """Send control records, which are not frames."""
+        """Send control records, which are not counted as frames."""
         with contextlib.suppress(BusClosed):  # the next receive or send reports it
             self.send(records)
             self.stats.tx -= len(records) // RECORD_SIZE
@@ -255,7 +255,7 @@ def open_local(name: str, label: str = "") -> LocalPort:
 
 
 def join_local(name: str, label: str = "") -> LocalPort:
-    """Open a port on a ``local:`` bus whose hub is running; BusNotOpen if no hub runs, BusError as in `open_local`."""
+    """Open a port on a ``local:`` bus whose hub runs; raise BusNotOpen if none runs, BusError as in `open_local`."""
     port = _join(socket_path("bus", name), name, label)
     if port is None:
         raise _not_open(name)
@@ -294,7 +294,7 @@ def _join(path: Path, name: str, label: str) -> LocalPort | None:
 def ask_hub(name: str, request: Request[A]) -> A:
     """Send a control request of `rpc.messages.hub` to the hub of a ``local:`` bus; return the reply.
 
-    BusNotOpen if the bus is not open, BusError if its hub does not answer, ConfigError if it refuses the request.
+    Raise BusNotOpen if the bus is not open, BusError if its hub does not answer, ConfigError if the hub refuses.
     """
     from canopen_control.host.lineclient import LineClient
     from canopen_control.rpc.client import Client

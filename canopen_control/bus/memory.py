@@ -60,7 +60,7 @@ def provide(name: str, bus: InProcessBus) -> Iterator[None]:
 
 
 def bus_of_channel(name: str) -> InProcessBus:
-    """Return the bus of ``memory:NAME``: the provided bus, otherwise a `MemoryBus`."""
+    """Return the bus of ``memory:NAME``: the provided bus, else the `MemoryBus` of this name."""
     return _PROVIDED.get(name) or MemoryBus.get(name)
 
 
@@ -101,7 +101,7 @@ class MemoryBus:
 
     @property
     def history(self) -> list[tuple[str, CanFrame]]:
-        """Sender's label and frame of everything delivered, oldest first; the length is limited."""
+        """Sender's label and frame of everything delivered, oldest first; only the newest calls of `send` are kept."""
         with self.lock:
             log = list(self._log)
         return [(label, frame) for label, records in log for frame in frames_of(records)]
@@ -174,7 +174,7 @@ class MemoryBus:
             self._deliver(label, pack_records([frame]))
 
     def close(self) -> None:
-        """Close the bus; all further calls of its ports raise `BusClosed`."""
+        """Close the bus; its ports then raise `BusClosed` in `send`, and in `receive` once no records wait."""
         with self.lock:
             for port in list(self.ports):
                 port.lose("the bus was closed")
@@ -295,7 +295,7 @@ class MemoryPort:
         return self._events.drain()
 
     def lose(self, reason: str) -> None:
-        """Close this port because the bus was closed; the next call of the port raises `BusClosed`."""
+        """Close this port because its bus was closed; `send`, and `receive` once no records wait, raise `BusClosed`."""
         if not self._closed_reason:
             self._closed_reason = reason
             self._events.add(BusEventKind.CLOSED, f"bus {self.channel}: {reason}")

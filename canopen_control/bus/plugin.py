@@ -82,7 +82,10 @@ class LocalBus(can.BusABC):
         return descriptor
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a message; raise CanOperationError if the bus is gone or does not accept it within `timeout` s."""
+        """Send a message; raise CanTimeoutError if the bus does not accept it within `timeout` s.
+
+        Raise CanOperationError for a CAN FD message, or if the bus is gone.
+        """
         record = record_of(msg)
         if record is None:
             raise can.CanOperationError("CAN FD frames are not supported on a CANopen bus")
@@ -146,7 +149,7 @@ class LocalBus(can.BusABC):
                 yield message
 
     def _mark_waiting(self) -> None:
-        """Keep the descriptor readable while messages that were read from the port wait here."""
+        """Keep the descriptor readable while messages already read from the port wait here."""
         if self._readable is not None and bool(self._waiting) is not self._woken:
             self._woken = not self._woken
             (self._wake.set if self._woken else self._wake.clear)()

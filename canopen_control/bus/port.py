@@ -84,7 +84,7 @@ class Port(Protocol):
         """Return the received whole records, or ``b""``; raise BusClosed when the channel is gone."""
 
     def send(self, records: Records) -> None:
-        """Send whole records in order; queue those that the channel does not accept, dropping the oldest when full.
+        """Send whole records in order; queue those that the channel does not accept, dropping the oldest if full.
 
         Raise BusClosed when the channel is gone.
         """
@@ -115,7 +115,7 @@ SEND_LIMIT: Final = 4096
 
 
 class BusEventLog:
-    """Bounded log of port events that have not been fetched; the oldest events are dropped."""
+    """Bounded log of port events that have not been fetched; if full, it drops the oldest events."""
 
     __slots__ = ("_events",)
 
@@ -138,7 +138,7 @@ class BusEventLog:
 
 
 class SendQueue:
-    """Bounded queue of frames to send; when full, the oldest frames are dropped, but no partly sent frame.
+    """Bounded queue of frames to send; if full, it drops the oldest frames, but never a partly sent one.
 
     `data` begins with the rest of a partly sent record, if there is one.
     """

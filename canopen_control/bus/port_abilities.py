@@ -31,7 +31,7 @@ class Filtering(Protocol):
 
 
 def set_filter(port: Port, can_ids: Iterable[int]) -> None:
-    """Set the filter of a port that supports filters; no effect on other ports."""
+    """Set the filter of a port; no effect on a port that does not support filters."""
     if isinstance(port, Filtering):
         port.set_filter(can_ids)
 
@@ -56,7 +56,7 @@ class Stamping(Protocol):
 class UnixOffset:
     """Offset from monotonic time to Unix time, stable even if the program pauses between reading the two clocks.
 
-    The true offset is between two readings around it; it changes when the system clock is set.
+    Each reading bounds the true offset; the value changes only if it is out of bounds, as after the clock was set.
     """
 
     def __init__(

@@ -134,7 +134,7 @@ class AdapterClock:
 class PythonCanPort:
     """Port around a python-can bus, which it owns and shuts down; see `canopen_control.bus.port.Port`.
 
-    `reopen` opens the adapter again, None if it cannot. With `writer` a thread sends.
+    `reopen` opens the adapter again; None if that is impossible. With `writer`, a separate thread sends.
     """
 
     def __init__(
@@ -439,8 +439,8 @@ def open_python_can(
 ) -> PythonCanPort:
     """Open the channel `name` of a python-can interface; `options` are further keywords of the interface.
 
-    `served` means that the adapter connects to a server instead of a local device. `InterfaceNotFound`, `BusError` with
-    the message of python-can, or `ConfigError` if a package is missing that the adapter needs.
+    `served` means that the adapter connects to a server instead of a local device. Raise `InterfaceNotFound`,
+    `BusError` with the message of python-can, or `ConfigError` if a package is missing that the adapter needs.
     """
     if interface not in can.VALID_INTERFACES:
         raise InterfaceNotFound(
@@ -469,7 +469,7 @@ _PADDING: Final = 8  # maximum padding in bytes before the next object
 
 
 class BlfReader(can.BLFReader):
-    """Reader of the messages in an open BLF file; EOFError if truncated, ValueError if it is not a BLF file."""
+    """Reader of the messages in an open BLF file; raises EOFError if it is truncated, ValueError if it is damaged."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._size = os.fstat(file.fileno()).st_size
@@ -508,7 +508,7 @@ class _Within:
 
 
 def _unpacked(data: bytes) -> bytes | None:
-    """Return the content of a container; None for an unknown compression. Raise ValueError if too large."""
+    """Return the content of a container; None for an unknown compression. Raise ValueError if it is too large."""
     method, _ = blf.LOG_CONTAINER_STRUCT.unpack_from(data)
     packed = data[blf.LOG_CONTAINER_STRUCT.size :]
     if method == blf.NO_COMPRESSION:

@@ -86,7 +86,7 @@ def set_filters(sock: CanSocket, filters: bytes) -> None:
 
 
 def bind_to(sock: CanSocket, name: str, filters: bytes) -> None:
-    """Bind to the interface `name`, which may have been created again, or to `ALL_INTERFACES`; may raise OSError.
+    """Bind to the interface `name`, which may have been created again, or to `ALL_INTERFACES`; OSErrors are passed on.
 
     When an interface is removed the kernel drops the filters too, so that they must be set again.
     """

@@ -89,7 +89,7 @@ _STATUS: Final = (  # bit of PCAN-Basic, error class, controller detail
 def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
     """Yield the Unix time in ns and the frame of each row of a PEAK trace; None for rows without a classic frame.
 
-    EOFError for a truncated last row. Without a start time the times begin at 0.
+    Raise EOFError for a truncated last row. Without a start time the times begin at 0.
     """
     columns, start = _COLUMNS["1.0"], 0.0
     for line in file:
@@ -140,7 +140,7 @@ def _kind_of(words: list[str], columns: str) -> str:
 
 
 def _data_frame(row: dict[str, str], kind: str) -> CanFrame | None:
-    """Return the data or remote frame of a row; an exception or None if the row is malformed."""
+    """Return the data or remote frame of a row; return None, or raise an exception, if the row is malformed."""
     identifier = row["I"]
     can_id = int(identifier, 16) | (EXTENDED_FLAG if len(identifier) > _LONGEST_STANDARD else 0)
     length = int(row["L"] if "L" in row else row["l"])
@@ -196,7 +196,7 @@ _LINE = re.compile(
 
 
 def interface_name(channel: str) -> str:
-    """Return a channel as a valid name of a network interface, for other programs."""
+    """Convert a channel name to a valid network interface name, for other programs."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", channel)[:_LONGEST_NAME] or "can0"
 
 
@@ -335,8 +335,8 @@ def _is_packed(path: Path) -> bool:
 class RecordingWriter:
     """Writer of a recording; `written` and `left_out` count frames. Without `close`, the last frames may be lost.
 
-    An existing file is replaced; a new one is accessible to its user only (mode 0600). ConfigError if it cannot be
-    written, DiskFull if it cannot be completed: the frames written before are kept then, and `written` counts them.
+    An existing file is replaced; a new one is accessible to its user only (mode 0600). Raise ConfigError if it
+    cannot be written, DiskFull if it cannot be completed: the frames written so far are kept and counted in `written`.
     """
 
     def __init__(self, path: str | Path, channel: str = "") -> None:
@@ -382,7 +382,7 @@ class RecordingWriter:
         self.written += 1
 
     def flush(self) -> None:
-        """Pass the written frames to the operating system, as far as the format allows.
+        """Pass the written frames to the operating system, if the format allows it.
 
         Raise DiskFull if the disk is full.
         """
@@ -394,7 +394,7 @@ class RecordingWriter:
                 self._fail(error)
 
     def close(self) -> None:
-        """Complete the file, DiskFull if that fails; a second call does nothing."""
+        """Complete the file; raise DiskFull if that fails. A second call does nothing."""
         try:
             if self._text is not None:
                 self._text.close()
@@ -421,8 +421,8 @@ class RecordingWriter:
 class Recording:
     """Recording that can be read any number of times.
 
-    After reading, `skipped` counts rows without a classic CAN frame, and `problem` is the reason for a truncated
-    reading, if any. ConfigError for a missing file or an unknown suffix.
+    After reading, `skipped` counts rows without a classic CAN frame, and `problem` is the reason why reading
+    stopped early or found no frames, or "". Raise ConfigError for a missing file or an unknown suffix.
     """
 
     def __init__(self, path: str | Path) -> None:

@@ -141,7 +141,7 @@ class SocketCanPort:
         return received
 
     def _overflow(self, ancillary: Ancillary) -> list[bytes]:
-        """Return an overrun report if the kernel's wrapping counter shows frames lost in its buffer."""
+        """Return an overrun report if the kernel's wrapping counter shows frames lost in its buffer, else []."""
         total = overflow_of(ancillary)
         if total is None:
             return []
@@ -281,5 +281,5 @@ _DOWN_TEXTS = {
 def open_socketcan(
     name: str, *, make_socket: Callable[[], CanSocket] | None = None, network_class: Path = NETWORK_CLASS
 ) -> SocketCanPort:
-    """Open the interface `name`; InterfaceNotFound, InterfaceDown or BusError contain the command to type."""
+    """Open the interface `name`; raise InterfaceNotFound, InterfaceDown or another BusError with advice."""
     return SocketCanPort(name, open_raw(name, make_socket, network_class))

@@ -93,7 +93,7 @@ class HelloServer:
 
     @property
     def busy(self) -> bool:
-        """Whether a connection without a greeting is open."""
+        """Whether a connection is open whose greeting is not complete."""
         return bool(self._newcomers)
 
     def accept(self) -> None:
@@ -117,7 +117,7 @@ class HelloServer:
         self._reactor.add_reader(sock, functools.partial(self._receive, self._newcomers[sock]))
 
     def close(self) -> None:
-        """Stop listening and drop connections without a greeting; a second call does nothing."""
+        """Stop listening and drop connections without a complete greeting; a second call does nothing."""
         if self._listener.fileno() >= 0:
             self._reactor.remove_reader(self._listener)
         close_listener(self._listener)

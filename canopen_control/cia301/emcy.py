@@ -313,7 +313,7 @@ class EmcyProducer:
         return self._lost + self.outgoing.lost
 
     def raise_error(self, code: int, register: int, now: int, data: bytes = b"") -> bool:
-        """Activate an error and send its EMCY message; return False if the error is already active."""
+        """Activate an error and send its EMCY message if permitted; return False if the error is already active."""
         # CiA 301, 7.2.7: an error is sent once when it occurs
         if code in self._active:
             return False

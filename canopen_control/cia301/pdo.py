@@ -490,7 +490,7 @@ class TpdoProducer:
     def start(self, now: int, *, shows: bool = True) -> None:
         """Start transmission when the node enters OPERATIONAL or the PDO becomes valid.
 
-        An event-driven PDO sends its initial values at once, unless `shows` is False; some device profiles require that.
+        An event-driven PDO sends its initial values at once, unless `shows` is False, which some profiles require.
         """
         self._clear()
         self.running = True
