@@ -57,7 +57,7 @@ class _Request:
 
 @dataclass(slots=True)
 class _Axis:
-    """Observed axis: time of its last motion, and time since when its target requests motion (None: no request)."""
+    """Observed axis: time of its last motion, and start of the motion request by its target (None: no request)."""
 
     view: ObservedNode
     joints: list[str]
@@ -113,7 +113,7 @@ class AnswerInvariants:
             self._reports.append((now, event))
 
     def reported(self, node_id: int, since: int, word: str = "") -> bool:
-        """Whether the robot has reported, after `since`, why a node is at standstill, or an event with `word`."""
+        """Whether the robot has reported, from `since` on, why a node is at standstill (or any event with `word`)."""
         axis = self._axes.get(node_id)
         if axis is None:
             return False
@@ -134,7 +134,7 @@ class AnswerInvariants:
             self._waiting.append(_Waiting(axis, rule, text, since, now + self._limit(axis)))
 
     def requested(self, _now: int, act: ScenarioEvent) -> None:
-        """Discard the recorded commands after a client request that may end commands."""
+        """Discard the recorded commands if a client's request may end commands."""
         if act.kind in _ENDS:
             self._requests.clear()
 
@@ -160,14 +160,14 @@ class AnswerInvariants:
             request.last, request.value = now, value
 
     def _is_slow(self, axis: _Axis, velocity: float) -> bool:
-        """Whether a commanded velocity is not a visible motion of the shaft."""
+        """Whether a commanded velocity is too low for a visible motion of the shaft."""
         drive = self._drive_of(axis)
         return not velocity or (
             drive is not None and abs(velocity) * axis.rate * abs(drive.objects.units.velocity) <= _LEAST
         )
 
     def _drive_of(self, axis: _Axis) -> VirtualDrive | None:
-        """Return the first drive of the axis' device, None while the device is without power."""
+        """Return the first drive of the axis' device, or None while the device has no supply."""
         device = self._robot.drives[axis.view.node_id].device
         return None if device is None else device.drives.get(0)
 

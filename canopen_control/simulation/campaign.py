@@ -212,7 +212,7 @@ class Shrinker:
         return self._breaks(acts)
 
     def _drop(self, acts: Acts) -> Acts:
-        """Remove as many events as possible, in progressively smaller groups."""
+        """Remove events, in progressively smaller groups, as long as the rule is still broken."""
         size = max(1, len(acts) // 2)
         while acts:
             at = 0
@@ -228,7 +228,7 @@ class Shrinker:
         return acts
 
     def _shorten(self, acts: Acts) -> Acts:
-        """Halve durations and start times as long as the rule is still broken."""
+        """Halve the durations of events, and the times between events, as long as the rule is still broken."""
         for number in range(len(acts)):
             for changed in self._shorter(acts, number):
                 if self._still(changed):
@@ -332,7 +332,7 @@ class Campaign:
         self._nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
 
     def aim(self, seeds: Sequence[int], hit: Container[Cell]) -> list[int]:
-        """Assign uncovered cells (a state and a fault) to seeds; return the seeds with a cell."""
+        """Assign uncovered cells (a state and a fault) to seeds; return the seeds that have a cell."""
         cells = cells_to_aim_at(hit, self._faults, len(seeds)) if self._nodes else []
         self._aims.update(zip(seeds, cells, strict=False))
         return list(seeds[: len(cells)])
@@ -354,7 +354,7 @@ class Campaign:
             run.close()
 
     def run(self, seeds: Sequence[int], jobs: int) -> Iterator[SeedResult]:
-        """Yield the results of the seeds in the order of completion, from `jobs` processes."""
+        """Simulate the seeds in `jobs` processes; yield the results in the order of completion."""
         if jobs == 1:
             yield from map(self.run_seed, seeds)
             return
@@ -376,7 +376,7 @@ class Campaign:
     def shrink(
         self, result: SeedResult, hear: Callable[[int], object] = lambda _tries: None
     ) -> tuple[ScenarioEvent, ...]:
-        """Return the smallest schedule that breaks the first broken rule; `hear` receives the number of each try."""
+        """Return the smallest schedule found that breaks the first broken rule; `hear` receives the number of tries."""
         rule = result.breaches[0].rule
 
         def breaks(acts: tuple[ScenarioEvent, ...]) -> bool:

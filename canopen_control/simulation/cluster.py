@@ -31,7 +31,7 @@ _ONE_AT_A_TIME: Final = threading.Lock()  # simulated buses are found by name wi
 
 
 def require_cluster() -> None:
-    """Raise ConfigError, with the installation command, if `distributed` is missing; it is not imported."""
+    """Raise ConfigError, with the installation command, if `distributed` is missing; the check does not import it."""
     if importlib.util.find_spec("distributed") is None:
         raise ConfigError("seeds on a Dask cluster need distributed: pip install 'canopen-control[cluster]'")
 

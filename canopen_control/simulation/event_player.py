@@ -1,7 +1,7 @@
 """Player of a schedule on a simulated robot: client requests, and faults of drives, buses and processes.
 
 Clients use the functions behind the runtime's API, and renew a command ten times a second; refusals are counted. Times
-are in ns. from the start.
+are in ns from the start.
 """
 
 from __future__ import annotations
@@ -286,7 +286,7 @@ class EventPlayer:
         self._ask(act, lambda core: self._switch_whole(core, act, partial(switch, core)))
 
     def _switch_whole(self, core: RobotCore, act: ScenarioEvent, switch: Callable[[], object]) -> None:
-        """Switch controllers; a refused switch that changed the active controllers is recorded in `torn`."""
+        """Switch controllers; record in `torn` a refusal that changed the active ones, unless an activation failed."""
         before = _active(core)
         try:
             switch()

@@ -145,7 +145,7 @@ def cells_words(hit: Iterable[Cell], faults: Sequence[str]) -> str:
 
 
 def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
-    """Yield pairs of state machine and current state of a node, for every axis."""
+    """Yield the name and the current state of each state machine of a node and of its axes."""
     device = robot.drives[node_id].device
     if device is not None:
         yield NMT, device.nmt.state.name
@@ -177,7 +177,7 @@ class FaultCoverage:
         self._robot = robot
 
     def on_event(self, act: ScenarioEvent) -> None:
-        """Count the cells of an event, once for all affected nodes; events other than faults are ignored."""
+        """Count each cell of a fault once, however many nodes are affected; ignore events other than faults."""
         if not KINDS[act.kind].breaks:
             return
         robot = self._robot

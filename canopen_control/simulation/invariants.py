@@ -87,7 +87,7 @@ class ReportInvariants:
             self._report("command_taken", f"a command to {act.target} was accepted although its drives are disabled")
 
     def on_sample(self, now: int) -> None:
-        """Check the robot's current reports against the bus."""
+        """Check the robot's current reports against the bus; report errors of the program and growing memory."""
         robot = self._robot
         for error in robot.errors[self._errors :]:
             self._report("program_error", f"{type(error).__name__}: {error}")
@@ -131,7 +131,7 @@ class ReportInvariants:
         return silent or fault
 
     def _judge_axes(self, node: ObservedNode, now: int, *, troubled: bool) -> None:
-        """Check on the bus that axes reported as enabled, and claimed axes in RUNNING, are enabled."""
+        """Check that axes reported as enabled, or claimed in the state RUNNING, are enabled according to the bus."""
         wrong = now - node.status_at < _FRESH_NS and not node.enabled
         if not (wrong or self._wrong_since):
             return
@@ -183,7 +183,7 @@ _DEAF_NS: Final = 5000 * _MS  # after this time a client that does not read has 
 
 
 class ClientInvariants:
-    """Check that the robot answers its clients and drops clients that never read.
+    """Checks that the robot answers its clients, waits for none, and drops clients that never read.
 
     The owner calls `on_sample` as time passes.
     """
@@ -236,7 +236,7 @@ class Breach:
 
 
 def user_rules() -> list[tuple[str, Rule]]:
-    """Return the rules of the entry point group `canopen_control.invariants` by name."""
+    """Return the rules of the entry point group `canopen_control.invariants`, with their names."""
     return [(entry_point.name, entry_point.load()) for entry_point in _entry_points()]
 
 

@@ -151,7 +151,7 @@ class MotionInvariants:
             self._stop = _Stop(since, why, until)
 
     def _reasons(self, now: int) -> Iterator[_Stop]:
-        """Yield new reasons to stop; nothing until a drive has followed the last enable."""
+        """Yield new reasons to stop; none until a drive shows that it was enabled by the latest request."""
         if self._stop is not None:
             return
         if self._followed_ns <= self._enabled_ns:
@@ -211,7 +211,7 @@ class MotionInvariants:
                 self._report("enabled_still", f"node {node.node_id} is still enabled {late:.3f} s after {stop.why}")
 
     def _judge_reach(self, node: ObservedNode, now: int) -> None:
-        """Record how long a drive without a connection may move until it detects the loss."""
+        """Record the time until which a disconnected drive may move, because it has not detected the loss yet."""
         drive = self._robot.drives[node.node_id]
         if not (drive.wire.silences(MASTER) or drive.wire.silences(drive.label)):
             self._alone_since.pop(node.node_id, None)

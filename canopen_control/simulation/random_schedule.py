@@ -100,7 +100,7 @@ class RandomSchedule:
     # -- clients
 
     def _move(self, now: int) -> int:
-        """Add a command; return the time after it and a random pause, in which commands expire."""
+        """Add a command; return the time at which it ends, sometimes plus a pause in which commands expire."""
         motion, lasts = self._active, self._between(_S // 2, 3 * _S)
         if motion is not None:
             drawn = [low + (high - low) * self._random() for low, high in motion.ranges]
@@ -136,7 +136,7 @@ class RandomSchedule:
         return now + self._between(0, _S // 2)
 
     def _recover(self, now: int) -> int:
-        """Add a fault reset and an enable; return the time after both."""
+        """Add a fault reset, an enable and sometimes an activation; return the time after them."""
         self._add(now, "axis", name="fault-reset")
         self._add(now + 300 * _MS, "axis", name="enable")
         if self._active is not None and self._random() < 0.5:
@@ -144,7 +144,7 @@ class RandomSchedule:
         return now + 900 * _MS
 
     def _hang(self) -> None:
-        """Add blocked clients to some seeds; the other events are unchanged."""
+        """Add silent, blocked or dead-man clients to some seeds; the other events are unchanged."""
         self._random = Random(f"{self._seed}/clients").random
         if self._random() >= _HANGING:
             return
@@ -170,7 +170,7 @@ class RandomSchedule:
     # -- faults
 
     def _late_boot(self) -> int:
-        """Add a drive that boots late, sometimes after the robot has given up waiting."""
+        """Add a drive that boots late, sometimes after the robot gave up waiting; return the time after recovery."""
         late = self._between(50 * _MS, 4 * _S)
         self._add(0, "power", str(self._one(self._nodes)), for_ns=late)
         return self._recover(late + _BOOTED_NS)
@@ -205,7 +205,7 @@ class RandomSchedule:
         return self._one(losses if losses and self._random() < 1 / 3 else self._faults)
 
     def _frame(self) -> list[float]:
-        """Return a random frame: identifier of the predefined connection set, then data bytes."""
+        """Return a random frame: the identifier of a CANopen service, then the data bytes."""
         base = self._one((0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E5))
         data = [float(int(256 * self._random())) for _ in range(self._one((0, 1, 2, 4, 6, 8)))]
         return [float(base + (int(self._one(self._nodes)) if base not in (0, 0x7E5) else 0)), *data]

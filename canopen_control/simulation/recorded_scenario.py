@@ -125,7 +125,7 @@ class BusHistory:
             )
 
     def _silences(self) -> list[tuple[int, int | None]]:
-        """Return the intervals without SYNC or heartbeat of the master; the end None means until the last frame."""
+        """Return the intervals without SYNC or heartbeat of the master; the end is None if none follows."""
         config = self._config.master
         period = max(config.sync_period * 1000, 0 if config.sync_period else config.heartbeat_ms * _MS)
         return _gaps(self._master, 5 * period, self._end) if period else []
@@ -152,7 +152,7 @@ class BusHistory:
         yield from self._emergencies(node, receptions.emcy)
 
     def _was_reset(self, node: int, boot: int) -> bool:
-        """Whether a boot follows a reset command to the node."""
+        """Whether a boot follows shortly after a reset command to the node."""
         return any(
             command in _NMT_RESETS and about in (0, node) and boot - _RESET_NS < now < boot
             for now, command, about in self._nmt
@@ -178,7 +178,7 @@ class BusHistory:
 
 
 def _gaps(times: Sequence[int], limit: int, end: int) -> list[tuple[int, int | None]]:
-    """Return the intervals longer than `limit` without a frame; the end None means until the last frame."""
+    """Return the intervals longer than `limit` without a frame; the end is None if no frame follows."""
     gaps: list[tuple[int, int | None]] = [
         (last + _MS, after) for last, after in pairwise(times) if after - last > limit
     ]
@@ -235,7 +235,7 @@ def _placed(act: ScenarioEvent, origin: int) -> ScenarioEvent:
 
 
 def _end(recorded: RecordedRobot, last: int) -> int:
-    """Return the end of the recording, or the time of the robot's shutdown if earlier."""
+    """Return the end of the recording, or the time of the robot's shutdown if that is earlier."""
     ended = [round(event.time * 1e9) for event in recorded.events if event.kind == "stopping"]
     return min([last, *ended])
 
@@ -280,7 +280,7 @@ class RequestActs:
         self._points: list[Any] = []
 
     def acts(self, record: RequestSeen) -> Iterator[ScenarioEvent]:
-        """Yield the events of a request at Unix ns; nothing if the request has no effect on motion."""
+        """Yield the events of a request, with Unix time as `at_ns`; none if the request has no effect on motion."""
         method = ROBOT.methods.get(record.method)
         if method is None:
             return

@@ -43,7 +43,7 @@ class OutsideClient(SimulatedClient):
         front.add_reader(sock, self._on_readable)
 
     def take(self, data: bytes) -> int:
-        """Buffer data from the robot until `flush` at the end of the time slice."""
+        """Buffer data from the robot until `flush` at the end of the time slice; return their length."""
         self._answers += data
         return len(data)
 

@@ -61,7 +61,7 @@ class _ServerEnd:
         self._actor.arrived()
 
     def recv(self, most: int) -> bytes:
-        """Return data from the client, empty after its end has closed; raise BlockingIOError without data."""
+        """Return data from the client, or b"" after the client has left; raise BlockingIOError if there is none yet."""
         data = bytes(self.inbox[:most])
         del self.inbox[:most]
         if not self.inbox and self._client.here:
@@ -71,7 +71,7 @@ class _ServerEnd:
         return data
 
     def send(self, data: bytes) -> int:
-        """Send what the client accepts and return its length; raise BlockingIOError if it accepts nothing."""
+        """Send what the client accepts, return its length; raise BlockingIOError for 0, BrokenPipeError if it left."""
         if not self._client.here:
             raise BrokenPipeError
         accepted = self._client.take(data)
@@ -158,12 +158,12 @@ class SimulatedClient:
         return len(data)
 
     def leave(self) -> None:
-        """Close the connection as the client."""
+        """Close the client's end of the connection."""
         self.here = False
         self.end.arrived()
 
     def block(self) -> None:
-        """Stall the robot's process like a server that waits for this client, and count the stall."""
+        """Stall the robot's process, as a server would that waits for this client, and count the stall."""
         self._clients.blocked += 1
         self._clients.robot.host.stall(_BLOCKED_NS)
 
@@ -231,7 +231,7 @@ class SimulatedClients:
         self._ask_on(client, until)
 
     def dead_man(self, controller: str, values: Sequence[float], for_ns: int, on_leave: Callable[[], object]) -> None:
-        """Send one dead-man command, disconnect after `for_ns` and call `on_leave`, unless the process has ended."""
+        """Send one dead-man command; after `for_ns`, disconnect and call `on_leave`, unless the process has ended."""
         client = self.connect(reads=True)
         client.ask(CommandController(controller=controller, values=list(values), dead_man=True))
         self._leave_later(client, for_ns, on_leave)

@@ -177,7 +177,7 @@ class SimulatedWire:
             self._carry(label, record, port)
 
     def _repeats(self) -> bool:
-        """Send the frame on the wire again if a rule disturbs it, which raises the sender's error counter."""
+        """Whether a rule disturbs the frame on the wire; if so, repeat it and raise the sender's error counter."""
         if self._wire.on_wire is None:
             return False
         _, number, _, record = self._wire.on_wire

@@ -50,8 +50,8 @@ class SimulationResult:
 class SimulationRun:
     """Run of a schedule on a robot from its start; `outcome` is the result so far.
 
-    `speed` is the largest ratio to real time, None: unlimited. `began_ns` is the virtual time at which the schedule
-    begins. `robot` is an existing robot to use. `served` is set to let other programs take part.
+    `speed` is the maximum ratio of virtual to real time, or None without a limit. `began_ns` is the virtual time at
+    which the schedule starts. `robot` is an existing robot to use. `served` is set to let other programs take part.
     """
 
     def __init__(

@@ -282,7 +282,7 @@ class StatusInvariants:
             self._report("shown_wrong", f"{name}: {text}")
 
     def _lasts(self, wrong: tuple[ReportNames, str, str], soon: int, now: int) -> bool:
-        """Return True once if a wrong report lasts longer than allowed."""
+        """Whether a wrong report has lasted longer than allowed; True only once per report."""
         since = self._wrong_since.setdefault(wrong, now)
         if now - since <= soon:
             return False
@@ -292,7 +292,7 @@ class StatusInvariants:
     # -- mandatory events
 
     def _judge_supply(self, name: str, reading: NodeReading, events: list[RobotEvent], now: int) -> None:
-        """Check that a node without supply is reported as lost in time, and that an event reports the loss."""
+        """Check that a node without supply is soon reported as not ready, and that an event reports the loss."""
         view = self._nodes[name]
         if self._robot.drives[view.node_id].device is not None:
             self._lost.pop(name, None)
@@ -371,7 +371,7 @@ class StatusInvariants:
 
 
 def _has_event(events: list[RobotEvent], node: str, since: int, kind: str = "") -> bool:
-    """Whether a node has had an event whose kind starts with `kind`, since about `since`."""
+    """Whether an event of a node, later than about `since`, has a kind that starts with `kind`."""
     earliest = since / 1e9 - _MARGIN_S
     return any(event.node == node and event.time > earliest and event.kind.startswith(kind) for event in events)
 
@@ -479,13 +479,13 @@ class GoalInvariants:
         return False
 
     def _hides_its_stop(self, goal: _Open, now: int) -> bool:
-        """Whether a goal that a stop has just ended reports another reason."""
+        """Whether a stop has just ended a goal whose result gives another reason."""
         return now - self._stopped_at < _STOPPED_NS and _STOP not in goal.goal.text
 
     def _comes_to_rest(self, goal: _Open, now: int) -> bool:
         """Check that joints stop after a cancelled goal; return whether it must be checked again.
 
-        Disturbed joints, joints pulled by a floor, and joints with a newer request are not checked.
+        Nothing is checked if the position of a joint is unknown, with physics, or after a newer request.
         """
         ways = {joint: self._status.true_place(joint) for joint in goal.places}
         travels = [(joint, high - low) for joint, (low, high) in ((name, way) for name, way in ways.items() if way)]

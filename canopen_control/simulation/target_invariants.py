@@ -205,7 +205,7 @@ class TargetInvariants:
             axis.wrong = ""
 
     def _all_calm(self, now: int) -> bool:
-        """Whether no recent event can have stopped the robot."""
+        """Whether no disturbance, start or client request can have stopped the robot recently."""
         disturbed = max((self._disturbed.last(axis.view.node_id) for axis in self._axes), default=0)
         return max(disturbed, self._stopped_at, self._robot.started_ns) < now - 3 * _CALM_NS
 

@@ -65,7 +65,7 @@ class VirtualTime:
         return self._heap[0][0] if self._heap else None
 
     def jump(self, when_ns: int) -> bool:
-        """Advance to `when_ns` within a callback; False, without effect, if an earlier event or the limit forbids."""
+        """Advance to `when_ns` within a callback; return False, without effect, if an event or the limit is earlier."""
         heap = self._heap
         if when_ns > self._limit_ns or (heap and heap[0][0] <= when_ns):
             return False

@@ -162,7 +162,7 @@ class ConfigurationInvariants:
                 values.popleft()
 
     def _judge_wide(self, node: _Configured, remote: RemoteNode, now: int) -> None:
-        """Compare a value decoded by the robot with the recent values in the device."""
+        """Compare the values of wide objects decoded by the robot with the recent values in the device."""
         if self._disturbed.last(node.plan.node_id) > now - _CALM_NS:
             return
         for cob_id, position, mapped, observed in node.wide:
@@ -249,7 +249,7 @@ class WireInvariants:
         return can_id in (0x80, self._heartbeat_id) or 0x580 < can_id < 0x600 or 0x600 < can_id < 0x680
 
     def hear(self, now: int, label: str, record: bytes) -> None:
-        """Check the time of a SYNC or heartbeat, or the order of an SDO frame."""
+        """Check the time of a SYNC or heartbeat, or the order of SDO requests."""
         can_id, length, data = RECORD.unpack(record)
         if label == MASTER:
             if can_id == 0x80:

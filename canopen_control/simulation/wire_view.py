@@ -216,7 +216,7 @@ class WireView:
 
 
 def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
-    """Yield each joint on a drive's first axis, which the views decode, with its node in bus.yml."""
+    """Yield each joint on a node's first axis, the only axis that the views decode, with its node in bus.yml."""
     for config in setup.joined.values():
         for joint in (joint_tag for tag in setup.description.hardware for joint_tag in tag.joints):
             node = node_of(config, joint)
@@ -261,7 +261,7 @@ class DisturbedNodes:
         self.hidden_at = self.deaf_at = 0
 
     def moved(self, node_id: int) -> int:
-        """Return the last time at which the count changed other than by a motion of the drive, or 0 for never."""
+        """Return the last time at which the count may have changed without a motion by the drive, or 0 for never."""
         return self._moved[node_id]
 
     def put(self, node_id: int) -> int:
@@ -273,7 +273,7 @@ class DisturbedNodes:
         return self._last[node_id]
 
     def is_calm(self, view: ObservedNode, now: int) -> bool:
-        """Whether a node has run undisturbed for a second, since its boot and the start of the robot."""
+        """Whether a second has passed since the node's last disturbance, its boot and the start of the robot."""
         return max(self._last[view.node_id], view.booted_at, self._robot.started_ns) < now - _CALM_NS
 
     def on_event(self, now: int, act: ScenarioEvent) -> None:
