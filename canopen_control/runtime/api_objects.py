@@ -60,9 +60,10 @@ _GUARD_TIME, _LIFE_TIME_FACTOR, _CONSUMER = 0x100C, 0x100D, 0x1016
 
 
 def refuse_unsupervised(node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
-    """Raise ControlError for a write that would let an active drive run on after the master's death.
+    """Raise ControlError for a write after which a drive would no longer stop when the master is lost.
 
-    Such a write contradicts the plan of the boot: the supervision of the master, or the reaction to the loss (0x6007).
+    Such a write disables what the boot has configured: the supervision of the master, or the reaction to its loss
+    (0x6007). It is permitted while the node is taken out.
     """
     reaction = axis_of(index)[0] == ABORT_CONNECTION_OPTION
     if node.is_taken_out or not (reaction or index in (_GUARD_TIME, _LIFE_TIME_FACTOR, _CONSUMER)):

@@ -117,10 +117,10 @@ _PIDS: Final = "pids_config_file"
 def simulation_engine(
     setup: RobotSetup, kinds: Sequence[PluginKind], report: Callable[[str, str], None]
 ) -> Engine | None:
-    """Return the physics engine for a robot's simulated tag, or None if its motors need no physics.
+    """Return the physics engine for a robot's simulated tag, or None without simulation or physics.
 
-    Raise ConfigError if the robot requires physics and there is none. `report` receives the kind and the text of events
-    about guessed values, or about the reason why there is no physics.
+    Raise ConfigError if the robot requires physics and there is none. `report` receives the kind and the text of
+    events: notes of the engine, or the reason why there is no physics.
     """
     tags = [tag for tag, kind in zip(setup.description.hardware, kinds, strict=True) if kind is PluginKind.SIMULATION]
     is_needed = setup.world is not None or any(tag.plugin == PHYSICS_PLUGIN for tag in tags)
@@ -171,8 +171,8 @@ class Assembly:
     """Buses, nodes, joints and hardware components of a robot; RobotConfigError if a part cannot be built.
 
     `systems` are the hardware components on buses, `sensed` the components with sensors of a physics world. `report`
-    receives the events of nodes and joints, `on_lost` the error of a lost bus, `lead` the times of SYNC messages of
-    others.
+    receives the events of nodes and joints, `on_lost` the error of a lost bus, `lead` the times of SYNC messages
+    from other producers.
     """
 
     setup: RobotSetup

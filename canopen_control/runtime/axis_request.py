@@ -103,9 +103,9 @@ def axes_of(
 def without_target(
     joints: tuple[JointDrive, ...], action: Action, name: str
 ) -> tuple[tuple[JointDrive, ...], list[JointDrive]]:
-    """Leave axes that cannot be enabled, because no RPDO has a target, out of an enable of "all".
+    """Omit axes that lack a target in an RPDO from an action that enables "all".
 
-    Return the other axes, and the omitted axes. If every axis lacks a target none is omitted, so that the enable is
+    Return the remaining and the omitted axes. If every axis lacks a target, none is omitted, so that the action is
     refused with the reason.
     """
     omitted = [joint for joint in joints if joint.lacks_target] if action is Action.ENABLE and name == ALL else []
@@ -157,7 +157,7 @@ class PendingAxisRequest:
         return False
 
     def confirm_stop(self) -> bool:
-        """End a request to disable drives that are disabled, also in its first cycle; return whether it has ended."""
+        """End a disable request whose drives are disabled, even in its first cycle; return whether it has ended."""
         stopped = self._action is Action.DISABLE and all(reached(joint, self._action) for joint in self._joints)
         if stopped:
             self._done(None)

@@ -2,8 +2,8 @@
 
 No exception of a node, a controller or a client ends the cycle (`RobotCycle`). Nothing moves before a controller is
 active. A user, a signal, and the end of the requested duration end the robot by the same stop: targets go to zero, the
-drives use their own ramps, are disabled, and only then are the buses closed. After the loss of a bus the drives stop
-by their heartbeat consumers.
+drives ramp down by themselves and are disabled, and only then are the buses closed. After the loss of a bus the drives
+stop by their heartbeat consumers.
 """
 
 from __future__ import annotations
@@ -365,7 +365,7 @@ class RobotCore:
             raise
 
     def shutdown(self, why: str) -> None:
-        """Begin to end the robot: ramp to standstill, disable the drives, leave the buses; idempotent."""
+        """Start to end the run: ramp to standstill, disable the drives, leave the buses; a second call does nothing."""
         if self._phase in (RobotState.STOPPING, RobotState.STOPPED):
             return
         now = self.reactor.now()
@@ -480,7 +480,7 @@ class RobotCore:
         )
 
     def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "a client") -> None:
-        """Ramp all drives to standstill, then disable them; call `done(error)` when all drives are without power.
+        """Ramp all drives to standstill, then disable them; call `done(error)` when this has succeeded or failed.
 
         `latched_by` names the client that latches STOP (see `StopLatch`), None for a stop without a latch; `by` names
         the client in the events of the commands that end.
@@ -568,7 +568,10 @@ class RobotCore:
             self._advance_stop(now)
 
     def _advance_start(self, now: int) -> None:
-        """Activate the controllers once all required nodes are ready, then report that the robot runs."""
+        """Activate the controllers once all required nodes are ready, then report that the robot runs.
+
+        The run fails if a required node is not ready in time.
+        """
         missing = [node for node in self.nodes.values() if node.config.required and not node.ready]
         self._was_latched |= self.latch.held
         if not missing and not self._booted:

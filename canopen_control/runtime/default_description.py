@@ -85,7 +85,7 @@ def with_free_drives(
 
 
 def default_warnings(buses: Mapping[str, BusConfig]) -> Iterator[str]:
-    """Yield warnings about contradictions of `driver` and EDS, and about axis objects missing in the PDOs."""
+    """Yield warnings about contradictions between `driver` and EDS, and about axis objects missing in the PDOs."""
     for bus in buses.values():
         for node in bus.nodes.values():
             place, driver, source = f"{bus.path}:{node.line}", node.ros.driver, bus.eds_paths[node.name].name
@@ -124,7 +124,7 @@ _EXTRA_DRIVES: Final = "drives_of_bus_yml"
 def _free(
     buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile
 ) -> Iterator[tuple[str, NodeConfig, int, str]]:
-    """Yield joint name, node, axis and problem (or "") of each axis with a `driver` but without a joint."""
+    """Yield the joint name, node, axis and problem (or "") of each axis with a `driver` but without a joint."""
     if any(tag.plugin in PLUGINS for tag in description.hardware):
         parts = [part.name for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
         names = {*parts, *description.joints, *control.controllers}

@@ -41,7 +41,7 @@ class TruePoseTracker:
         self._odom: Planar | None = None
 
     def align(self) -> None:
-        """Request that the next true pose aligns the world and odometry frames, after the odometry was set."""
+        """Align the world and odometry frames at the next true pose, because the odometry has been set."""
         self._odom = None
 
     def take(self, base: BasePose, odometry: tuple[str, Planar] | None, wall_offset_ns: int) -> None:
@@ -66,7 +66,7 @@ def _frame_of(base: BasePose, odometry: Planar) -> Planar:
 
 
 def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar] | None:
-    """Return name and pose of the active base controller `ahead_ns` from now (-0.2 s to 0), or None."""
+    """Return the active base controller's name and its pose at `ahead_ns` from now (-0.2 s to 0), or None."""
     ahead = max(-_EXTRAPOLATE_S, min(0.0, ahead_ns / 1e9))
     for name in manager.bases:
         pose = manager.get(name).dead_reckoning(ahead)

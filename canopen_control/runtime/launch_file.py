@@ -53,8 +53,9 @@ _PAIR: Final = re.compile(r"([A-Za-z_]\w*):=(.*)", re.DOTALL)
 class LaunchFile:
     """Contents of one launch file; `values` are the values passed to the arguments.
 
-    `arguments` maps names to defaults (None: required), `texts` are file names and commands. `computed` has the lines
-    with unknown values and what these are; `nodes` are the started nodes, `includes` the included launch files.
+    `arguments` maps names to defaults (None: required), `texts` are file names and commands. `computed` has pairs of a
+    line number and an expression whose value is unknown; `nodes` are the started nodes, `includes` the included launch
+    files.
     """
 
     path: Path
@@ -127,7 +128,7 @@ def read_launch(path: Path) -> LaunchFile:
 def launch_elements(source: str, path: Path) -> Element:
     """Parse a launch file as YAML or XML, by the suffix of `path`, and return the root element.
 
-    Raise RobotConfigError.
+    Raise RobotConfigError if it is invalid.
     """
     if path.suffix in (".yaml", ".yml"):
         return read_yaml_launch(source, str(path))
@@ -200,7 +201,7 @@ class _Reading:
         return used
 
     def _include(self, launch: LaunchFile, include: LaunchInclude, depth: int) -> set[str]:
-        """Read an included launch file; return the arguments that the including file uses."""
+        """Read an included launch file; return the arguments of the including file that it uses or receives."""
         name = None if include.file is None else launch.resolved(include.file)
         place = f"{launch.path}:{include.line}"
         path = None if name is None else launch.path.parent / name

@@ -501,7 +501,7 @@ def _called(call: ast.Call) -> str:
 
 
 def _links(call: ast.Call) -> Iterator[ast.Call]:
-    """Yield the calls of a chain a(...).b(...).c(...), the last one first."""
+    """Yield the calls of a chain a(...).b(...).c(...), starting with the last."""
     node: ast.expr = call
     while isinstance(node, ast.Call):
         yield node

@@ -18,7 +18,7 @@ class RobotObserver:
         """Handle a reported event."""
 
     def booted(self) -> None:
-        """Handle that all required nodes are ready, before the controllers are activated; called once."""
+        """Handle the end of the boot of all required nodes, before the controllers are activated; called once."""
 
     def running(self) -> None:
         """Handle the completion of the start; called once."""

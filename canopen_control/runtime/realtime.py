@@ -35,8 +35,8 @@ _CAP_IPC_LOCK: Final = 14
 class RealTime:
     """Real-time settings of the calling thread: a `priority` for SCHED_FIFO or None, a fixed `cpu` or None.
 
-    ConfigError if the kernel refuses a setting. `text` describes the settings, "" without any; `pin` must be called to
-    bind the thread to the `cpu`.
+    Raises ConfigError if the kernel refuses a setting. `text` describes the settings, "" without any; `pin` must be
+    called to bind the thread to the `cpu`.
     """
 
     def __init__(self, priority: int | None, cpu: int | None = None) -> None:

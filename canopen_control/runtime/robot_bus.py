@@ -218,10 +218,10 @@ def is_simulated(channel: str) -> bool:
 class RobotBus:
     """CAN bus of a robot: passes frames between port and network; a port error closes the bus.
 
-    If `watched`, the reactor reads each frame when it is received, else at the next edge of the cycle: while all nodes
-    are ready and no answer is awaited, no frame has an effect before the edge, and a wake-up of the process costs more
-    than the cycle. A missing heartbeat or PDO is detected at an edge in both cases, and at the same edge if the
-    timeout is a multiple of the period.
+    If `watched`, the reactor reads each frame when it arrives; if not, frames are read at the edges of the cycle: while
+    all nodes are ready and no answer is awaited, no frame has an effect before the edge, and a wake-up of the process
+    costs more than the cycle. A missing heartbeat or PDO is detected at an edge in both cases, and at the same edge if
+    the timeout is a multiple of the period.
     """
 
     def __init__(
@@ -501,7 +501,7 @@ class RobotBus:
             self.network.bus_back(now)
 
     def _report_lost(self, lost: int, now: int) -> None:
-        """Report lost frames with the reason, at most once a second and after a failed bus has recovered."""
+        """Report lost frames with the reason, at most once a second; on a failed bus, not before it has recovered."""
         if now - self._loss_reported_at < _WINDOW_NS or self._failed:
             return
         kind, why = ("bus_queue_full", "the send queue was full") if not self._failed_meanwhile else _LOST_BY_FAILURE

@@ -99,7 +99,7 @@ class StepRequest(Protocol):
 class RobotClock:
     """Clock of a robot's controllers; a `simulated` clock advances with the cycles and can be paused.
 
-    `edge` is the time of the newest cycle, `stood_ns` is the total delay by pauses.
+    `edge` is the time of the newest cycle, `stood_ns` is how far pauses have delayed the clock.
     """
 
     def __init__(self, reactor: Reactor, period_ns: int, *, simulated: bool) -> None:
@@ -137,7 +137,7 @@ class RobotClock:
             self.paused, self._resumed, self._steps = False, True, 0
 
     def step(self, count: int, request: StepRequest) -> None:
-        """Execute `count` cycles while paused; `request` is notified after the last cycle, or when replaced."""
+        """Execute `count` cycles while paused; `request` is notified after the last cycle, or when cancelled."""
         self._end("the steps were replaced by another request")
         self._steps, self._request = count, request
 
@@ -163,7 +163,7 @@ class RobotClock:
         return True
 
     def take_step(self, edge: int) -> bool:
-        """Advance the clock by one period if a requested step is pending; return False otherwise."""
+        """Advance the clock by one period if a requested step is pending; return whether it was."""
         if not self._steps:
             return False
         self._steps -= 1

@@ -166,7 +166,7 @@ class RobotFiles:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """Paths of all files of the robot."""
+        """Paths of the bus files, the controllers file and the description."""
         return (*self.buses.values(), self.controllers, self.description)
 
     def mappings(self, *, mock: bool = False) -> dict[str, str]:
@@ -195,7 +195,8 @@ def find_robot(
 ) -> RobotFiles:
     """Find the files of a robot; options override the folder. RobotConfigError lists all missing files.
 
-    `arguments` are NAME:=VALUE for xacro. A ROS launch file adds some, and files that no option and no folder provides.
+    `arguments` are NAME:=VALUE for xacro. A ROS launch file adds arguments, and the files that neither an option nor
+    the folder provides.
     """
     if config == "" or all(option is None for option in (config, bus, controllers, description, launch)):
         raise _not_given(", or its three files")

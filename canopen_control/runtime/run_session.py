@@ -323,7 +323,7 @@ class RunSession(RobotObserver):
         self.reactor.stop()
 
     def booted(self) -> None:
-        """Start the timer for the duration of the run if STOP is latched, since the robot may never be enabled then."""
+        """Start the timer for the duration of the run early if STOP is latched, because the robot may never run."""
         if self.robot.latch.held:
             self._start_timer()
 

@@ -63,7 +63,7 @@ def unit_quirks(bus: BusConfig, name: str) -> list[str]:
 class RobotSetup:
     """Checked configuration of a robot; `channels` maps bus names to channels, `to_activate` names controllers.
 
-    `sync` has the SYNC producer by the name of the bus; `kernel_sync` is True if the command line requests the kernel.
+    `sync` maps bus names to SYNC producers; `kernel_sync` is True if the command line requests the kernel.
     `unplaced` are the buses for which neither an option nor bus.yml gives a channel, so that a local bus is used;
     `world` is the world file for a physics simulation.
     """
@@ -315,7 +315,7 @@ def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str
 
 
 def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
-    """Return error texts about contradictions between buses: SYNC periods that differ, node names used twice."""
+    """Return error texts about contradictions between buses: different SYNC periods, node names used twice."""
     owner: dict[str, str] = {}
     first = next(iter(buses.values()), None)
     differing = [
@@ -364,7 +364,7 @@ def _choose_sync(
 
 
 def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, str], *, mock: bool) -> None:
-    """Raise RobotConfigError for `--kernel-sync` if a bus does not use SYNC or is not a SocketCAN interface."""
+    """Raise RobotConfigError for `--kernel-sync` without a bus, or if a bus has no SYNC or no SocketCAN interface."""
     if mock or not buses:
         raise RobotConfigError("--kernel-sync: the robot uses no bus; omit the option")
     for name, config in buses.items():
@@ -378,7 +378,10 @@ def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, 
 
 
 def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> dict[str, str]:
-    """Return the channel of each bus: by `--can`, else by bus.yml, else a local bus named after the robot."""
+    """Return the channel of each bus: by `--can`, else by bus.yml, else a local bus named after the robot.
+
+    Raise RobotConfigError for an unknown bus, or for two buses on one channel.
+    """
     channels = {
         bus_name: bus.master.channel
         or (f"local:{name}" if bus_name == BUS_NAME else f"local:{f'{name}_{bus_name}'[:32]}")
@@ -403,8 +406,9 @@ def started_controllers(
 ) -> tuple[str, ...]:
     """Return the controllers to activate at the start, in order; raise RobotConfigError for an unknown name.
 
-    These are all controllers that move no joints, and the requested `names`, else the first controller that moves
-    joints. If no names are given, controllers that a launch file spawns have precedence.
+    These are all controllers that move no joints, and the requested `names`, or without names the first controller that
+    moves joints. Without names, the controllers that a launch file spawns replace them all; a bus alone has none. If
+    no controller can command the robot, this also raises RobotConfigError.
     """
     for name in names:
         if name not in control.controllers:

@@ -118,7 +118,7 @@ def simulated_epoch(robot: RobotCore) -> float | None:
 
 
 def nodes_message(robot: RobotCore) -> NodeListing:
-    """Return bus, node-ID, EDS and ROS settings of each node, for clients that access the bus directly."""
+    """Return the bus, node-ID, EDS and ROS settings of each node, for clients that access the bus directly."""
     return NodeListing(
         {name: BusPlace(bus.channel, bus.config.master.node_id) for name, bus in robot.buses.items()},
         [
@@ -178,7 +178,7 @@ def _buses(robot: RobotCore) -> dict[str, BusTraffic]:
 
 
 def _joints(robot: RobotCore) -> dict[str, JointReading]:
-    """Return states, commands and tracking errors of all joints; None replaces values that are not finite."""
+    """Return the states, commands and tracking errors of all joints; None replaces values that are not finite."""
     joints: dict[str, dict[str, float | None]] = {}
     for state in robot.registry.state_interfaces:
         joints.setdefault(state.joint, {})[state.interface] = finite(state.value)

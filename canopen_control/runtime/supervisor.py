@@ -88,8 +88,8 @@ class _Restartable(NamedTuple):
 class Supervisor:
     """Supervisor of a robot's child processes; unexpected ends are reported to `report`.
 
-    With `realtime`, the CPU binding of this process is undone for the children. `nodes` are the robot's nodes, which
-    get the command that starts their virtual drive again when its process has ended.
+    With `realtime`, the CPU binding of this process is undone for the children. `nodes` are the robot's nodes; when the
+    process of their virtual drive has ended, their `restart_command` is the command that starts it again.
     """
 
     def __init__(
@@ -200,7 +200,7 @@ class Supervisor:
             self._reactor.call_later(DELAY_NS, start)
 
     def start_recorder(self, buses: Mapping[str, str], restarts: Restarts | None = None) -> None:
-        """Start the flight recorder on `buses` {name: channel}; a failure is reported and nothing more.
+        """Start the flight recorder on `buses` {name: channel}; a failure is only reported.
 
         With `restarts`, the recorder is restarted after its end.
         """
@@ -222,7 +222,8 @@ class Supervisor:
     def when_ready(self, run: SupervisedRun) -> None:
         """Call `run.children_ready` when all drives and the recorder are ready or have ended.
 
-        If a drive is not ready in time, `run.child_failed` is called instead.
+        If a drive is not ready in time, or the drives refuse their files, `run.child_failed` is called instead. A late
+        recorder is reported and no longer awaited.
         """
         self._run, self._waiting = run, True
         drives_ns = _READY_NS + _READY_EACH_NS * len(self._drives)
@@ -481,7 +482,7 @@ class Silence:
         self._duration = 0
 
     def update(self, now: int, heard_at: int | None) -> int:
-        """Return the silence until `now`; `heard_at` is the last report. Call this every `_ANSWER_CHECK_NS`."""
+        """Return the silence in ns; `heard_at` is the time of the last report. Call this every `_ANSWER_CHECK_NS`."""
         since, self._checked_at = now - self._checked_at, now
         if heard_at is not None and heard_at != self._heard_at:
             self._heard_at, self._duration = heard_at, 0
@@ -498,7 +499,7 @@ class Restarts:
         self._times: deque[int] = deque(maxlen=MAX_RESTARTS)
 
     def died(self, now: int) -> str:
-        """Count an unexpected end; return the restart decision as text, and set `given_up` if it is negative."""
+        """Count an unexpected end; return the restart decision as text, and set `given_up` if there is no restart."""
         if len(self._times) == MAX_RESTARTS and now - self._times[0] < WINDOW_NS:
             self.given_up = True
             return f"it is not restarted, because it was restarted {MAX_RESTARTS} times within a minute"

@@ -57,7 +57,7 @@ def cyclic_axes(config: BusConfig, description: UrdfDescription) -> list[CyclicA
 
 
 def linear_axes(config: BusConfig, description: UrdfDescription) -> frozenset[tuple[str, int]]:
-    """Return node name and axis number of every prismatic joint moved by a drive on the bus."""
+    """Return the node name and axis number of every prismatic joint moved by a drive on the bus."""
     return frozenset(
         (node.name, axis_number(joint))
         for tag in description.hardware
@@ -69,7 +69,7 @@ def linear_axes(config: BusConfig, description: UrdfDescription) -> frozenset[tu
 
 
 def joint_words(axes: Sequence[CyclicAxis]) -> str:
-    """Return up to three names of joints, and the number of further joints, as text."""
+    """Return a text with up to three joint names and the number of further joints."""
     joints = list(dict.fromkeys(axis.joint for axis in axes))
     return ", ".join(joints[:_NAMED]) + (f" and {len(joints) - _NAMED} more" if len(joints) > _NAMED else "")
 
@@ -89,13 +89,13 @@ def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[CyclicAxis]:
 
 
 def axis_number(joint: ControlJoint) -> int:
-    """Return the axis number of a joint in a multi-axis drive; 0 if not given."""
+    """Return the axis number of a joint in a multi-axis drive; 0 if not given or invalid."""
     text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
     return int(text) if text.isdigit() and int(text) < objects.AXES else 0
 
 
 def node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
-    """Return the node that moves a joint, by `device_name` or `node_id`; None if it is on another bus."""
+    """Return the node of this bus that moves a joint, by `device_name` or `node_id`; None if no node does."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     if name is not None:
         return config.nodes.get(name)
