@@ -81,7 +81,7 @@ class FiledEnds:
         self._report(text)
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - used by `TrueEnds`
-        """Return the end position of the next line."""
+        """Return the end position from the next line."""
         return self._ends.pop(0)
 
 
@@ -140,7 +140,7 @@ class Driven:
 
 
 def choose_base(controllers: tuple[ControllerReading, ...], name: str | None) -> ControllerReading:
-    """Return the diff drive controller to calibrate, by name or the only active one; ConfigError gives advice."""
+    """Return the diff drive controller to calibrate, by name or the only active one; raise ConfigError if none fits."""
     names = ", ".join(controller.name for controller in controllers)
     bases = [controller for controller in controllers if WHEEL_CALIBRATION in controller.offers]
     matches = [controller for controller in bases if controller.name == name] if name is not None else bases
@@ -248,7 +248,7 @@ class BaseLink:
     def _odometry(self, state: StateSample, begun: float) -> OdometrySample | None:
         """Return the odometry in a state sample, or None before the first.
 
-        Raise ControlError if the base may not move.
+        Raise ControlError if the base may not move, or if no odometry arrives in time.
         """
         if state.latched:
             raise ControlError(f"STOP, by {state.latched_by or 'an unnamed client'}")
@@ -271,7 +271,7 @@ class BaseLink:
         return None
 
     def _require_renewed(self) -> None:
-        """Raise ControlError if the last command has ended by its timeout, so that `fg` does not move the base."""
+        """Raise ControlError if the last command has timed out, so that a resumed program does not move the base."""
         silent_s = time.monotonic() - self._sent_s
         if silent_s > _LONGEST_GAP_S:
             raise ControlError(f"no command was sent for {silent_s:.1f} s; this program was suspended, or is too slow")

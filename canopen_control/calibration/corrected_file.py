@@ -48,7 +48,10 @@ class _Edit:
 
 
 def given_in(path: Path, controller: str, names: Sequence[str]) -> dict[str, float | None]:
-    """Return a controller's parameters in a file (None: missing); raise ConfigError if the controller is missing."""
+    """Return the values of the parameters `names` of a controller in a file, by name (None: missing).
+
+    Raise ConfigError if the controller is missing, or if a value is not a number.
+    """
     flat = _flat(read_controllers(path), controller)
     return {name: _number(flat, name) for name in names}
 

@@ -53,7 +53,7 @@ class Ends(Protocol):
     """Source of the true end positions of the squares."""
 
     def before(self, text: str) -> None:
-        """Announce the next square, described by `text`, and return when it may begin."""
+        """Announce the next square, described by `text`, and return when the base may start."""
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:
         """Return the true end position of the base, in m ahead and to the left of the start of the square."""
@@ -100,7 +100,7 @@ class CalibrationPlan:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
-    """Result of a calibration: corrections by the first and last squares, and the final multipliers."""
+    """Result of a calibration: the corrections from the first and the last pass, and the final multipliers."""
 
     first: Correction
     last: Correction
@@ -124,7 +124,7 @@ def fitting_pace(pace: Pace, wheels: WheelValues) -> Pace:
 
 
 def space(side: float) -> str:
-    """Return a text about the free space that the squares need around the start, for a side in m."""
+    """Return a text about the free space that squares with sides of `side` m need around the start."""
     margin = allowed_deviation(side)
     return (
         f"{side + margin:.2f} m ahead of its start and as much to its left and to its right, {margin:.2f} m behind it, "

@@ -1,6 +1,6 @@
 """Client of a virtual drive or device: state, faults and inputs, without the CAN bus.
 
-This module is separate from the client of a robot, whose commands need no import of a drive's messages.
+This module is separate from the client of a robot, so that commands for a robot need not import the messages of drives.
 """
 
 from __future__ import annotations

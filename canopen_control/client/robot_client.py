@@ -30,8 +30,7 @@ def periodic_call(
 ) -> Iterator[None]:
     """Context in which the thread `name` calls `function` every `period_s`, first after one period.
 
-    The exit waits for a running call, for `join_s` at most (None: without limit). An exception of `function` ends the
-    calls.
+    The exit waits at most `join_s` for a running call (None: no limit). An exception in `function` ends the calls.
     """
     ended = threading.Event()
 
@@ -59,7 +58,7 @@ _ENDED: Final = "stopped"  # the last event of a robot that was ended
 class EventStream:
     """Iterator over events, until `timeout` s pass without an event (None: no limit) or the robot has ended.
 
-    RemoteError if the robot's process was killed. The connection is closed at the end of the iteration; to end earlier,
+    Raise RemoteError if the robot was killed. The connection is closed at the end of the iteration; to end earlier,
     call `close`, or use the iterator in a `with` block.
     """
 

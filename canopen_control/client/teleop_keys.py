@@ -83,7 +83,7 @@ _LONGEST_SEQUENCE: Final = 32
 
 
 class KeyDecoder:
-    """Decoder of a terminal's bytes to key names, such as "i", "up", "space", "ctrl-c", "focus-out" or "other"."""
+    """Decoder of the bytes of a terminal to key names, such as "i", "up", "space", "ctrl-c", "focus-out" or "other"."""
 
     def __init__(self) -> None:
         self._buffer = b""
@@ -103,11 +103,11 @@ class KeyDecoder:
         return keys
 
     def next_deadline(self) -> int | None:
-        """Return the time at which `tick` ends an unfinished escape sequence, or None."""
+        """Return the time at which `tick` ends an unfinished escape sequence, or None if there is none."""
         return self._since + _ESCAPE_NS if self._buffer else None
 
     def tick(self, now: int) -> list[str]:
-        """Return "other" for an escape sequence that is unfinished after the timeout, otherwise nothing."""
+        """Return ["other"] if an escape sequence is unfinished after the timeout, else an empty list."""
         deadline = self.next_deadline()
         if deadline is None or now < deadline:
             return []
@@ -204,7 +204,7 @@ class Teleop:
             self.stop()
 
     def next_deadline(self) -> int | None:
-        """Return the time at which the motion ends without another key, or None without a motion."""
+        """Return the time at which the motion ends unless a key is pressed, or None if nothing moves."""
         return None if self._hold is _Hold.RELEASED else self._deadline
 
     def _move(self, name: str, now: int) -> None:

@@ -60,7 +60,7 @@ class _Goal:
 
 
 def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
-    """Read the joints and points of a file; the ConfigError lists every error with its line."""
+    """Read the joints and points of a file; ConfigError lists every error by line."""
     text = read_text(path, ConfigError)
     if not text.strip():
         raise ConfigError(f"{path}: is empty")
@@ -71,7 +71,7 @@ def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
 
 
 def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPoint]]:
-    """Parse the joints and points of a file's text; `path` is the name of the file in errors."""
+    """Parse the text of a file into joints and points; `path` names the file in errors."""
     node = read(text, path, error=ConfigError)
     goal = node.get("trajectory")
     content = convert(node, _Goal, None) if goal is not None else convert(node, _File, None)
@@ -105,7 +105,7 @@ def write_trajectory(path: str, joints: Sequence[str], points: Iterable[Trajecto
 def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]:
     """Parse positions such as `0.4 -0.3; 0 0` into points with zero velocity, `step` seconds apart.
 
-    Raise ConfigError if a waypoint is not a position for each of the `joints`.
+    Raise ConfigError if a waypoint is not one position for each joint; `joints` is the number of joints.
     """
     waypoints = []
     for index, part in enumerate(text.split(";"), 1):

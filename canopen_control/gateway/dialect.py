@@ -151,7 +151,7 @@ GatewayRequest: TypeAlias = ReadOrder | WriteOrder | NmtOrder | LssOrder | LogOr
 
 
 class GatewayRefusal(CanopenError):
-    """Error response of CiA 309-3; `reason` is a sentence where the text of the number is too general."""
+    """Error response of CiA 309-3; `reason` is a sentence that adds to the text of the error number, or ""."""
 
     def __init__(self, number: int, reason: str = "") -> None:
         self.number, self.reason = number, reason
@@ -202,7 +202,7 @@ def shown_value(type_name: str, data: bytes) -> str:
 
 
 def _c_number(token: bytes) -> tuple[int, bool]:
-    """Parse a number like C's strtoul; the flag is True if the whole token is a number."""
+    """Parse a number like C's strtoul; the flag is True if the token is a number or empty."""
     match = _NUMBER.match(token)
     if match is None:
         return 0, not token
@@ -228,7 +228,7 @@ def _fixed_bytes(fixed: _Fixed, token: bytes) -> bytes:
 
 
 def _open_bytes(type_name: str, raw: bytes) -> bytes:
-    """Return the data of a text, hex or base64 value that extends to the end of the line."""
+    """Return the data of a text, hex or base64 value up to the end of the line; raise GatewayRefusal if invalid."""
     data = b""
     if type_name == _TEXT:
         match = (_QUOTED if raw[:1] == b'"' else _WORD).fullmatch(raw)
@@ -266,7 +266,7 @@ class _Line:
         return self.raw[self._position : self._position + 1] in (b"", b"#")
 
     def token(self, longest: int = _LONGEST_TOKEN) -> bytes:
-        """Return the next token, or b"" at the end of the line."""
+        """Return the next token, or b"" at the end of the line; raise GatewayRefusal if it is too long."""
         begin = end = self._position
         while end < len(self.raw) and 0x21 <= self.raw[end] <= 0x7E and self.raw[end] != ord("#"):
             end += 1
@@ -284,7 +284,7 @@ class _Line:
         return token
 
     def more(self) -> bytes:
-        """Return the next token; raise GatewayRefusal if it is the last token of the line."""
+        """Return the next token; raise GatewayRefusal if it is missing or the last token of the line."""
         token = self.token()
         if not token or self.closed:
             raise GatewayRefusal(SYNTAX)
@@ -330,7 +330,7 @@ def _ranged(token: bytes, low: int, high: int) -> int:
 
 
 class _Arguments(NamedTuple):
-    """Arguments of an LSS command: permitted numbers of arguments, and the range of each argument."""
+    """Arguments of an LSS command: how many are permitted, and the range of each argument."""
 
     counts: tuple[int, ...]
     ranges: tuple[tuple[int, int], ...] = ()
@@ -390,7 +390,7 @@ class GatewayDialect:
         self._input += data
 
     def next_event(self) -> GatewayRequest | bytes | None:
-        """Return the next request, or the response to a command without bus access; None without a complete line."""
+        """Return the next request, or the response to a command without bus access; None if no line is complete."""
         try:
             line = self._next_line()
             return None if line is None else self._parsed(line)

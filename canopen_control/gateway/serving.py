@@ -348,7 +348,7 @@ class GatewayService:
         return poll
 
     def _ready(self, poll: select.poll, descriptor: int) -> bool:
-        """Wait for data from the client or the network, and handle network data; True if the client has sent data."""
+        """Wait for data from the client or the network, and handle network data; return whether the client has data."""
         ready = {number for number, _ in poll.poll()}
         self.network.take_in()
         return descriptor in ready

@@ -57,7 +57,7 @@ class _EventKeeper(SimulationObserver):
 class TestedRobot:
     """Booted robot in virtual time; `events` are all events since the start.
 
-    `quirks` are the quirks of drives from power-on, by node-ID or name, or "all" for every drive.
+    `quirks` maps the node-ID or name of a drive, or "all" for every drive, to the quirks that it has from power-on.
     """
 
     __test__ = False
@@ -166,8 +166,8 @@ class TestedRobot:
     def command(self, controller: str, *values: float, seconds: float | None = None) -> None:
         """Command a controller: once, or ten times a second for `seconds` from now on.
 
-        `run` raises refusals, such as a wrong number of values or an inactive controller; a command with disabled
-        drives or a latched STOP causes only an event, because a test may be about that.
+        `run` raises refusals, such as a wrong number of values or an inactive controller; a command while
+        drives are disabled or STOP is latched causes only an event, because a test may be about that.
         """
         self._controller(controller)
         self.do("command", controller, values=values, seconds=seconds)
@@ -300,7 +300,7 @@ class SimulatedTransfers(Transfers):
         return self._node.sdo.progress
 
     def cancel(self) -> None:
-        """Cancel the transfer in progress, from an observer that runs during the transfer."""
+        """Cancel the transfer in progress; called by an observer during the transfer."""
         self._cancelled = True
 
     def pause(self, seconds: float) -> None:
@@ -417,15 +417,15 @@ class TestedBus:
         self.frames += [(self._robot.clock.at(now), label, frame) for frame in frames_of(record)]
 
     def lose(self, every: int = 1, seconds: float | None = None) -> None:
-        """Lose one of every `every` frames for `seconds` (None: permanently)."""
+        """Lose every n-th frame (n: `every`) for `seconds` (None: permanently)."""
         self._tamper("lose", every, seconds)
 
     def double(self, every: int = 1, seconds: float | None = None) -> None:
-        """Send one of every `every` frames twice for `seconds` (None: permanently)."""
+        """Send every n-th frame (n: `every`) twice for `seconds` (None: permanently)."""
         self._tamper("double", every, seconds)
 
     def disturb(self, every: int = 1, seconds: float | None = None) -> None:
-        """Disturb and repeat one of every `every` frames for `seconds` (None: permanently)."""
+        """Disturb and repeat every n-th frame (n: `every`) for `seconds` (None: permanently)."""
         self._tamper("disturb", every, seconds)
 
     def send(self, can_id: int, data: bytes = b"") -> None:

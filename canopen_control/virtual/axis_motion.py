@@ -1,6 +1,6 @@
 """Motion of one axis over time: timers, demand, the plant that follows it, switches and servo loops.
 
-Time consists of events. `advance` processes every timer at its own time and in order, so that the result does not
+Time moves from event to event. `advance` processes each timer at its own time and in order, so that the result does not
 depend on the number of calls. A demand is set at an event and followed until the next event. The end of a demand, a
 limit switch and a following error are reported to the owner through `Reactions`.
 """
@@ -54,7 +54,7 @@ def wrap32(value: float) -> int:
 class DriveUnits:
     """Factors between user units and plant counts.
 
-    `position` and `velocity` are signed counts per user unit, `length`, `speed` and `acceleration` unsigned ones.
+    `position` and `velocity` are signed counts per user unit; `length`, `speed` and `acceleration` are unsigned.
     `turn` is -1 if 0x607E inverts velocities, else 1, for velocities in rpm. `zero` is the plant position of the user's
     0.
     """
@@ -134,7 +134,7 @@ class AxisObjects:
 
     @property
     def speed_unit(self) -> float:
-        """Velocity unit 0x60A9 in counts/s; 0 unless the unit is rpm or a power of ten of rpm."""
+        """Velocity unit 0x60A9 in counts/s; 0 unless the unit is rpm times a power of ten."""
         return self.counts_per_rpm * rpm_of_unit(self.number(o.SI_UNIT_VELOCITY))
 
     @property
@@ -279,7 +279,7 @@ class Reactions(Protocol):
         """Handle the end of the demand."""
 
     def limit_switch_hit(self, side: int, now: int) -> None:
-        """Handle a wired limit switch that became active; `side` is -1 (negative) or 1 (positive)."""
+        """Handle a wired limit switch that has become active; `side` is -1 (negative) or 1 (positive)."""
 
     def check_following_error(self, error: float, now: int) -> None:
         """Check a following error in counts; called periodically while the plant lags."""

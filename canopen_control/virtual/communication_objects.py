@@ -166,7 +166,7 @@ class ProgramArea:
         return self.reset_at
 
     def reset(self) -> None:
-        """Start the program after a reset, or the boot-loader if it is incomplete or was stopped."""
+        """Start the program after a reset, or the boot-loader if the program is incomplete or was stopped."""
         requested, self._next, self.reset_at, self._busy_until = self._next, None, None, 0
         stopped = requested is ProgramState.STOPPED
         self.state = ProgramState.RUNNING if self.is_whole and not stopped else ProgramState.STOPPED
@@ -236,7 +236,7 @@ class ProgramArea:
 
 
 def _loader_od(od: ObjectDictionary) -> ObjectDictionary:
-    """Return the objects in a dictionary that the boot-loader supports."""
+    """Return the dictionary of the boot-loader: the objects of `od` that the boot-loader supports."""
     entries = {address: entry for address, entry in od.entries.items() if address[0] in _LOADER_OBJECTS}
     return replace(od, entries=entries)
 
@@ -402,7 +402,7 @@ class CommunicationObjects:
                 store.on_read(index, subindex, lambda: 1)
 
     def identify(self, serial: int, more: Mapping[Address, int | str]) -> None:
-        """Set the identity and the device names that the EDS lacks, and the values `more`.
+        """Set the identity, the device names and the values `more` where the EDS has no value.
 
         A serial number that is only a default in the file is ignored: all devices with this file would have the same
         one.

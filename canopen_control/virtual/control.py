@@ -46,7 +46,7 @@ A = TypeVar("A")
 
 
 def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
-    """Return the state of a node, including the state of the world if `world` is given."""
+    """Return the state of a node; `world` is the state of its world, or None to leave it out."""
     return DriveState(
         node_id=node.node_id,
         name=node.name,
@@ -74,7 +74,7 @@ class NodeMethods:
         return tuple(self._WORK)
 
     def do(self, request: Request[A]) -> A:
-        """Execute a request by a client or by this process; raise ConfigError if the node lacks the function."""
+        """Execute a request of a client or of this process; raise ConfigError if invalid or impossible on the node."""
         self._node.tick(self._host.reactor.now())
         answer: A = self._WORK[type(request)](self, request)
         self._host.wake(self._node)

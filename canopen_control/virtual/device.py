@@ -1,7 +1,7 @@
 """Virtual devices from EDS files: the node, and a drive for each axis with a controlword.
 
 The object dictionary alone determines the device: a known identity or vendor selects the device model, every other
-device is generic; a dictionary without CiA 402 objects becomes a plain node.
+device is generic; a dictionary without CiA 402 objects gives a node without axes.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ _Record = dict[str, Any]  # the stored entry of a node; it may have been edited
 class ParameterFile:
     """File with the stored parameters of nodes; `path` need not exist yet.
 
-    ConfigError is raised if the file has another format. `report` receives a sentence about each ignored value of the
-    file, and the reason of a failed write.
+    Raise ConfigError if the file cannot be read or has another format. `report` receives a sentence about each ignored
+    value of the file, and about a failed write.
     """
 
     def __init__(self, path: Path, report: Callable[[str], None]) -> None:
@@ -81,7 +81,7 @@ class ParameterFile:
         return int(stored) if possible else started_with
 
     def attach(self, node: VirtualNode, started_with: int) -> None:
-        """Restore the stored parameters of a node before power-on, and store later changes."""
+        """Restore a node's parameters before power-on, and store changes; raise ConfigError for another device."""
         key = str(started_with)
         record = self._nodes.get(key)
         if record is not None:
@@ -256,8 +256,8 @@ def make_device(
 
     `plant` creates the plant of an axis. `faults` (``name`` or ``name@seconds``) are switched on at power-on or later,
     `quirks` (``name``, ``name=value`` or ``name=value@axis``) at power-on, together with those of the personality
-    `like`. Raise EdsError for a file that cannot be used, and ConfigError for an unknown fault or quirk, or a
-    personality whose objects the dictionary lacks.
+    `like`. Raise EdsError for a file that cannot be used, and ConfigError for an invalid or impossible fault
+    or quirk, or a personality whose objects the dictionary lacks.
     """
     od = read_eds(source, node_id).od if isinstance(source, str | Path) else source.for_node(node_id)
     node = VirtualNode(od, node_id, serial=serial, model=model or device_model_of(od), plant=plant)
@@ -273,7 +273,7 @@ def make_device(
 
 
 def take_personality(node: VirtualNode, like: Personality) -> None:
-    """Set 0x6502 to the modes of a personality; raise ConfigError if objects of the personality are missing."""
+    """Set 0x6502 to the modes of a personality; raise ConfigError if the EDS lacks an object of the personality."""
     lacking = [f"0x{index:04X}" for index in like.objects if not node.od.subindices(index)]
     if lacking:
         raise ConfigError(
@@ -313,9 +313,9 @@ def make_devices(
     """Create all devices of a process; an error in a file is raised before any device runs.
 
     Raise EdsError and ConfigError. `report` gets warnings and the assumptions of the world. `serial` is the serial
-    number of the first node, see `launch.DriveOptions`; `eds_files` are the EDS files of nodes that have another EDS;
-    `world` is an existing world. A node whose node-ID was changed by LSS, in an earlier process with the same store,
-    starts with it.
+    number of the first node, see `launch.DriveOptions`; `eds_files` maps node-IDs to EDS files, where they
+    differ from `eds`; `world` is an existing world. A node whose node-ID was changed by LSS, in an earlier process with
+    the same store, starts with the changed node-ID.
     """
     files = {node_id: eds if eds_files is None else eds_files.get(node_id, eds) for node_id in node_ids}
     ods = {file: read_eds(file, node_ids[0]).od for file in files.values()}

@@ -116,8 +116,8 @@ class MissingSetPoint:
     """Reaction of a cyclic mode to a missing set-point; by default the axis stops at the last set-point.
 
     The axis continues at its velocity for `cycles` interpolation periods (0x60C2), or for the number of periods in
-    `cycles_object` if the dictionary has that object. Then the axis stops, or faults if `fault` is the EMCY code of a
-    fault.
+    `cycles_object` if the dictionary has that object. Then the axis stops or, if `fault` is not 0, raises a fault with
+    that EMCY code.
     """
 
     cycles: int = 0
@@ -129,9 +129,10 @@ class MissingSetPoint:
 class DeviceModel:
     """Differences of a drive model from a generic drive, in counts/s^2, counts/s and ns.
 
-    `unset_ramp` is the ramp of an object that is absent or 0. `delays` maps the number of a transition to the object of
-    axis 0 with the delay in ms. With `single_set_point`, PP has neither buffered nor immediate set-points: bit 12 shows
-    that a set-point is in process, and a new set-point replaces it. `homing_methods` None means all methods.
+    `unset_ramp` is the ramp of an object that is absent or 0. `delays` maps the number of a transition to the
+    index, on axis 0, of the object with its delay in ms. With `single_set_point`, PP has neither buffered nor immediate
+    set-points: bit 12 shows that a set-point is in process, and a new set-point replaces it. `homing_methods` None
+    means all methods.
     """
 
     name: str = ""  # empty: the product name in the EDS

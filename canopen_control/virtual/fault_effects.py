@@ -55,7 +55,7 @@ def _injects(point: Callable[[VirtualDrive], InjectionPoint[T]], value: T) -> Sw
 
 
 def boot_after(delay_ns: int | None) -> Switch:
-    """Return a switch for the time in ns from a reset to the boot-up message (None: the node never boots)."""
+    """Return a switch that sets the time in ns from a reset to the boot-up message (None: the node never boots)."""
 
     def turn(node: VirtualNode, on: bool, now: int) -> None:
         node.set_reset_delay(delay_ns if on else 0, now)
@@ -98,7 +98,7 @@ def flood(node: VirtualNode, now: int) -> None:
 
 
 def lasting_fault(code: int, register: int) -> Switch:
-    """Return a switch that raises a fault, whose cause persists while the switch is on."""
+    """Return a switch that raises a fault on every axis; the cause persists while the switch is on."""
     return _each(lambda drive, on, now: _last(drive, on, now, code, register))
 
 
@@ -403,7 +403,7 @@ def deaf_to_sync(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | No
 
 
 def refusing(code: AbortCode, matches: Callable[[int, int], bool]) -> Incoming:
-    """Return a filter that aborts the SDO requests (command, index) selected by `matches`."""
+    """Return a filter that aborts SDO requests with `code` if `matches(command, index)` is true."""
 
     def incoming(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
         if not is_sdo_request(node, frame):

@@ -56,8 +56,8 @@ class VirtualStore:
     """Typed values of all entries of `od`, with `upload` and `download` for an SDO server.
 
     `power_on` are the values after a reset that differ from the file's defaults: identity, and values stored by 0x1010.
-    The injection point `ceilings` silently limits accepted values, by index. `version` grows when a value or a rule
-    changes.
+    The injection point `ceilings` silently limits accepted values, by index. `version` increases when a value or a
+    rule changes.
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
@@ -140,7 +140,7 @@ class VirtualStore:
     # -- hooks
 
     def on_read(self, index: int, subindex: int, source: Source) -> None:
-        """Call `source` for the value when an entry is read; no effect if the dictionary lacks the entry."""
+        """Get the value of an entry from `source` when it is read; no effect if the dictionary lacks the entry."""
         if (index, subindex) in self.values:
             self._sources[index, subindex] = source
 
@@ -242,7 +242,7 @@ class VirtualStore:
         self.write(entry, _decoded(entry, data))
 
     def write(self, entry: Entry, value: Value) -> None:
-        """Write a value that passes limits and guards, and call the watchers; otherwise raise SdoServerAbort."""
+        """Write a value and call the watchers; raise SdoServerAbort if a limit or guard refuses the value."""
         self.notify(entry, self.place(entry, value))
 
     def place(self, entry: Entry, value: Value) -> Value:

@@ -36,7 +36,7 @@ class Plant(Protocol):
         """Move along the demand, as controlled by the position and velocity loops of a drive."""
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move by a torque in per mille of the rated torque, given as the velocity of the curve `torque`."""
+        """Move under the torque that the velocity of the curve `torque` gives, in per mille of the rated torque."""
 
     def release(self, start_ns: int, end_ns: int) -> None:
         """Move without power, and clear the feed-forward."""
@@ -181,8 +181,8 @@ class LoadedPlant:
     counts/s^2; a load of `inertia` divides that by 1 + inertia. `external` acts in the positive direction (gravity on a
     vertical axis), `friction` against the motion. The position is that of the motor: with a `backlash` the load
     (`load_position`) is up to half of that many counts behind or ahead. `stalled` blocks the shaft. The velocity loop
-    gets `velocity_feed_forward` of the demanded velocity in addition to the position loop, or the velocity 0x60B1
-    instead.
+    gets the output of the position loop plus a feed-forward: the fraction `velocity_feed_forward` of the demanded
+    velocity, or the velocity 0x60B1 unless that is 0.
     """
 
     position: float = 0.0
@@ -235,7 +235,7 @@ class LoadedPlant:
     def _correction(self, error: float) -> float:
         """Return the velocity that corrects a position error, low enough for a stop within the torque limit.
 
-        Without that bound a motor that is weak for its load would oscillate between both torque limits for ever.
+        Without that bound a motor that is too weak for its load would oscillate between both torque limits forever.
         """
         braked = math.sqrt(self.torque_limit / self._mass() * abs(error))  # at half of the limit
         return max(-braked, min(braked, self.position_gain * error))

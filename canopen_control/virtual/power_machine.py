@@ -70,12 +70,12 @@ class PowerMachine:
     """Power state machine of one axis (CiA 402-2).
 
     `bits` are the state bits of the statusword, `controlword` is the last processed controlword, `stop_target` the
-    state in which the present ramp ends, and `halted` whether the halt bit holds the motor. `causes` are the codes of
+    state that follows the present ramp, and `halted` whether the halt bit holds the motor. `causes` are the codes of
     faults that cannot be reset yet.
 
-    Quirks set `acts` (actions of transitions by number, instead of `_act`), `delays_ns` (their delays), `ends` (state
-    in which a stop ends, by the state in which it is made; None: it never ends) and `unsupplied` (state after the
-    supply is lost in a state with power). Injection points: `voltage` (whether the power stage has supply),
+    Quirks set `acts` (actions of transitions by number, instead of `_act`), `delays_ns` (their delays), `stop_states`
+    (state in which a stop ends, by the state in which it starts; None: it never ends) and `unsupplied` (state after
+    the supply is lost in a state with power). Injection points: `voltage` (whether the power stage has supply),
     `transition_delay_ns` (of every transition), `reset_deaf` (fault resets have no effect), `fault_on_enable` (a code)
     and `serves_preop` (the drive can also be enabled in PRE-OPERATIONAL).
     """
@@ -235,7 +235,7 @@ class PowerMachine:
             self._outbox.clear_errors()
 
     def _ignore(self, why: str) -> None:
-        """Report an ignored controlword, once until controlword, reason or state changes."""
+        """Report an ignored controlword, and again only after controlword, reason or state has changed."""
         if self._ignored != (self.controlword, why):
             self._ignored = self.controlword, why
             self._outbox.publish(ControlwordIgnored(self._objects.axis, self.controlword, why))
@@ -250,7 +250,7 @@ class PowerMachine:
         self._motor.stop(now, reaction)
 
     def finish(self, target: State, now: int) -> None:
-        """End a stop and enter the state `target`, unless a quirk defines another state."""
+        """End a stop and enter the state `target`, unless a quirk replaces it."""
         end = self.stop_states.get(self.state, target)
         if end is None:
             return
@@ -329,7 +329,7 @@ class PowerMachine:
         self._outbox.values_changed()
 
     def abort_connection(self, code: int, now: int) -> None:
-        """React to lost communication according to 0x6007 (default: fault) while the axis is enabled."""
+        """React to lost communication according to 0x6007 (default: fault) if enabled or in a quick stop."""
         self._mover.advance(now)
         if self.state not in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
             return

@@ -1,9 +1,9 @@
 """Process of virtual drives, independent of any master.
 
 The process prints a line for each bus when the nodes are on the bus, and then their events as sentences. SIGTERM and
-SIGINT end the process with exit code 0. When the parent process ends (the lifeline breaks), the process runs until its
-drives come to standstill by themselves because the master is missing, for at most five seconds. The process waits for a
-channel that is only down; a missing channel is reopened within three seconds, otherwise the bus is abandoned.
+SIGINT end the process with exit code 0. When the parent process ends (the lifeline breaks), the process waits at
+most five seconds for its drives to stop by themselves, because their master is missing. The process waits for a
+channel that is only down; a missing channel is reopened if it returns within three seconds, else the bus is abandoned.
 BusClosed ends the process when the last bus is abandoned.
 """
 
@@ -128,7 +128,7 @@ class ServedBus:
 
     @property
     def ready_line(self) -> str:
-        """Line with the names of nodes and channel, printed once all nodes are ready."""
+        """Line that names the nodes and the channel, printed once all nodes are ready."""
         ids = [node.node_id for node in self.nodes]
         kind = "drive" if self.nodes[0].drives else "node"
         which = f"{kind} {ids[0]}" if len(ids) == 1 else f"{kind}s {', '.join(map(str, ids))}"
@@ -170,7 +170,7 @@ class ServedBus:
         self._rejoin()
 
     def _rejoin(self) -> None:
-        """Reopen the channel repeatedly until `REJOIN_NS` have passed; then abandon the bus."""
+        """Try to reopen the channel until `REJOIN_NS` have passed; then abandon the bus."""
         if self.error is None or self._host is None:
             return
         port = self._bus.reopen()
@@ -186,7 +186,7 @@ class ServedBus:
 
 
 class FoldedLog:
-    """Rate-limited log: within 10 s the first lines of a kind are written, the rest is summarised."""
+    """Rate-limited log: in each 10 s, the first lines of a kind are written, and the rest are summarised."""
 
     def __init__(self, reactor: Reactor, write: Callable[[str], object]) -> None:
         self._reactor, self._write = reactor, write
@@ -194,7 +194,7 @@ class FoldedLog:
         self._left_out: dict[Hashable, tuple[str, int]] = {}
 
     def report(self, kind: Hashable, text: str, at_most: int) -> None:
-        """Write a line, or only count it if `at_most` lines of its kind were written in the last seconds."""
+        """Write a line, or only count it if `at_most` lines of its kind were written in the present 10 s."""
         if not self._counts:
             self._reactor.call_later(WINDOW_NS, self._end_window)
         count = self._counts[kind] = self._counts.get(kind, 0) + 1
@@ -231,7 +231,10 @@ class DriveProcess:
         self._lost: BusClosed | None = None
 
     def run(self) -> int:
-        """Run until a signal or the end of the parent process; return the exit code. Raise BusClosed or NodeIdTaken."""
+        """Run until a signal arrives or the parent process ends; return the exit code.
+
+        Raise NodeIdTaken if a node-ID is in use, and BusClosed if every bus is lost.
+        """
         self._reactor.handle_signals({signal.SIGTERM: self._end, signal.SIGINT: self._end})
         try:
             for bus in self._buses:
@@ -307,7 +310,7 @@ class DriveProcess:
             self._leave()
 
     def _on_orphaned(self) -> None:
-        """End the process once the drives are at standstill, after the parent process has ended."""
+        """Handle the end of the parent process: end this process when its drives stand still, or after 5 s."""
         if self._lifeline is not None:
             self._reactor.remove_reader(self._lifeline)
         self._log("", "the parent process has ended; waiting until the drives stand still")

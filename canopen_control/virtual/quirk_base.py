@@ -3,7 +3,7 @@
 A fault is a defect; a quirk is how a manufacturer's healthy drive always behaves. A quirk has a name, a description,
 the clause or object of the standard from which it departs ("" if the standard allows it), a source, an action, and
 possibly a strength. A source is a repository with the number of a thread or a file, or a manual with a page or object;
-`unsourced` quirks were seen by users, without a public source. Of the quirks of one `group` an axis can have only one.
+`unsourced` quirks were seen by users, without a public source. An axis can have only one quirk of each `group`.
 
 An action is called once with the strength when its quirk is switched on; its hooks are undone when the quirk is
 switched off. No code of an inactive quirk runs.
@@ -129,7 +129,7 @@ class QuirkHooks:
         table[key] = value
 
     def healthy(self, point: InjectionPoint[T], value: T) -> None:
-        """Set the healthy value of an injection point, which also applies after a fault has ended."""
+        """Set the present and the healthy value of an injection point, so that it also applies after a fault ends."""
         self.attribute(point, "healthy", value)
         self.attribute(point, "value", value)
 
@@ -180,7 +180,7 @@ class QuirkHooks:
         self.attribute(statusword, "changes", (*statusword.changes, change))
 
     def act(self, drive: VirtualDrive, number: int, act: Callable[[Transition, int, TransitionAct], None]) -> None:
-        """Perform transition `number` of an axis by `act`, which gets the previous action as the last argument."""
+        """Replace the action of transition `number` of an axis; `act` gets the previous action as its last argument."""
         before = drive.power.act_of(number)
         self.entry(drive.power.acts, number, lambda transition, now: act(transition, now, before))
 
@@ -188,7 +188,7 @@ class QuirkHooks:
         self.entry(drive.power.delays_ns, number, round(seconds * _S))
 
     def gate(self, drive: VirtualDrive) -> ModeGate:
-        """Return the gate in front of the modes of an axis, created on the first call."""
+        """Return the gate in front of the modes of an axis; the first call creates it."""
         if drive.modes.gate is None:
             self.attribute(drive.modes, "gate", ModeGate())
         assert drive.modes.gate is not None
@@ -228,7 +228,7 @@ def pdo_mappings(node: VirtualNode) -> list[int]:
 
 
 def axis_refuses(code: AbortCode, index: int, when: Callable[[VirtualDrive, int, float], bool]) -> AxisAct:
-    """Return a quirk action that refuses values of an axis' object with `code` while `when` is true."""
+    """Return a quirk action that refuses writes to an object of an axis with `code` while `when` is true."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, strength: float) -> None:
         def check(entry: Entry, value: Value, before: Guard) -> Value:

@@ -77,7 +77,7 @@ class Push:
 
 
 def world_words(act: WorldAct) -> list[tuple[str, str]]:
-    """Return keys and text of the values with which a scenario step describes a disturbance."""
+    """Return the keys with which a scenario step describes a disturbance, each with its value as text."""
     if isinstance(act, BlockJoint):
         return [("block", act.joint)]
     if isinstance(act, SetGrip):
@@ -250,7 +250,7 @@ def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switc
 class Timeline:
     """Player of scenario events on the nodes of one process; times count from its creation.
 
-    `controls` is read when a step is due; `report` receives a sentence about a step that failed.
+    `controls` is read when a step is due; `report` receives a sentence about each step that fails.
     """
 
     def __init__(

@@ -150,7 +150,7 @@ class SharedFile:
 
     @contextlib.contextmanager
     def locked(self, operation: int) -> Iterator[int]:
-        """Hold a lock (`fcntl.LOCK_SH` or `fcntl.LOCK_EX`) on the file; the value is the file descriptor."""
+        """Hold a lock (`fcntl.LOCK_SH` or `fcntl.LOCK_EX`) on the file; yield its file descriptor."""
         if self._file is None:
             self._file = open_shared(self._path)
         fcntl.flock(self._file, operation)
@@ -373,7 +373,7 @@ class ShaftWorld(World, Protocol):
 class Coupling:
     """Gear between a motor and an encoder: counts per motor turn, gear ratio and direction.
 
-    With a `lead` the encoder is linear, and `lead` is the distance in m for each turn behind the gear.
+    With a `lead` the encoder is linear, and `lead` is the distance in m per turn after the gear.
     """
 
     counts_per_revolution: float

@@ -105,7 +105,7 @@ class DemandCurve:
             yield Piece(end - max(begin, 0.0), self.final_velocity, 0.0)
 
     def time_of(self, position: float, after_ns: int) -> int | None:
-        """Return the first time from `after_ns` on at which the curve reaches or crosses `position`, or None."""
+        """Return the first time from `after_ns` on at which the curve is at or crosses `position`, or None if never."""
         here, clock = self.at(after_ns)[0], after_ns
         for piece in self.slices(after_ns, max(self.end_ns, after_ns)):
             seconds = _first_crossing(piece, position - here)

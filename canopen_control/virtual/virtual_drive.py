@@ -63,7 +63,7 @@ def clamp(value: float, bits: int = 32) -> int:
 
 
 class Statusword:
-    """Composer of the statusword 0x6041 of one axis from state, mode, limits and injected bits.
+    """Statusword 0x6041 of one axis, composed of state, mode, limits and injected bits.
 
     Injection points: `remote` (bit 9), `warning` (bit 7), and the bits `forced` and `suppressed`. `changes` are
     functions of quirks that are applied to the statusword.
@@ -472,7 +472,7 @@ class VirtualDrive:
         self.mover.torque_limit = min(limits, default=math.inf)
 
     def _tune(self) -> None:
-        """Set the loop gains of the plant from the gain objects; without a velocity P gain, its defaults apply."""
+        """Set the loop gains of the plant from the gain objects; without a velocity P gain, the plant uses its own."""
         values = {gain: self._gain(gain_object) for gain, gain_object in self._gains.items()}
         speed = self.objects.units.length
         proportional = values.get(LoopGain.VELOCITY_P, 0.0) / speed
@@ -526,7 +526,7 @@ class VirtualDrive:
         self._outbox.values_changed()
 
     def connection_lost(self, now: int) -> None:
-        """React to lost communication according to 0x6007; without 0x6007 the node reacts by 0x1029:01."""
+        """React to lost communication according to 0x6007; if only 0x1029:01 exists, leave the reaction to the node."""
         if self.objects.has(o.ABORT_CONNECTION_OPTION) or not self._store.has(0x1029, 1):
             self.power.abort_connection(0x8130, now)
 
