@@ -83,7 +83,7 @@ def outside_limits(entry: Entry, value: float) -> bool:
 
 
 def accepts(entry: Entry | None, value: Value) -> bool:
-    """Whether an EDS allows a write of `value`: an entry that is writable, with a fitting type and fitting limits."""
+    """Whether `value` may be written: the entry exists, is writable, and its type and limits permit the value."""
     if entry is None or not entry.writable:
         return False
     try:

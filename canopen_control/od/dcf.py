@@ -152,8 +152,8 @@ def dcf_text(
 ) -> str:
     """Return the text of the DCF of node `node_id` at `bitrate` bit/s, with `values` as ParameterValues.
 
-    Values at the `relative` addresses are written as $NODEID plus an offset, so that the file is valid for other node
-    ids. A value that has no entry or does not fit its type raises ValueError.
+    Values at the `relative` addresses are written as $NODEID plus an offset, so that the file is valid for other
+    node-IDs. Raise ValueError for a value that has no entry or does not fit its type.
     """
     od = configured(od.for_node(node_id), values or {}, relative)
     commissioning = replace(od.commissioning, node_name=node_name or od.commissioning.node_name)
@@ -243,7 +243,7 @@ def _section(title: str, texts: Mapping[str, str]) -> Section:
 
 
 def _device_sections(od: ObjectDictionary) -> dict[str, tuple[str, _Lines]]:
-    """Return the device sections whose content in the file differs from the dictionary."""
+    """Return the device sections that must be written from the dictionary, by lower-case name."""
     sections = {title.lower(): _section(title, texts) for title, texts in od.sections.items()}
     parsed = read_device(sections, None, Report(""))
     new_sections: dict[str, tuple[str, _Lines]] = {}
@@ -318,7 +318,7 @@ def _lists(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
 
 
 def object_sections(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
-    """Yield section title and lines of each object and subindex, in ascending order."""
+    """Yield the section title and lines of each object and subindex, in ascending order."""
     subindices: dict[int, list[int]] = {index: [] for index in od.objects}
     for index, subindex in od.entries:
         subindices.setdefault(index, []).append(subindex)
@@ -381,7 +381,7 @@ def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
 
 
 def _entry_keys(entry: Entry, parsed: Entry | None, code: ObjectCode, node_id: int) -> dict[str, tuple[str, bool]]:
-    """Return for each key the text of the field, and whether the file has the same value."""
+    """Return, for each key, the text of the field, and whether the file has the same value."""
 
     def value_text(value: Value | None, relative: bool) -> str:
         if value is None:

@@ -105,7 +105,10 @@ def _where(entry: Entry) -> str:
 
 
 def _check_limits(entry: Entry, node_id: int, report: Report) -> None:
-    """Report values outside the limits; `node_id` is added to relative values that were read without a node-ID."""
+    """Report values outside the limits, and limits that contradict CiA 301.
+
+    `node_id` is added to relative values that were read without a node-ID.
+    """
     low, high = (
         None if limit is None else limit + node_id * relative
         for limit, relative in ((entry.low, entry.low_relative), (entry.high, entry.high_relative))
@@ -412,7 +415,7 @@ def forget_files() -> None:
 def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
     """Read the file at `path`; `node_id` (1 to 127) replaces $NODEID and overrides the node-ID in the file.
 
-    EdsError is raised if the file cannot be read or is not a CANopen EDS.
+    Raise EdsError if the file cannot be read or is not a CANopen EDS.
     """
     if _cache is None:
         return _read_file(path, node_id)
@@ -621,7 +624,7 @@ class _Reader:
         self.od.entries[index, subindex] = self.entry_reader.read(section, index, subindex, name, code)
 
     def _expand(self, section: Section, index: int, count: int) -> None:
-        """Create the entries that CompactSubObj defines (CiA 306-1, 4.6.3.4)."""
+        """Create the entries that CompactSubObj implies (CiA 306-1, 4.6.3.4)."""
         label = self.od.objects[index].name
         entries = self.od.entries
         entries[index, 0] = Entry(

@@ -1,7 +1,7 @@
 """Sections, keys and entries of EDS and DCF files (CiA 306-1, 4.2 to 4.6).
 
-The reader accepts UTF-8, UTF-16 and Windows-1252; LF, CR and CRLF, also mixed; a DOS end-of-file character; and any
-case of sections and keys. If a section or key is repeated, the first is used and the second is reported.
+The reader accepts UTF-8, UTF-16 and Windows-1252; LF, CR and CRLF, even mixed; a DOS end-of-file character; and any
+letter case of sections and keys. If a section or key is repeated, the first is used and the second is reported.
 
 Large files have hundreds of thousands of lines, nearly all of them plain. In a section of plain lines with different
 keys the line numbers are computed only on request; any other section is read line by line.
@@ -101,7 +101,7 @@ class Section:
 
 
 def _lines_of_keys(body: str, line: int) -> dict[str, int]:
-    """Return the line of each key in a section that begins in `line` and contains only plain lines."""
+    """Return the line of each key in a section that starts at `line` and contains only plain lines."""
     numbered = enumerate(body.split("\n"), line + 1)
     return {raw.partition("=")[0].strip().lower(): number for number, raw in numbered if _has_content(raw)}
 
@@ -158,7 +158,7 @@ def _number(section: Section, key: str, report: Report, default: int | None = No
 
 
 def clip(text: str) -> str:
-    """Shorten a text from the file to 60 characters for a message."""
+    """Shorten a text from the file to at most 60 characters for a message."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
@@ -225,7 +225,7 @@ class _Splitter:
         return self.read_lines(section, lines, number + 1)
 
     def _read_plain(self, section: Section, lines: list[str]) -> bool:
-        """Read the lines of a section; return False, with no effect, if a line is not plain."""
+        """Read the lines of a section; return False, with no effect, if a line is not plain or a key is repeated."""
         keys, values, written, count = self._keys, dict[str, str](), dict[str, str](), 0
         for line in lines:
             raw, equals, value = line.partition("=")
@@ -350,7 +350,7 @@ class EntryReader:
     """Reader of the entries of a file; `node_id` replaces $NODEID, None if unknown.
 
     A file with thousands of entries repeats few texts, so that results without an issue are cached. `ranges` contains
-    the manufacturer-specific data types by index. `is_drive` is whether the device type (0x1000) is CiA 402.
+    the manufacturer-specific data types by index. `is_drive` is True if the device type (0x1000) is CiA 402.
     """
 
     node_id: int | None
@@ -533,7 +533,7 @@ class EntryReader:
 
 
 def _order_text(section: Section, data_type: DataType, low: _Limit, high: _Limit) -> str:
-    """Return the message for exchanged limits, with the numbers if the texts do not show them (0xFF is -1)."""
+    """Return the message for limits in the wrong order, with their numbers if the texts differ (0xFF is -1)."""
     texts = [clip(section.get(key)) for key in ("lowlimit", "highlimit")]
     numbers = [str(limit.value) for limit in (low, high) if limit.value is not None]
     shown = f" ({' > '.join(numbers)} as {data_type.name})" if texts != numbers else ""

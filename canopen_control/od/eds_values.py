@@ -2,7 +2,7 @@
 
 Numbers are decimal, hexadecimal with 0x, or octal with a leading 0; $NODEID may be added. Other notations of vendors
 are accepted with an issue if they are unambiguous. A hexadecimal INTEGERn is the two's complement of the value. A REAL
-is decimal, or its IEEE 754 bits are in hexadecimal.
+is written in decimal, or as its IEEE 754 bits in hexadecimal.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def _odd_number(text: str, issue: ValueIssue | None) -> Number:
 
 
 def _relative(text: str, node_id: int | None) -> Number:
-    """Return the sum of a text such as ``$NODEID+0x200``, in any order and case."""
+    """Return the value of a sum such as ``$NODEID+0x200``, with its terms in any order; raise ValueError if invalid."""
     text = text.partition(";")[0]
     parts = [part.strip() for part in text.split("+", 4)]
     names = [part for part in parts if "$" in part]

@@ -265,8 +265,8 @@ class ObjectDictionary:
     def find(self, name: str) -> Entry | None:
         """Return the entry with this name; None if no or several entries have it.
 
-        A sub-object may be named together with its object, ``Object.Sub``. Case is significant only if names differ in
-        nothing else.
+        A sub-object may be named together with its object, ``Object.Sub``. Letter case matters only if names differ
+        in nothing else.
         """
         exact = self._named(lambda candidate: candidate == name)
         if len(exact) != 1:
@@ -284,7 +284,7 @@ class ObjectDictionary:
         return entry.name, f"{info.name}.{entry.name}"
 
     def for_node(self, node_id: int) -> ObjectDictionary:
-        """Return a copy for `node_id`, which replaces $NODEID, so that a file is parsed once for many nodes."""
+        """Return a copy for `node_id`, which replaces $NODEID, so that one parsed file serves many nodes."""
         shift = node_id - (self.node_id or 0)
         entries = self.entries.copy()
         for address, entry in self.entries.items() if shift else ():

@@ -71,7 +71,7 @@ class Pdo:
 
 
 def pdo_of(index: int) -> tuple[str, int] | None:
-    """Return kind ("rpdo" or "tpdo") and number of the PDO of a communication or mapping record.
+    """Return the kind ("rpdo" or "tpdo") and number of the PDO to which a communication or mapping record belongs.
 
     The result is None for other objects.
     """

@@ -115,7 +115,7 @@ class _Element:
     text: str = ""
 
     def descendants(self) -> Iterator[_Element]:
-        """Yield all elements below an element, in the order of the file."""
+        """Yield all elements below this element, in the order of the file."""
         for child in self.children:
             yield child
             yield from child.descendants()
@@ -164,7 +164,7 @@ def xdd_sections(text: str, report: Report) -> Sections:
 
 
 def _parse(text: str, path: str) -> _Element:
-    """Return the root element; raise EdsError for XML that is not well-formed or has a DOCTYPE."""
+    """Return the root element; raise EdsError for XML that is malformed, nested too deeply, or has a DOCTYPE."""
     stack = [_Element("", 0, {})]
     parser = xml.parsers.expat.ParserCreate()
 
@@ -307,7 +307,7 @@ def _of_parameter(parameter: _Element) -> dict[str, str]:
 
 
 def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
-    """Return the text of an XDD, or with `configured` of an XDC with node-ID, bit rate and parameter values."""
+    """Return the text of an XDD or, if `configured`, of an XDC with node-ID, bit rate and parameter values."""
     device = od.device
     identity = (
         ("vendorName", device.vendor_name),
@@ -450,7 +450,7 @@ def _written_objects(od: ObjectDictionary, *, configured: bool) -> Iterator[str]
 def _attributes_of(lines: Mapping[str, str], entry: Entry | None, info: ObjectInfo) -> dict[str, str]:
     """Return the XML attributes of an object or subindex with the EDS keys `lines`.
 
-    Numbers and words are those that were read, since an EDS may have notations that XML has not (`0x07 # VAR`, `0007h`,
+    Numbers and words are those that were read, since an EDS may have notations that XML lacks (`0x07 # VAR`, `0007h`,
     `ObjectType=07`). Values and limits keep their text.
     """
     texts = {key.lower(): value for key, value in lines.items()}

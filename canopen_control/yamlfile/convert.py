@@ -88,7 +88,7 @@ def setting(
 
 
 def section(key: str, default: Any = MISSING, *, help: str = "") -> Any:  # noqa: A002 - as in `setting`
-    """Return a field with the parameters whose dotted names begin with `key`: a dataclass like `default`, or a dict."""
+    """Return a field with the parameters whose dotted names start with `key`: a dataclass like `default`, or a dict."""
     return setting(default, key=key, section=True, factory=dict if default is MISSING else MISSING, help=help)
 
 
@@ -220,7 +220,7 @@ def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:
 
 
 def _enum(node: Node, target: type[enum.Enum]) -> Any:
-    """Return the enum member with this value or, in any case, this name; report an error if it does not exist."""
+    """Return the enum member with this value, or with this name in any letter case; report an error if none has."""
     if node.kind == "scalar":
         value = node.value
         for member in target:

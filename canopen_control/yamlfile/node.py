@@ -99,7 +99,7 @@ class Problems:
 
     @contextlib.contextmanager
     def raising(self, error: type[ConfigError]) -> Iterator[None]:
-        """Raise `error` at the end of the context if errors were added in the context."""
+        """Raise `error` at the end of the context if errors were added in it."""
         before, self._errors = self._errors, {}
         try:
             yield
@@ -138,7 +138,7 @@ class Node:
 
     @classmethod
     def scalar(cls, node: Node, text: str, value: object, *, quoted: bool) -> Node:
-        """Set text and value of a scalar node, and return the node."""
+        """Set the text and value of a scalar node, and return the node."""
         node.text, node._scalar, node.quoted = text, value, quoted
         return node
 
@@ -171,7 +171,7 @@ class Node:
         return self._scalar
 
     def pairs(self) -> list[tuple[Node, Node]]:
-        """Return the key and value nodes in the order of the file, keys from merges last.
+        """Return the key and value nodes in the order of the file, with keys from merges last.
 
         Of a repeated key, only the last pair is included.
         """

@@ -1,4 +1,4 @@
-"""Reader from YAML text to frozen dataclasses, or one error with all problems (file, line, column and caret).
+"""Reader that turns YAML text into frozen dataclasses, or raises one error with all problems and their positions.
 
 Only this module imports `yaml`. Any text gives either a value or the error class of the caller, never another
 exception. Nothing is dropped silently: repeated keys, unknown keys and values of another type are reported. Scalars
@@ -111,7 +111,7 @@ class _Walk:
         self.endless = False
 
     def measure(self, node: yaml.Node, place: str = "") -> tuple[int, int]:
-        """Return number and depth of the nodes in a tree, with aliases followed; report invalid keys and loops."""
+        """Return the number and depth of the nodes in a tree, following aliases; report invalid keys and loops."""
         if id(node) in self._open:
             _place(node, place, self._problems).error("an alias refers to its own anchor")
             self.endless = True
@@ -263,7 +263,7 @@ def read(text: str, path: str = "<text>", *, error: type[ConfigError] = BusConfi
 
 
 def read_text(path: str | os.PathLike[str], error: type[ConfigError] = BusConfigError) -> str:
-    """Return the text of a UTF-8 file; raise `error` if the file cannot be read."""
+    """Return the text of a UTF-8 file; raise `error` if it cannot be read or has another format."""
     problems = Problems(str(path))
     try:
         data = read_limited(Path(path), MAX_BYTES)

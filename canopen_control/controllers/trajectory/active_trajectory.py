@@ -170,7 +170,7 @@ _FEW: Final = 8
 class JointSetpoint(metaclass=ABCMeta):
     """Base class of motions that provide set-points over time, with `size` points; `start` is in ns.
 
-    `first` and `following` are the points on both sides of the last sample. Both are `size` if there was no sample, and
+    `first` and `following` are the indices of the points around the last sample. Both are `size` without a sample, and
     `following` alone is `size` once the trajectory is over.
     """
 
@@ -199,7 +199,7 @@ class JointSetpoint(metaclass=ABCMeta):
         return None
 
     def begin(self, t: int) -> None:
-        """Mark the first sample; a trajectory without a stamp starts at its time `t`, in ns."""
+        """Record that sampling has started, at `t` in ns; a trajectory without a stamp starts at this time."""
         if not self.sampled:
             if self.start == 0:
                 self.start = t

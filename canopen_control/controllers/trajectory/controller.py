@@ -433,7 +433,7 @@ class JointTrajectoryController(Controller):
         raise self.refusal("accepts only trajectories and goals; send one with canopen-control trajectory")
 
     def cancel(self, goal: TrajectoryGoal, why: str | None = None) -> None:
-        """Cancel an active goal: the joints brake and are held. `why` is reported."""
+        """Cancel a goal if it is active; the joints then brake and are held. `why` is reported."""
         if goal is self.goal:
             text = "the goal was cancelled" if why is None else f"the goal was cancelled: {why}"
             self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, text)
@@ -535,7 +535,7 @@ class JointTrajectoryController(Controller):
         return OK
 
     def _resume_if_ready(self) -> None:
-        """Accept trajectories once no joint is waited for; a goal may arrive before the update that would see this."""
+        """Accept trajectories again if all joints follow commands; a goal may arrive before the next update."""
         self._waiting = self._group.waits_for()
         if self._waiting is None:
             self._follower.resume_at_rest()
@@ -597,7 +597,7 @@ class JointTrajectoryController(Controller):
         return f"{joint}: its position is unknown; wait for its feedback"
 
     def _brake(self) -> None:
-        """Brake at the configured decelerations if all joints have one, else at once; then hold."""
+        """Brake with the configured decelerations, then hold; hold at once if braking is disabled or impossible."""
         self.command_timeout.end()
         if not self.params.decelerate_on_cancel or self._acceptance.cannot_brake() is not None:
             self._follower.hold()

@@ -175,7 +175,7 @@ _AT_REST: Final = 2.0**-23
 class StopMotion(JointSetpoint):
     """Motion of all joints to standstill from the state in `set_before`.
 
-    `decelerations` are in rad/s2 (or m/s2), above 0. The motion runs in real time, also with speed scaling; `pace` is
+    `decelerations` are in rad/s2 (or m/s2), above 0. The motion runs in real time, even with speed scaling; `pace` is
     the scaling factor of the initial velocities, which differs from 1 if they were commanded and not measured.
     """
 
@@ -288,7 +288,7 @@ class TrajectoryExecutor:
     """Executor of trajectories for a group of joints; `holding` is True while they are held or brake.
 
     - `desired`: desired state of the last cycle; `output`: the state commanded for the next cycle.
-    - `limiter`: limiter of `output`, None without one; `limited`: the joint that it has limited first.
+    - `limiter`: limiter of `output`, None without one; `limited`: the first joint that it limited.
     - `motion`: the executed trajectory, hold or stop; `fresh`: whether it began in this cycle.
     """
 
@@ -412,7 +412,7 @@ class TrajectoryExecutor:
         )
 
     def start_positions(self, stamp: int) -> Sequence[float]:
-        """Return the positions from which a trajectory with the start `stamp` would begin."""
+        """Return the positions from which a trajectory with the start `stamp` would start."""
         follows, out = self.follows, Point()
         if follows is not None and follows.query(max(self._start_of(stamp), self._commanded_until), out):
             return out.positions

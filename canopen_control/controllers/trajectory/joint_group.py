@@ -156,7 +156,7 @@ class Loops:
             pid.reset()
 
     def compute(self, index: int, desired: Point, error: Point, period: float) -> float:
-        """Return feed-forward plus loop output for the commanded joint `index`; `period` is in s."""
+        """Return the sum of feed-forward and loop output for commanded joint `index`; `period` is in s."""
         joint = self._joints[index]
         forward = self._forward[index] * desired.velocities[joint] if joint < len(desired.velocities) else 0.0
         if self._with_effort and joint < len(desired.effort):

@@ -152,7 +152,7 @@ def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
 def resolve(
     goal: GoalTolerances, joints: Sequence[str], default: SegmentTolerances
 ) -> tuple[SegmentTolerances, str | None]:
-    """Return a goal's tolerances, completed with the default; if invalid, the default and the reason."""
+    """Return a goal's tolerances, completed by the default, and None; if invalid, the default and the reason."""
     try:
         time = _resolved(goal.goal_time, default.goal_time, "goal_time_tolerance")
         path = _of_joints(goal.path, joints, default.path, "path_tolerance")
@@ -234,7 +234,7 @@ class LimitParams:
     """Limits of a joint for commanded trajectory points, in rad, rad/s and rad/s2 (m if prismatic).
 
     A nan position or velocity limit is that of the URDF, if any; a nan acceleration is unlimited, and a nan
-    deceleration is as the acceleration.
+    deceleration is limited like an acceleration.
     """
 
     has_position_limits: bool = setting(True, help="whether to limit positions")

@@ -153,7 +153,7 @@ class TrajectorySummary:
             )
 
     def sized(self, quantity: int, allowed: tuple[int, ...]) -> int:
-        """Return the first point with a forbidden number of values for a quantity, else NONE."""
+        """Return the index of the first point with a forbidden number of values for a quantity, else NONE."""
         return min((at for size, at in self.sizes[quantity].items() if size not in allowed), default=NONE)
 
     def _check_times(self, times: Sequence[int]) -> None:
@@ -519,7 +519,7 @@ def _outside(extremes: Extremes, joint: int, lower: float, upper: float) -> Rang
 def _place(
     points: Sequence[Point] | Points, exceeding: Range, joint: int, lower: float, upper: float, quantity: str
 ) -> tuple[int, float]:
-    """Return index and value of the first point in a range that exceeds the limits of a joint."""
+    """Return the index and the value of the first point in a range that exceeds the limits of a joint."""
     for at in range(exceeding.begin, exceeding.end):
         values = getattr(points[at], quantity)
         if values and not lower - _ROUNDING <= values[joint] <= upper + _ROUNDING:
@@ -530,7 +530,7 @@ def _place(
 def far_start(
     message: JointTrajectory, here: Mapping[str, float], limits: Mapping[str, JointLimits], allowed: float
 ) -> str | None:
-    """Return a text about the first joint farther than `allowed` (rad or m) from the first point, else None.
+    """Return an error about the first joint that is over `allowed` rad or m from the first point, else None.
 
     If the first point is later than the start, the joint may be farther off by the distance that its velocity limit
     allows until then.
@@ -610,7 +610,7 @@ class Acceptance:
         return None if reason is None else f"decelerate_on_cancel has no effect, joints are held at once: {reason}"
 
     def slow_brake(self) -> str | None:
-        """Return a warning for the joint whose stop after a cancelled goal takes longest, or None if that is short."""
+        """Return a warning about the joint that stops slowest after a cancelled goal, or None if none is too slow."""
         params = self._params
         stops = {
             joint: self.limits[joint].velocity / constraints.max_deceleration_on_cancel
