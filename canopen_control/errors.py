@@ -128,11 +128,11 @@ class BusConfigError(ConfigError):
 
 
 class RobotConfigError(ConfigError):
-    """Error in controllers or description, or in their combination with the bus, or a missing file."""
+    """Error in the controllers or the description, in their combination with the bus, or a missing file."""
 
 
 class DiskFull(CanopenError):
-    """File that could not be written because of a full disk or a disk error; `kept` is what remains of it."""
+    """Failure to write a file because of a full disk or a disk error; `kept` says what remains of the file."""
 
     def __init__(self, path: str, reason: str, remains: str) -> None:
         self.path, self.reason, self.kept = path, reason, remains
@@ -228,7 +228,7 @@ class SdoTimeout(RemoteProtocolError):
 
 
 class SdoStopped(SdoTimeout):
-    """SDO request to a node in NMT state STOPPED, which does not respond to SDO (CiA 301, 7.3.2.2.5)."""
+    """SDO request to a node in NMT state STOPPED, in which it does not answer SDO (CiA 301, 7.3.2.2.5)."""
 
     hint = "its heartbeat reports NMT STOPPED, in which a node answers no SDO; use `nmt preop` or `nmt start`"
 
@@ -281,7 +281,7 @@ class BootError(RemoteProtocolError):
 
 
 class HeartbeatLost(RemoteProtocolError):
-    """Node whose heartbeat has timed out; `age` is the time since its last heartbeat in s."""
+    """Loss of a node's heartbeat; `age` is the time since its last heartbeat in s."""
 
     def __init__(self, node_id: int, age: float, name: str = "") -> None:
         self.age = age

@@ -190,7 +190,7 @@ class PacedWire:
         return len(self.queues.pop(sender, ()))
 
     def drain(self) -> Iterator[tuple[int, bytes]]:
-        """Yield sender and raw record of the frame on the wire, then of the waiting frames in arbitration order."""
+        """Yield the sender and raw record of the frame on the wire, then of the waiting frames in arbitration order."""
         while self.on_wire is not None:
             _, sender, _, record = self.on_wire
             yield sender, record

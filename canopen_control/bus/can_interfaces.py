@@ -153,7 +153,7 @@ def _bcm(inode: str, proc: Path) -> tuple[str | None, tuple[tuple[int, int], ...
 
 
 def _borrowed(pid: int, descriptor: int, protocol: str) -> tuple[str, int | None]:
-    """Return interface and number of identifiers of a socket in another process; raise OSError if access is denied."""
+    """Return the interface and the number of identifiers of another process's socket; raise OSError if denied."""
     process = os.pidfd_open(pid)
     try:
         number = _pidfd_getfd(process, descriptor)
@@ -472,7 +472,7 @@ def bring_up(
 
 
 def bring_down(name: str, report: Callable[[str], None], *, run: Run = run_command) -> None:
-    """Bring an interface down; a virtual interface continues to exist. Raise ConfigError as for `bring_up`."""
+    """Bring an interface down; a virtual interface continues to exist. Raise ConfigError as `bring_up` does."""
     link = find_can_interface(name, run)
     if link is None:
         raise ConfigError(f"no CAN interface {name!r}; {_LIST}")

@@ -229,7 +229,7 @@ def parse_line(line: str) -> tuple[int, CanFrame] | None:
 
 
 def read_lines(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
-    """Yield time and frame of each candump line, None for a line without a frame; empty lines are skipped."""
+    """Yield the time and frame of each candump line, or None for a line without a frame; skip empty lines."""
     while line := file.readline(_LONGEST_LINE):
         if text := line.strip():
             yield parse_line(text)

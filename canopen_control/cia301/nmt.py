@@ -128,7 +128,7 @@ def nmt_frame(command: NmtCommand, node_id: int = BROADCAST) -> CanFrame:
 
 
 def parse_nmt(frame: CanFrame) -> tuple[NmtCommand, int] | None:
-    """Return command and node-ID (0: all nodes), or None if `frame` is not an NMT command of CiA 301."""
+    """Return the command and node-ID (0: all nodes), or None if `frame` is not an NMT command of CiA 301."""
     # CiA 301, 7.2.8.3.1: two bytes, command specifier and node-ID
     if frame.can_id != NMT_COB_ID or len(frame.data) != 2 or frame.data[1] > MAX_NODE_ID:
         return None

@@ -67,7 +67,7 @@ def mapping_entry(mapped: MappedObject) -> int:
 
 
 def parse_mapping_entry(value: int) -> tuple[int, int, int]:
-    """Return index, subindex and width in bits of a mapping entry."""
+    """Return the index, subindex and width in bits of a mapping entry."""
     return value >> 16 & 0xFFFF, value >> 8 & 0xFF, value & 0xFF
 
 

@@ -101,7 +101,7 @@ def _read_value(
 
 
 def value_of(mapped: MappedObject, data: bytes) -> Value | None:
-    """Decode SDO data as the value of a mapped object; None if it is invalid or does not fit into the mapping."""
+    """Decode SDO data as a mapped object's value; return None if it is invalid or does not fit into the mapping."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])
@@ -273,7 +273,7 @@ def _release(write: PlannedWrite, current: bytes, transfers: BootTransfers) -> G
 
 
 def _clear_double(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Clear other entries of 0x1016 for the same node, since devices refuse a second one (CiA 301, 7.5.2.19)."""
+    """Clear unplanned entries of 0x1016 for the same node; devices refuse a second one (CiA 301, 7.5.2.19)."""
     node_id, ms = parse_consumer_entry(int.from_bytes(write.data, "little"))
     if not ms:
         return

@@ -57,7 +57,7 @@ def cob_id_of(pdo: tuple[str, int]) -> int:
 
 
 def final_values(group: Sequence[PlannedWrite]) -> dict[tuple[int, int], PlannedWrite]:
-    """Return the last write to each address, which has the final value."""
+    """Return the last write to each address, by address; it has the final value."""
     return {write.address: write for write in group}
 
 
@@ -431,7 +431,7 @@ def _adopted(layout: PlannedPdo, device: _DevicePdo, by_address: dict[tuple[int,
 
 
 def address_of(mapped: MappedObject) -> tuple[int, int]:
-    """Return index and subindex of a mapped object."""
+    """Return the index and subindex of a mapped object."""
     return mapped.index, mapped.subindex
 
 

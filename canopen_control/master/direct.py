@@ -114,7 +114,7 @@ class DirectBus:
         return self._transfer(client, client.read(index, subindex, block=block, now=time.monotonic_ns()))
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool | None = None) -> None:
-        """Download an object by SDO; if `block` is None, the length selects the transfer. Errors as for `read`."""
+        """Download an object by SDO; if `block` is None, the length selects the transfer. Errors as in `read`."""
         client = self.client(node_id)
         self._transfer(client, client.write(index, subindex, data, block=block, now=time.monotonic_ns()))
 
@@ -152,7 +152,7 @@ class DirectBus:
         return client
 
     def cancel(self) -> None:
-        """Cancel the SDO transfer in progress, whose call raises SdoCancelled; callable from any thread."""
+        """Cancel the SDO transfer in progress, so that its call raises SdoCancelled; any thread may call this."""
         self._cancelled = True
 
     def _transfer(self, client: SdoClient, request: SdoRequest) -> bytes:

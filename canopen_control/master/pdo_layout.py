@@ -36,7 +36,7 @@ class _Meaning(NamedTuple):
 
 
 class _Quantity(NamedTuple):
-    """Quantity of a CiA 402 object; `absolute` if the position offset applies."""
+    """Quantity of a CiA 402 object; `scale` is pos, vel or eff, `absolute` is set if the position offset applies."""
 
     scale: str
     commanded: bool = False
@@ -103,7 +103,7 @@ def _objects(
 
 
 def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
-    """Return the scale of the signal that is a mapped object, or None if none is or device objects determine it."""
+    """Return the scale of a mapped object that is a signal; None if it is not, or if device objects determine it."""
     for signal in plan.signals.values():
         if signal.address == (mapped.index, mapped.subindex) and signal.bit is None and not signal.scales:
             own = signal.data_type in (None, mapped.data_type)

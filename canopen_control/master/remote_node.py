@@ -272,7 +272,7 @@ class RemoteNode:
         return f"{self.label} is not operational: {self.reason or 'it has not booted yet'}{again}"
 
     def begin_boot(self, now: int, *, reset: bool = True) -> None:
-        """Start a boot of the node, aborting a boot in progress."""
+        """Start a boot of the node, and abort a boot in progress; `reset` is passed to `boot`."""
         self._abandon()
         self._owner.guard(self, False, now)
         self._owner.watch_heartbeat(self.node_id, 0)

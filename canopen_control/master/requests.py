@@ -137,14 +137,17 @@ class BootTransfers:
         return content if place is None else place.part_of(content)
 
     def try_read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload an optional object; None if the node refuses. Raise SdoTimeout or SdoLengthError."""
+        """Upload an optional object; return None if the node refuses, raise SdoTimeout or SdoLengthError."""
         try:
             return (yield from self.read(index, subindex))
         except SdoAbort:
             return None
 
     def read_optional(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload an object for comparison; None if refused or, with a warning, of another length. Raise SdoTimeout."""
+        """Upload an object for comparison; return None if it is refused or (with a warning) has a wrong length.
+
+        Raise SdoTimeout if the node does not answer.
+        """
         try:
             return (yield from self.try_read(index, subindex))
         except SdoLengthError as error:
@@ -154,14 +157,14 @@ class BootTransfers:
             return None
 
     def number(self, index: int, subindex: int = 0, *, signed: bool = False) -> Generator[Request, Answer, int | None]:
-        """Upload an optional object as a number; None if the node refuses. Raise SdoTimeout or SdoLengthError."""
+        """Upload an optional object as a number; return None and raise errors as `try_read` does."""
         data = yield from self.try_read(index, subindex)
         return None if data is None else int.from_bytes(data, "little", signed=signed)
 
     def write(
         self, index: int, subindex: int, data: bytes, timeout_ns: int | None = None
     ) -> Generator[Request, Answer, None]:
-        """Download an object, and count the write if accepted; raise SdoAbort or SdoTimeout."""
+        """Download an object and count the write if it is accepted; raise SdoAbort or SdoTimeout if not."""
         place = self._places.get((index, subindex))
         address = (index, subindex) if place is None else place.address
         yield WriteObject(*address, data, timeout_ns)
