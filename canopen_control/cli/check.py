@@ -48,7 +48,7 @@ class FrameShare(Document, frozen=True):
 
 
 class BudgetDocument(Document, frozen=True, kw_only=True):
-    """Load of a bus; a cycle has `bits` without stuff bits, `worst_bits` with all possible stuff bits.
+    """Load of a bus; a cycle has `bits` without stuff bits, and `worst_bits` with all possible stuff bits.
 
     `load` is the average load, from 0 to 1.
     """
@@ -64,7 +64,7 @@ class BudgetDocument(Document, frozen=True, kw_only=True):
 
 
 class StopCaseDocument(Document, frozen=True):
-    """Cause of a stop, with detection time and ramp time in s; an unlimited ramp is infinite (null)."""
+    """Cause of a stop, with its detection time and ramp time in s; an unlimited ramp is infinite (null in JSON)."""
 
     cause: str
     detection_s: float
@@ -73,7 +73,7 @@ class StopCaseDocument(Document, frozen=True):
 
 
 class StopDocument(Document, frozen=True):
-    """Stopping time of a joint from `speed` in units of the drive; an unlimited time is infinite (null)."""
+    """Stopping time of a joint from `speed` in units of the drive; an unlimited time is infinite (null in JSON)."""
 
     joint: str
     node: str

@@ -76,7 +76,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _replaces_interrupt(error: Exception) -> bool:
-    """Whether an exception after a signal replaces KeyboardInterrupt, as a RuntimeError of pybind11 does."""
+    """Whether an exception raised after a signal stands for KeyboardInterrupt, such as a RuntimeError of pybind11."""
     return not isinstance(error, CanopenError) or isinstance(error.__cause__, RuntimeError | SystemError)
 
 

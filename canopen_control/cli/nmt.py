@@ -108,7 +108,7 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
 
 
 def _report(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float) -> int:
-    """Print the state of each node after the command; return 1 if a node is in another state, else 0."""
+    """Print the state of each node after the command; return 1 if `confirmed` is False for a node, else 0."""
     if args.json:
         keys = ("node_id", "state", "confirmed", "error")
         print(json_text([{key: getattr(outcome, key) for key in keys} for outcome in outcomes]))

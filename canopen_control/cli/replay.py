@@ -122,7 +122,7 @@ def _serve_recording(args: argparse.Namespace) -> int:
 
 
 def _end_with_a_robot(reactor: Reactor, name: str) -> None:
-    """End the replay when another robot starts, since STOP must refer to one robot only."""
+    """End the replay if another robot runs, else check again later: STOP must refer to one robot only."""
     if robots := [socket for socket in list_sockets("robot") if socket != name]:
         print(f"canopen-control: robot {robots[0]} has started; the replay ends", file=sys.stderr)
         reactor.stop()

@@ -223,7 +223,7 @@ def _run_one(args: argparse.Namespace) -> int:
 
 
 def _apply_quirks(robot: RobotUnderTest, quirks: list[str], like: Personality | None) -> None:
-    """Apply a personality and quirks to all drives."""
+    """Apply a personality and quirks to all drives; a quirk replaces the drive's quirk of the same name."""
     replaced = {text.partition("=")[0] for text in quirks}
     for drive in robot.drives.values():
         other_quirks = [text for text in drive.quirks if text.partition("=")[0] not in replaced]

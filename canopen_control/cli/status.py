@@ -227,7 +227,7 @@ def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNames
 
 
 def _object_in(line: bytes | None, late: str) -> dict[str, object]:
-    """Return the JSON object in a line, or {} if the line is not one.
+    """Return the JSON object in a line, or {} if the line is not a JSON object.
 
     Raise RemoteError with the text `late` if `line` is None.
     """

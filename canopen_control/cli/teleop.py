@@ -162,7 +162,7 @@ def _leave(target: TeleopTarget, screen: Screen) -> None:
 
 
 class Sender:
-    """Sender of velocities: at each change, every 0.1 s during a motion, and a few zeros afterwards.
+    """Sender of velocities; it sends them at each change and every 0.1 s during a motion, and a few zeros afterwards.
 
     `refusal` is the reason why the robot refused the last velocities, "" if it accepted them.
     """
@@ -173,7 +173,7 @@ class Sender:
         self._last, self._sent_ns, self._zeros = ZERO, 0, 0
 
     def send(self, velocities: Velocities, now: int) -> bool:
-        """Send velocities if due; return False if refused; raise RemoteError if the connection is lost."""
+        """Send velocities if due; return False if the target refuses; raise RemoteError if the connection is lost."""
         changed = velocities != self._last
         if changed:
             self._zeros = 0 if velocities.moving else ZEROS

@@ -57,7 +57,7 @@ _APART_S: Final = 0.045
 
 
 class TrajectoryRecording:
-    """Recorded positions of `joints` in rad or m at times in s, with at most `max_points` points."""
+    """Recorded positions of `joints` in rad or m at times in s; the recording is full at `max_points` points."""
 
     def __init__(self, joints: Sequence[str], max_points: int) -> None:
         self.joints, self._max_points = tuple(joints), max_points
@@ -104,7 +104,7 @@ def _is_close(first: Sequence[float], second: Sequence[float]) -> bool:
 
 
 def _velocities(times: Sequence[float], positions: Sequence[Sequence[float]], index: int) -> list[float]:
-    """Return the joint velocities at a point, from points well before and after; zero at both ends."""
+    """Return the joint velocities at a point, from points at least `_APART_S` before and after; zero at both ends."""
     last = len(times) - 1
     if index in (0, last):
         return [0.0] * len(positions[index])

@@ -249,7 +249,7 @@ class GoalAnswer(Protocol):
 
     @property
     def text(self) -> str:
-        """Reason why the goal was refused."""
+        """Reason for the refusal of the goal."""
         ...
 
     @property

@@ -12,8 +12,8 @@ published.
 The transforms include the URDF's joints like robot_state_publisher. Both topics have absolute names; static transforms
 are transient local for later subscribers, and moving ones are reliable and sent once for each joint state, odometry and
 pose that a controller publishes, with the stamp of that sample. Frames get the prefix of the namespace, here and in all
-other messages, so that two robots fit into one graph. A frame has one parent: a joint is omitted if odometry or a pose
-sample already defines the frame of its child.
+other messages, so that one graph can contain two robots. A frame has one parent: a joint is omitted if odometry or a
+pose sample already determines the frame of its child.
 """
 
 from __future__ import annotations

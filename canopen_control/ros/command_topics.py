@@ -259,7 +259,7 @@ def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
 
 
 def _sorted(field: str, values: Sequence[float], order: Sequence[int], dofs: Sequence[str]) -> list[float]:
-    """Return the values in the controller's order.
+    """Return `values` in the controller's order; `order` has the index of each degree of freedom in `values`.
 
     Raise ValueError unless every degree of freedom has one finite value.
     """

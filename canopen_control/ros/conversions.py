@@ -36,7 +36,7 @@ def stamp_of(unix_s: float) -> tuple[int, int]:
 
 
 def joint_arrays(joints: Mapping[str, JointReading], names: Sequence[str] = ()) -> JointArrays:
-    """Return the states of `names` in this order, or of all joints sorted by name; unknown values are nan."""
+    """Return the states of the known joints in `names`, or of all joints sorted by name; unknown values are nan."""
     values = {name: joint.values for name, joint in joints.items()}
     return arrays_of(values, [name for name in names if name in values] if names else sorted(values))
 
@@ -88,7 +88,7 @@ def transform_of(sample: Sample) -> Transform | None:
 
 
 def located_frames(state: StateSample) -> frozenset[str]:
-    """Return the child frames of odometry and pose transforms, which must not have a joint transform."""
+    """Return the child frames of odometry and pose transforms, for which no joint transform may be published."""
     samples = (*state.samples_of(OdometrySample).values(), *state.samples_of(PoseSample).values())
     return frozenset(transform.child for transform in map(transform_of, samples) if transform is not None)
 

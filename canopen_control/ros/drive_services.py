@@ -88,7 +88,7 @@ class DriveTargets:
 
 
 class DriveServices(Endpoint):
-    """Services of one node; if `joint` is given, they act only on the axis of this joint."""
+    """Services of one node; if `joint` is given, the services of a drive act only on the axis of this joint."""
 
     def __init__(self, ros: NodeContext, node: RosNode, targets: DriveTargets, joint: str | None = None) -> None:
         self._ros, self._node, self._targets, self._own = ros, node, targets, joint

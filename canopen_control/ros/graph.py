@@ -39,7 +39,7 @@ _SHORT: Final = re.compile(r"([a-z][a-z0-9_]*)/(?:(msg|srv)/)?([A-Za-z][A-Za-z0-
 
 
 def full_name(text: str, kind: str) -> str:
-    """Expand "std_msgs/String" to "std_msgs/msg/String".
+    """Expand "std_msgs/String" to "std_msgs/msg/String"; `kind` is "msg" or "srv".
 
     Raise ConfigError if `text` is not the name of an interface.
     """
@@ -52,7 +52,7 @@ def full_name(text: str, kind: str) -> str:
 
 
 def fill(message: Any, data: object, class_of: ClassOf, place: str = "") -> Any:  # noqa: ANN401 - generated
-    """Set the fields of a message that `data` contains, and return it; raise ConfigError for invalid data.
+    """Set the fields in `data` on a message, and return the message; raise ConfigError for invalid data.
 
     `class_of` returns the class of a nested message.
     """
@@ -269,7 +269,7 @@ class Graph:
 
 
 class Publication:
-    """Message of a publisher, which can be published repeatedly."""
+    """Message with its publisher; the message can be published repeatedly."""
 
     def __init__(self, publisher: Any, message: Any) -> None:  # noqa: ANN401 - rclpy's, and a generated class
         self._publisher, self._message = publisher, message

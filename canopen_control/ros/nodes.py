@@ -113,7 +113,7 @@ def _node(place: NodePlace, bridges: str) -> RosNode:
 
 
 def _mapped(layout: Layout) -> Iterator[tuple[str, dict[tuple[int, int], int]]]:
-    """Yield the name of each node, and the bits of each object mapped in an RPDO."""
+    """Yield the name of each node with the numbers of bits of the objects that are mapped in its RPDOs."""
     for bus in layout.buses.values():
         for node in bus.nodes:
             objects = [entry for pdo in node.pdos if pdo.direction == "rpdo" for entry in pdo.objects]

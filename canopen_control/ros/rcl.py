@@ -68,7 +68,7 @@ def quality_of(publishers: Sequence[Any]) -> Any:  # noqa: ANN401 - rclpy's, wit
 
 
 def error_text(error: Exception) -> str:
-    """Return the message of an rclpy exception in one line."""
+    """Return the message of an rclpy exception on one line."""
     text = " ".join(str(error).split())
     return f"unknown arguments: {text}" if type(error).__name__ == "UnknownROSArgsError" else text
 

@@ -44,7 +44,7 @@ class Messages(Protocol):
         """Return a message of type `package/msg/Name` with zeros and empty lists."""
 
     def floats(self, values: Iterable[float]) -> object:
-        """Return an array of numbers of the type that the messages require."""
+        """Return the numbers as an array of the type that the messages require."""
 
     def frame(self, name: str) -> str:
         """Return a frame's name with the robot's prefix, if any."""
@@ -326,7 +326,7 @@ def _element(messages: Messages, name: str, value: Any, time: float) -> object: 
 
 
 def measured_values(sample: Sample) -> Iterator[tuple[str, str, float | None]]:
-    """Yield name, unit and value of each field of a sample that belongs in a report."""
+    """Yield the name, unit and value of each field of a sample that belongs in a report."""
     for row in SAMPLE_TOPICS:
         if isinstance(sample, row.kind):
             for source, unit in row.units.items():

@@ -189,7 +189,7 @@ class Mailbox(Generic[T]):
 
 
 class RobotDescription(Endpoint):
-    """Publisher of the URDF on `robot_description`, once at the start and latched."""
+    """Publisher of the URDF on `robot_description`; it publishes once at the start, latched."""
 
     def __init__(self, ros: NodeContext, urdf: str) -> None:
         self._ros = ros
@@ -259,7 +259,7 @@ class RosTime:
         return message if now is None else stamped(message, now)
 
     def unix(self, stamp: float | None) -> float | None:
-        """Convert a stamp of ROS time to Unix time in s of the robot; None for None."""
+        """Convert a ROS time stamp to the robot's Unix time in s; None remains None."""
         if stamp is not None and (epoch := self._epoch) is not None:
             wall = self._wall()
             return stamp if abs(stamp - wall) < abs(stamp - (wall - epoch)) else stamp + epoch
@@ -464,7 +464,7 @@ class RosSession:
             self.hand_over(lambda: self._publish_event(text))
 
     def _publish_event(self, text: str) -> None:
-        """Publish a text as an event of the robot; on the reactor's thread."""
+        """Publish a text as an event of the robot; call on the reactor's thread."""
         sentence = "".join(letter if letter.isprintable() else " " for letter in f"ROS: {text}")[:_MAX_EVENT_LENGTH]
         if not self._ended:
             with contextlib.suppress(RemoteError):  # the robot has ended, which is detected elsewhere

@@ -130,7 +130,7 @@ def _demand_numbers(point: TrajectoryPoint, at: int, joints: Sequence[str]) -> N
 
 
 def goal_refusal(goal: RosMessage) -> str | None:
-    """Return why a FollowJointTrajectory goal is not supported, or None if it is."""
+    """Return why a FollowJointTrajectory goal is not supported, or None if it is supported."""
     lengths = {
         "multi_dof_trajectory": len(goal.multi_dof_trajectory.points),
         "component_path_tolerance": len(goal.component_path_tolerance),

@@ -32,12 +32,12 @@ def argument(read: Callable[[str], T]) -> Callable[[str], T]:
 
 
 def number(title: str, accept: Callable[[float], bool]) -> Callable[[str], float]:
-    """Return an argparse type for numbers that `accept` accepts; other text is refused as "is not `title`"."""
+    """Return an argparse type for numbers that `accept` accepts; `title` describes them in the error message."""
     return argument(number_that(accept, title))
 
 
 def whole_number(title: str, numbers: range) -> Callable[[str], int]:
-    """Return an argparse type for integers in `numbers`, decimal or 0x; others are refused as "is not `title`"."""
+    """Return an argparse type for integers in `numbers`, decimal or 0x; `title` describes them in the error message."""
     return argument(whole_between(numbers.start, numbers.stop - 1, title))
 
 

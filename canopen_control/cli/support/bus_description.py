@@ -116,7 +116,7 @@ def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescri
 
 
 def _described(args: argparse.Namespace, channel: str, *, units: bool = False) -> NetworkDescription | None:
-    """Return the network of ROBOT and the --eds files, in which ROBOT takes precedence; None without either."""
+    """Return the network of ROBOT and the --eds files, or None if neither is given; ROBOT takes precedence."""
     by_eds = network_of_eds(channel, args.eds, find_eds) if args.eds else None
     if args.config is None:
         return by_eds

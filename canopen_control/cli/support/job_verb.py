@@ -41,7 +41,7 @@ def _shown(value: object) -> str:
 
 
 def job_options(args: argparse.Namespace, job: Job, **others: object) -> Any:  # noqa: ANN401 - of the job's own type
-    """Return the options object of a job from the arguments and from `others`, which the job does not declare."""
+    """Return the options object of a job from the arguments; `others` are options that the job does not declare."""
     return job.options(**{name: getattr(args, name) for name in job.declared}, **others)
 
 

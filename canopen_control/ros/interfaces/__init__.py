@@ -161,7 +161,7 @@ def _factory() -> _Factory:
 
 
 def _check(factory: _Factory) -> None:
-    """Serialise and deserialise a message with our code and with ROS's own code; raise RuntimeError on a difference."""
+    """Compare the type hash and the serialised form of a message with ROS's own; raise RuntimeError if they differ."""
     serialization = importlib.import_module("rclpy.serialization")
     theirs_of, ours_of = factory.class_of(_PROBED), factory.class_of(_PROBE)
     stamp = factory.class_of("builtin_interfaces/msg/Time")(sec=-12345, nanosec=67890)

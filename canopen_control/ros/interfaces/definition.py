@@ -49,7 +49,7 @@ class Shape(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class FieldType:
-    """Type of a field: `base` is the type id of the scalar, `nested` the full name of a structure or ""."""
+    """Type of a field: `base` is the type id of the scalar, `nested` the full name of a structure, else ""."""
 
     base: int
     shape: Shape = Shape.SCALAR

@@ -1,12 +1,12 @@
 """Type supports for rclpy and rmw_fastrtps, created at run time without a compiler.
 
 rmw_fastrtps requests two supports of each type, fastrtps_c to serialise and introspection_c for its type object; both
-have the same hash and description. Fast DDS calls their functions while it holds mutexes, so that they must not run
-Python: they are in `callbacks.c`, and this module makes the constants that they need. Data with another layout is
-dropped there, as by compiled code: if it were refused later, rclpy would raise an exception out of `spin`, and a
-foreign message would end the process. rclpy itself calls the converters and the functions for service events, outside
-of all locks; they never raise an exception, because C would use an undefined result: a failure is False or NULL and a
-line on standard error.
+have the same hash and description. Fast DDS calls their functions while it holds mutexes, so they must not run Python;
+they are in `callbacks.c`, and this module makes the constants that they need. Data with another layout is dropped
+there, as by compiled code: if it were refused later, rclpy would raise an exception in `spin`, and a foreign message
+would end the process. rclpy itself calls the converters and the functions for service events, without any lock; they
+never raise an exception, because C would use an undefined result: a failure is False or NULL and a line on standard
+error.
 """
 
 from __future__ import annotations
