@@ -372,7 +372,7 @@ class ParameterDifference:
 
 
 def differences(a: ParameterSet, b: ParameterSet) -> Iterator[ParameterDifference]:
-    """Yield the parameters that differ, by address."""
+    """Yield the parameters that differ, or that one side lacks, in order of address."""
     a_relative, b_relative = a.relative, b.relative
     for address in sorted({*a.values, *b.values}):
         in_a, in_b = a.values.get(address), b.values.get(address)
@@ -461,7 +461,7 @@ def read_parameters(
 def read_same(
     session: NodeSession, file: ParameterSet, progress: ProgressCallback | None = None
 ) -> tuple[ParameterSet, list[LeftOut]]:
-    """Read the parameters of a file from a node, with the data types of the file."""
+    """Read the parameters of a file from a node with the file's data types; a session without an EDS keeps these."""
     od = file.od.for_node(session.node_id)
     if session.od is None:
         session.od = od
@@ -478,7 +478,7 @@ def _again(entry: Entry, again: Mapping[Address, Value], value: Value) -> bool:
 def read_values(
     session: NodeSession, entries: Iterable[Entry], progress: Callable[[int], None] | None = None
 ) -> tuple[dict[Address, Value], list[LeftOut]]:
-    """Read objects; return the values by address, and the objects refused by the node."""
+    """Read objects; return the values by address, and the objects that are refused or have another length."""
     values: dict[Address, Value] = {}
     left_out = []
     for number, entry in enumerate(entries, 1):

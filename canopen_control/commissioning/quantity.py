@@ -1,7 +1,7 @@
 """Parsing of numbers within bounds, and of quantities with units such as 20rpm, 90deg or 500pps.
 
 Quantities in counts depend on the drive: the EDS or the drive gives the counts per revolution (0x608F, 0x6091, 0x6092),
-or they are guessed. With a guess only counts and counts per second (pps) are right. A number without a unit is in SI
+or they are guessed. With a guess, only quantities in counts or pps are right. A number without a unit is in SI
 units, as everywhere in this package.
 """
 
@@ -52,7 +52,7 @@ def number_that(accept: Callable[[float], bool], noun: str) -> Callable[[str], f
 
 
 def seconds_above_0(text: str) -> float:
-    """Return the seconds in a number or a duration with a unit; raise ConfigError for 0 and below."""
+    """Parse a number of seconds or a duration with a unit; raise ConfigError unless it is valid and above 0."""
     try:
         value = float(text)
     except ValueError:
@@ -90,7 +90,7 @@ class Quantity(NamedTuple):
 
 
 def parse_quantity(text: str, kind: str) -> Quantity:
-    """Parse a number with a unit of position or velocity; the ConfigError lists the valid units."""
+    """Parse a number with a unit of position or velocity; raise ConfigError, with the valid units, if this fails."""
     units = [*filter(None, _KNOWN[kind]), *COUNTS[kind]]
     match = _TEXT.fullmatch(text.strip())
     if match is None:

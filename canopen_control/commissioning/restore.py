@@ -608,7 +608,7 @@ def guarded_restore(
 
 @contextlib.contextmanager
 def _with_partial_report(restore: Restore, journal: RestoreJournal) -> Iterator[None]:
-    """Convert an interruption of a restore into a DriveError that lists the parameters already written."""
+    """Context that converts an interruption after reading into a DriveError with the parameters already written."""
     try:
         yield
     except (CanopenError, KeyboardInterrupt) as error:

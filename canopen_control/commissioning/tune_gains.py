@@ -88,7 +88,7 @@ def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: Kep
 
 
 def revert_gains(session: NodeSession, stored: KeptParameters) -> list[GainChange]:
-    """Restore the gains from before the first `set_gains`; raise DriveError if no gains are stored."""
+    """Restore the gains from before `set_gains`; raise DriveError if none are stored, or if enabled or refused."""
     target = stored.read()
     if not target:
         raise DriveError(f"{session}: no gains of this drive were set from this computer, so nothing can be reverted")

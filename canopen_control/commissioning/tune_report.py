@@ -41,8 +41,8 @@ _LEAST: Final = 0.2  # minimum fraction of the step in the response
 class StepMetrics:
     """Metrics of a step to `target` that settled at `final`; times in s, `settling` is None if it did not settle.
 
-    `overshoot` is a fraction of the reached step, `error` the missing part, `ripple` the root mean square around the
-    final value and `itae` the integral of time times absolute error, the last three in units of the response.
+    `overshoot` is a fraction of the reached step. In units of the response, `error` is the missing part of the step,
+    `ripple` the root mean square deviation from the final value, and `itae` the integral of time times absolute error.
     """
 
     target: float

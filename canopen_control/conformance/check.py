@@ -89,7 +89,7 @@ def expect(good: bool, actual: str, expected: str) -> None:
 
 
 def expect_abort(node: CheckedNode, request: bytes, *codes: int) -> None:
-    """Send a raw SDO request and check that the device aborts it with one of `codes` or the general error."""
+    """Send a raw SDO request; raise CheckFailed unless the device aborts with one of `codes` or the general error."""
     answer = node.ask(request)
     expected = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
     if answer is None:
@@ -102,7 +102,7 @@ def expect_abort(node: CheckedNode, request: bytes, *codes: int) -> None:
 
 
 def expect_refused(node: CheckedNode, index: int, subindex: int, data: bytes, *codes: int) -> None:
-    """Download a value and check that the device refuses it with one of `codes` or the general error."""
+    """Download a value; raise CheckFailed unless the device aborts with one of `codes` or the general error."""
     expected = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
     try:
         node.write(index, subindex, data)

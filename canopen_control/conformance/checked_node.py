@@ -43,11 +43,11 @@ class CheckFailed(Exception):
 
 
 class NotApplicable(Exception):
-    """Error of a check that does not apply, since an optional object or the EDS is missing."""
+    """Error of a check that does not apply, for instance because an optional object or the EDS is missing."""
 
 
 class MotionBounds(NamedTuple):
-    """Bounds of motions in the drive's units of position and velocity; 0 derives a bound from its objects."""
+    """Bounds of motions in the drive's units of position and velocity; a bound of 0 is derived from objects."""
 
     distance: int = 0
     speed: int = 0
@@ -121,7 +121,7 @@ class CheckedNode:
         return list(self._frames)
 
     def wait_for(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
-        """Return the first frame with an identifier, even one received before the call; None after `seconds`."""
+        """Return the first frame with an identifier, even if received before the call, or None after `seconds`."""
         limit = round((self.timeout_s if seconds is None else seconds) * 1e9)
         self.reactor.run_until(lambda: self._lost is not None or self._first(can_id) is not None, limit)
         self._check_bus()
@@ -152,7 +152,7 @@ class CheckedNode:
     def reset(self, command: NmtCommand, seconds: float = 10.0) -> float | None:
         """Reset the node and return the time in s to its boot-up message, or None if none is received.
 
-        After two resets without a boot-up message, further resets are awaited for a second at most.
+        After two resets without a boot-up message, later calls wait for at most one second.
         """
         self.nmt(command)
         seconds = seconds if self._unbooted < _UNBOOTED else min(seconds, _UNBOOTED_S)
@@ -211,7 +211,7 @@ class CheckedNode:
 
     @contextmanager
     def kept(self, index: int, subindex: int = 0) -> Iterator[int]:
-        """Context with the value of an object, which is restored on exit; raise NotApplicable if it cannot be read.
+        """Context that yields the value of an object and restores it on exit; raise NotApplicable if it cannot be read.
 
         NotApplicable is also raised for an object that the EDS calls read-only. A value that cannot be restored is
         reported by the comparison at the end of the run.

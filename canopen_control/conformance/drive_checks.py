@@ -335,7 +335,7 @@ _FORBIDDEN = (
 
 
 def _by_rpdo(node: CheckedNode, word: int) -> None:
-    """Send a controlword in the first RPDO, with the current values of the other mapped objects."""
+    """Send a controlword in the first RPDO, other objects unchanged; raise NotApplicable if it does not map 0x6040."""
     record = first_pdo(node)
     image, shift = int.from_bytes(present_values(node, record), "little"), 0
     for entry in record.entries:
@@ -584,7 +584,7 @@ def _method_enabled(node: CheckedNode) -> None:
 
 @contextmanager
 def _set_point_here(node: CheckedNode) -> Iterator[None]:
-    """Context after a PP set-point at the current position was commanded by bit 4."""
+    """Context with the drive enabled in PP, after bit 4 has commanded a set-point at the current position."""
     with drive_at(node, OE, OperationMode.PP), node.kept(o.TARGET_POSITION):
         node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
         control(node, 0x1F)

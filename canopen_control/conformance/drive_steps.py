@@ -69,7 +69,7 @@ def reset_fault(node: CheckedNode) -> None:
 
 
 def reaches(node: CheckedNode, state: State, seconds: float = LIMIT_S) -> float:
-    """Wait until the drive reaches a state; return the time in s, or raise CheckFailed after the timeout."""
+    """Wait until the drive reaches a state; return the time in s, or raise CheckFailed after `seconds`."""
     begin = node.reactor.now()
     while True:
         word = statusword(node)
@@ -225,7 +225,7 @@ def _half_turn(node: CheckedNode) -> int:
 
 
 def motion_of(node: CheckedNode) -> CheckMotion:
-    """Return the bounds of motions; raise NotApplicable if neither options nor objects define them."""
+    """Return the motion of a check; raise NotApplicable if speed or distance are unknown, or 0x607D leaves no room."""
     most = _present(node, o.MAX_PROFILE_VELOCITY)
     speed = node.bounds.speed or most // _SHARE
     speed = min(speed, most) if most else speed
@@ -320,7 +320,7 @@ def sample(node: CheckedNode, motion: CheckMotion) -> DriveSample:
 def until(
     node: CheckedNode, motion: CheckMotion, holds: Callable[[DriveSample], bool], seconds: float, expected: str
 ) -> list[DriveSample]:
-    """Return the samples up to the first one that fulfils `holds`; raise CheckFailed after the timeout."""
+    """Return the samples up to the first one for which `holds` is true; raise CheckFailed after `seconds`."""
     samples = [sample(node, motion)]
     while not holds(samples[-1]):
         last = samples[-1]
@@ -357,7 +357,7 @@ def turn(node: CheckedNode, motion: CheckMotion, velocity: int) -> list[DriveSam
 
 
 def fast(one: DriveSample, velocity: int, share: float = 0.9) -> bool:
-    """Whether the shaft has reached a share of a velocity, in the same direction."""
+    """Whether the shaft has reached at least `share` of a velocity, in its direction."""
     return one.velocity * velocity > 0 and abs(one.velocity) >= share * abs(velocity)
 
 
@@ -367,7 +367,7 @@ def still(one: DriveSample, velocity: int) -> bool:
 
 
 def set_point(node: CheckedNode, target: int, bits: int = 0) -> None:
-    """Command a PP set-point and reset bit 4; raise CheckFailed unless bit 12 acknowledges it."""
+    """Command a PP set-point by bit 4, then reset bit 4; raise CheckFailed unless bit 12 acknowledges the set-point."""
     control(node, ENABLE | bits)
     node.put(o.TARGET_POSITION, 0, target & 0xFFFFFFFF, 4)
     control(node, ENABLE | NEW_SET_POINT | bits)
@@ -426,7 +426,7 @@ class Stream:
 
 @contextmanager
 def streaming(node: CheckedNode, mode: int, index: int) -> Iterator[tuple[CheckMotion, Stream]]:
-    """Context with the drive enabled in a cyclic mode; `Stream` sends set-points of an object by RPDO and SYNC."""
+    """Context with the drive enabled in a cyclic mode; the `Stream` sends set-points of the object `index`."""
     is_drive(node)
     records = (
         record
@@ -452,5 +452,5 @@ def streaming(node: CheckedNode, mode: int, index: int) -> Iterator[tuple[CheckM
 
 
 def step_of(motion: CheckMotion) -> int:
-    """Return the distance per cycle at a velocity of half the motion's distance per second."""
+    """Return the set-point step per cycle that moves half of the motion's distance in a second."""
     return int(motion.distance * PERIOD_MS / 2000) or 1

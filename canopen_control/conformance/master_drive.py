@@ -152,10 +152,10 @@ class ControlObserver(MasterObserver):
 
 @dataclass(slots=True)
 class Stage:
-    """Stage of the schedule: a fault of the device, and the actions of the master meanwhile. Times are in ns.
+    """Stage of the schedule: a fault of the device, and the master's actions during it. Times are in ns.
 
     `kind` determines the checks; `fault` and `also` are faults in `fault_table`. The fault lasts for `lasts`, and the
-    reaction is awaited for a further time `after`. With `enables` the stage begins when the drive is enabled; with
+    reaction is awaited for a further time `after`. With `enables` the stage starts when the drive is enabled; with
     `holds` an SDO answer is delayed.
     """
 
@@ -224,7 +224,7 @@ class ReactionObserver(MasterObserver):
         return bool(self.node.drives) and self.node.drives[0].state is State.OPERATION_ENABLED
 
     def begin(self, stage: Stage, now: int) -> None:
-        """Begin a stage; must be called before its fault is injected."""
+        """Start a stage; must be called before its fault is injected."""
         stage.begun, stage.enabled, stage.word = now, self.enabled, self._word
         stage.operational = self.node.nmt.state is NmtState.OPERATIONAL
         stage.configured = self.boots.configured
@@ -276,7 +276,7 @@ class ReactionObserver(MasterObserver):
             stage.words.append((word, now))
 
     def set_point(self, index: int, value: int, now: int) -> None:
-        """Record the range of a set-point in a fault stage, after the time allowed for the reaction."""
+        """Record the range of a set-point during a fault, after the time allowed for the reaction."""
         stage = self.stage
         if stage is not None and stage.kind == "fault" and now - stage.begun > _GRACE_NS and now < stage.fault_end:
             values = stage.set_points.setdefault(index, [value, value])
@@ -305,7 +305,7 @@ class ReactionObserver(MasterObserver):
         return None
 
     def _not_enabled(self, stage: Stage, check_id: str) -> None:
-        """Check that the master does not re-enable the drive if it was enabled at the beginning of the stage."""
+        """Check that the master does not re-enable a drive that was enabled at the start of the stage."""
         if not stage.enabled:
             return
         commanded = self._commands_enable(stage, stage.begun)

@@ -254,7 +254,7 @@ class PdoObserver(MasterObserver):
 
 
 def rpdos_of(node: VirtualNode, frame: CanFrame) -> Iterator[MappedRpdo]:
-    """Yield the valid RPDOs of the device with the identifier of a frame."""
+    """Yield the device's valid RPDOs that have the identifier of a frame."""
     for rpdo in node.pdos.rpdos.values():
         parameters = rpdo.consumer.parameters
         if parameters.enabled and parameters.cob_id == frame.can_id:

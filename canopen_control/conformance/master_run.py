@@ -74,7 +74,7 @@ class _HeldAnswers:
         self._late, self._until = None, now + _BEHIND_NS
 
     def pass_on(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
-        """Return the frames that the device sends now, in order."""
+        """Take new frames of the device; return the frames to send now, in order, including delayed ones."""
         leaving, self._released = self._released, []
         if self._until is not None and now >= self._until:
             leaving += self._behind

@@ -292,7 +292,7 @@ class SdoObserver(MasterObserver):
 
     @staticmethod
     def _sub_block(transfer: MasterTransfer, data: bytes) -> None:
-        """Begin the next sub-block, which repeats the segments that the device has not acknowledged."""
+        """Start the next sub-block, which repeats the segments that the device has not acknowledged."""
         if data[0] & 3 == _BLOCK_ACK and (lost := transfer.count - data[1]) > 0:
             del transfer.data[len(transfer.data) - SEGMENT_DATA * lost :]
             transfer.last = False

@@ -355,7 +355,7 @@ def _not_saved(node: CheckedNode) -> None:
 
 
 def _identifiers_refused(node: CheckedNode, index: int, subindex: int, identifiers: Iterable[int]) -> None:
-    """Check that the device refuses each of `identifiers`; restore the previous one if a download is accepted."""
+    """Check that the device refuses each of `identifiers`; restore the old value after each accepted download."""
     accepted = []
     with node.kept(index, subindex) as value:
         for can_id in identifiers:

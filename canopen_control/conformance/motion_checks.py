@@ -345,7 +345,7 @@ def _one_move(node: CheckedNode) -> None:
 
 
 def _time(motion: CheckMotion, distances: int = 1) -> float:
-    """Return the time in s for observing a PP motion: its expected duration, up to a limit."""
+    """Return the time in s for which a PP motion is observed: its expected duration, up to a limit."""
     return min(distances * abs(motion.distance) / motion.speed + 2 * RAMP_S, distances * _TIME_S) + 0.1
 
 
@@ -513,7 +513,7 @@ _SEARCH = 17  # method: homing to the negative limit switch, which is interrupte
 
 @contextmanager
 def _searching(node: CheckedNode) -> Iterator[CheckMotion]:
-    """Context in which the drive searches for a limit switch at half the speed; bit 4 = 0 ends the search."""
+    """Context in which the drive searches for a limit switch at half the speed; on exit, bit 4 = 0 ends the search."""
     with ExitStack() as stack:
         motion = stack.enter_context(_homing(node, _SEARCH))
         for subindex in (1, 2):

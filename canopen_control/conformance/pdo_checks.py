@@ -151,7 +151,7 @@ def _all_entries(node: CheckedNode, mapping: int) -> list[int]:
 
 
 def _mappable(node: CheckedNode, record: PdoRecord) -> None:
-    """Raise NotApplicable if the mapping is constant in the EDS."""
+    """Raise NotApplicable if the EDS declares the mapping as not writable."""
     entry = None if node.eds is None else node.eds.od.get(record.mapping, 0)
     if entry is not None and not entry.writable:
         raise NotApplicable(f"the mapping 0x{record.mapping:04X} is constant in the EDS")
@@ -176,7 +176,7 @@ class CountedSync:
 
 
 def _syncs(node: CheckedNode, count: int, can_id: int) -> list[tuple[int, int]]:
-    """Send `count` SYNCs; return the numbers (from 1) of the SYNCs followed by frames, with the count of frames."""
+    """Send `count` SYNCs; return the number (from 1) of each SYNC followed by frames, and the count of its frames."""
     sync = CountedSync(node)
     node.listen(SYNC_PERIOD_S)
     turns = []
@@ -246,7 +246,7 @@ def _default_mapping(node: CheckedNode) -> None:
 
 
 def _event_driven(node: CheckedNode, record: PdoRecord) -> dict[int, int]:
-    """Return the communication parameters (by subindex) of an event-driven TPDO without inhibit time and timer."""
+    """Return communication parameters, by subindex, for an event-driven TPDO without inhibit time and event timer."""
     values = {2: 255}
     for subindex in (3, 5):
         with suppress(NotApplicable):
@@ -607,7 +607,7 @@ def _mapped_operational(node: CheckedNode) -> None:
 
 
 def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, Address]:
-    """Return RPDO data that differs in one object without causing motion, and the address of that object."""
+    """Return RPDO data with one object changed so that nothing moves, and the address of that object."""
     data, shift = bytearray(present_values(node, record)), 0
     for entry in record.entries:
         index, subindex, bits = parse_mapping_entry(entry)
@@ -619,7 +619,7 @@ def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, Address]
 
 
 def _expect_value(node: CheckedNode, frame: bytes, address: Address, *, applied: bool) -> None:
-    """Check whether the device applies the value in an RPDO, then restore the old value."""
+    """Check that the device applies the value in an RPDO (or, if not `applied`, ignores it); restore the old value."""
     record = first_pdo(node)
     before = node.read(*address)
     node.send(record.can_id, frame)

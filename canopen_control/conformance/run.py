@@ -179,7 +179,7 @@ _LATE_S = 5.0  # timeout for a device that answers late
 
 
 def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
-    """Return why the device does not respond: late start, another node-ID, absence, or a flooded bus."""
+    """Return why the device does not respond: late answers, another node-ID, absence, or a flooded bus."""
     node.listen(1.0)  # discard answers to earlier requests
     begin = node.reactor.now()
     if node.exchange(REQUEST + node.node_id, upload_request(0x1000), ANSWER + node.node_id, _LATE_S) is not None:
@@ -196,7 +196,7 @@ def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
 
 
 def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
-    """Return the fields of another node's identity that this node reports too."""
+    """Return the identity that the node `other` reports, in hexadecimal by field; unanswered fields are omitted."""
     identity = {}
     for name, index, subindex in _IDENTITY:
         data = node.exchange(REQUEST + other, upload_request(index, subindex), ANSWER + other)
@@ -206,7 +206,7 @@ def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
 
 
 def _floods(node: CheckedNode) -> str:
-    """Return a text about identifiers received too often, or ""."""
+    """Return a text about identifiers received too often (other than the device's SDO responses), or ""."""
     answers = ANSWER + node.node_id
     often = {can_id: rate for can_id, rate in node.rates.items() if rate >= _FLOOD and can_id != answers}
     return ", ".join(

@@ -449,7 +449,7 @@ def _every_object(node: CheckedNode) -> None:
 
 
 def _read_badly(node: CheckedNode, entry: Entry) -> str:
-    """Return how the upload of an object fails or deviates in length, or "" if it is correct."""
+    """Return how the upload of an object fails or deviates in length, or "" if it is correct or not required."""
     if not entry.readable or entry.obj_flags & _UNREAD:
         return ""
     name = f"0x{entry.index:04X}:{entry.subindex:02X}"

@@ -394,7 +394,7 @@ class Campaign:
         return shrinker.shrink(acts if breaks(tuple(acts)) else self.schedule(result.seed))
 
     def length_of(self, acts: Sequence[ScenarioEvent]) -> int:
-        """Return the duration in ns of a schedule's simulation: 3 s longer than its last event."""
+        """Return the duration in ns of a schedule's simulation, which ends 3 s after the schedule's last event."""
         return max((act.at_ns + (act.for_ns or 0) for act in acts), default=0) + _AFTER_NS
 
     def _result(self, seed: int, acts: Sequence[ScenarioEvent], duration_ns: int) -> SeedResult:
@@ -439,7 +439,7 @@ _STYLE: Final = "body{font:14px sans-serif;margin:2em}td,th{padding:.1em .6em;te
 def write_breach(
     folder: Path, setup: RobotSetup, result: SeedResult, acts: Sequence[ScenarioEvent], duration_ns: int, command: str
 ) -> Path:
-    """Write scenario and frames of a breach; return the scenario's path. Raise ConfigError on failure.
+    """Write the scenario and the frames of a breach; return the scenario's path, or raise ConfigError on failure.
 
     `command` is the command that replays the scenario, without the file name.
     """

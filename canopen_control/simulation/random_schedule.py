@@ -1,7 +1,7 @@
 """Random schedule of a seed: client commands and switches, and faults of drives, buses and processes.
 
-Random numbers come only from `random()`, whose sequence is the same in all versions of Python. After most faults, they
-are reset and the drives enabled, so that the next fault occurs in a moving robot.
+Random numbers come only from `random()`, whose sequence is the same in all versions of Python. Most faults
+are followed by a fault reset and an enable, so that the next fault occurs in a moving robot.
 """
 
 from __future__ import annotations

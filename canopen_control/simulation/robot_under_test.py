@@ -258,7 +258,7 @@ class RobotUnderTest:
         self._join()
 
     def kill(self) -> None:
-        """End the robot's process like SIGKILL."""
+        """End the robot's process, as SIGKILL would."""
         self.up = False
         self.core.observers.clear()
         self.core.close()

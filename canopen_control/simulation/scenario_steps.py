@@ -91,7 +91,7 @@ def _check_ends(file: ScenarioFile, length: int) -> None:
 
 
 def _kind_of(step: ScenarioStep) -> str:
-    """Return the event kind of a step without `do`: plant, quirk or fault."""
+    """Return the event kind of a step without `do`: plant, quirk, quirk_off, fault or heal."""
     if step.plant:
         return "plant"
     if step.quirk:
@@ -140,7 +140,7 @@ class _Checked:
         yield ScenarioEvent(step.at_ns, kind, target, name, numbers, lasts, plant, step.axis, times, step.when)
 
     def _world(self, happens: Sequence[WorldAct]) -> Iterator[ScenarioEvent]:
-        """Yield the physics disturbance of the step; report an error without physics."""
+        """Yield the physics disturbance of the step and report its errors, including a robot without physics."""
         step, setup = self._step, self._setup
         named = (
             step.node is not None or step.fault or step.quirk or step.plant or step.values or step.target or step.name

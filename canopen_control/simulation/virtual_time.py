@@ -121,7 +121,7 @@ class Actor:
         self.stalled_until = max(self.stalled_until, self._time.now_ns + duration_ns)
 
     def end(self) -> None:
-        """End the process like SIGKILL: no further callback runs."""
+        """End the process, as SIGKILL would: no further callback runs."""
         if not self._ended:
             self._ended = True
             self.reactor.close()

@@ -182,7 +182,7 @@ class WireView:
         return any(can_id in identifiers for identifiers in identifier_sets)
 
     def hear(self, now: int, label: str, record: bytes) -> None:
-        """Decode a frame, including foreign frames, since the robot also receives them."""
+        """Decode a frame; foreign frames are decoded too, because the robot also receives them."""
         can_id, length, data = RECORD.unpack(record)
         pdo = self._pdos.get(can_id)
         if pdo is not None:
