@@ -10,7 +10,7 @@ CanopenError
     BusClosed              the channel is gone or was closed
     BusOff                 the CAN controller left the bus
     InterfaceNotFound      no such channel
-      BusNotOpen             a local: bus is not open: others
+      BusNotOpen             a local: bus is not open
     InterfaceDown          the interface exists but is down
   ProtocolError          a violation of the CANopen protocol (never raised itself)
     LocalProtocolError     by the caller, whose request is invalid
@@ -168,7 +168,7 @@ class InterfaceNotFound(BusError):
 
 
 class BusNotOpen(InterfaceNotFound):
-    """Access to a ``local:`` bus that no program has open; `others` are the open local buses."""
+    """Access to a ``local:`` bus that no program has open; `others` contains the local buses that are open."""
 
     def __init__(self, name: str, others: Sequence[str] = ()) -> None:
         names = f"open now: {', '.join(others)}" if others else "no local bus is open now"
@@ -329,7 +329,7 @@ class NotYetEnabled(NotEnabled):
 
 
 class UnknownInterface(ControlError):
-    """Unknown command or state interface; `known` are the existing interfaces."""
+    """Unknown command or state interface; `known` contains the existing interfaces."""
 
     def __init__(self, name: str, known: tuple[str, ...] = ()) -> None:
         self.name, self.known = name, known

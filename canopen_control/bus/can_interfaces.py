@@ -206,7 +206,7 @@ def measure(
     clock: Callable[[], float] = time.monotonic,
     network_class: Path = NETWORK_CLASS,
 ) -> dict[str, Traffic]:
-    """Measure the traffic of all active interfaces for `seconds`; return it by name, without removed interfaces."""
+    """Measure the traffic of all active interfaces for `seconds`; return it by name, except for removed ones."""
     before = {link.name: (link, _counted(link, network_class)) for link in links if link.is_up}
     since = clock()
     if before:

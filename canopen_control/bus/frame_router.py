@@ -350,7 +350,7 @@ class FrameRouter:
         return None if self.wire is None else self.wire.load(now)
 
     def cut(self, label: str, *, repair: bool = False) -> None:
-        """Cut or, with `repair`, repair the cable of a label: frames in both directions are lost without a report."""
+        """Cut the cable of a label, so that frames in both directions are lost unreported; `repair` repairs it."""
         (self.faults.cut.discard if repair else self.faults.cut.add)(label)
         self._refresh()
 

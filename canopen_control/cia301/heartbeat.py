@@ -170,7 +170,7 @@ class HeartbeatConsumer:
             self.watch(node_id, 0)
 
     def watched(self) -> dict[int, int]:
-        """Return the timeouts in ns of the monitored nodes, by node-ID."""
+        """Return the timeout in ns of each monitored node, by node-ID."""
         return {node_id: node.timeout_ns for node_id, node in self._nodes.items() if node.timeout_ns}
 
     def state_of(self, node_id: int) -> NmtState | None:

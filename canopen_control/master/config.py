@@ -150,8 +150,8 @@ class BusConfig:
     """Configuration of a bus from bus.yml; nodes, object dictionaries, plans and EDS paths are keyed by node name.
 
     The dictionary of a device with several motors in one object set is the view of its axes. `period_line` is the line
-    of sync_period, 0 without that key; `sections` are the YAML nodes by name. `unreadable` maps each node with
-    errors in its keys to its node-ID, 0 if unknown. `substitutes` are sentences about bundled files in use.
+    of sync_period, 0 without that key; `sections` maps each node name to its YAML node, `unreadable` each
+    node with errors in its keys to its node-ID, 0 if unknown. `substitutes` are sentences about bundled files in use.
     """
 
     path: str

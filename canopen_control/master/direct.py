@@ -121,7 +121,7 @@ class DirectBus:
     def read_many(
         self, addresses: Iterable[tuple[int, int, int]], *, timeout_s: float | None = None
     ) -> dict[tuple[int, int, int], bytes | CanopenError]:
-        """Upload objects (node_id, index, subindex) from many nodes in parallel; return data or errors by address.
+        """Upload objects (node_id, index, subindex) from many nodes in parallel; return the data or error of each.
 
         `timeout_s` is the timeout of each answer, None for that of the bus.
         """

@@ -59,7 +59,7 @@ _UNITS: Final = {"pos": ("rad", "m"), "vel": ("rad/s", "m/s"), "eff": ("Nm", "N"
 def layout_of(config: BusConfig, channel: str = "", linear: Collection[tuple[str, int]] | None = None) -> BusLayout:
     """Return the PDO layout of a bus; `channel` defaults to the channel in bus.yml.
 
-    `linear` are the prismatic joints by node and axis; if None, they are unknown, and no scales and units are given.
+    `linear` contains (node, axis) of each prismatic joint; with None, for unknown, scales and units are omitted.
     """
     master = config.master
     return BusLayout(

@@ -103,9 +103,9 @@ class NodePlan:
     `signals` are the signals of the device profile and of `signals` in bus.yml, by name; `reads` are the objects read
     for them during the boot. `unsupervised` is the reason why the loss of the master would not stop the axes after all
     writes, else "". `expected` are objects on which the scales of bus.yml depend and that nothing writes (polarity,
-    encoder, gear and feed), with the values of the EDS; `turns` are the position counts per turn in bus.yml, by axis
-    offset. `motors` maps the objects of a device with several motors in one object set: `rpdos`, `tpdos` and `axes`
-    have the addresses of the axes' view, `writes` the addresses of the device.
+    encoder, gear and feed), with the values of the EDS; `turns` maps each axis offset to the position counts per
+    turn in bus.yml. `motors` maps the objects of a device with several motors in one object set: `rpdos`, `tpdos` and
+    `axes` have the addresses of the axes' view, `writes` the addresses of the device.
     """
 
     name: str

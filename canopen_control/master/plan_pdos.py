@@ -663,7 +663,7 @@ def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: in
 
 
 def _unmappable(builder: PlanBuilder, kind: str, index: int, subindex: int) -> str:
-    """Return why an object cannot be mapped, or "" if it can; a dummy requires an RPDO and [DummyUsage]."""
+    """Return why an object cannot be mapped, or "" if it can; dummy entries need an RPDO and [DummyUsage]."""
     # CiA 306, [DummyUsage]: the dummy entries that a device accepts, in RPDOs only
     if index in DUMMY_TYPES and not subindex:
         allowed = kind == "rpdo" and index in builder.od.dummy_usage
