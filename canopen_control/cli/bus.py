@@ -127,7 +127,7 @@ def _listener(listener: Listener) -> str:
 
 
 def _does(listener: Listener) -> list[str]:
-    """Describe what a CAN socket receives, or has the kernel send, and on which interfaces."""
+    """Return phrases about what a CAN socket receives, or makes the kernel send, and on which interfaces."""
     tasks = [f"has the kernel send 0x{can_id:03X} every {us / 1000:g} ms" for can_id, us in listener.tasks]
     if tasks or listener.protocol == "CAN_BCM":
         return tasks or ["uses the kernel's broadcast manager"]

@@ -101,7 +101,7 @@ def _network(args: argparse.Namespace) -> Iterator[RobotNetwork | BusNetwork]:
 
 @contextlib.contextmanager
 def _listening(args: argparse.Namespace, label: str) -> Iterator[socket.socket]:
-    """Context in which the socket selected by the arguments listens; prints its address."""
+    """Context in which the socket selected by the arguments listens; its address is printed at the start."""
     listener = _unix_listener(args.unix, label) if args.tcp is None else _tcp_listener(args.tcp)
     try:
         if args.tcp is None:

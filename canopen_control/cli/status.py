@@ -70,7 +70,7 @@ class _Cause:
 
 
 def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> list[str]:
-    """Return one line for each cause in `events`; leave out what `current` shows, the current errors by node name."""
+    """Return one line for each cause in `events`, without what `current` (errors by node name) already contains."""
     merged: list[_Cause] = []
     for cause in _gather(events):
         same = next((previous for previous in merged if _same_cause(previous, cause)), None)

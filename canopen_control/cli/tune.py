@@ -185,7 +185,7 @@ def _hinted(lines: Iterator[str], args: argparse.Namespace) -> Iterator[str]:
 
 
 def _find_gains(args: argparse.Namespace) -> None:
-    """Raise ConfigError, before the drive moves, if the objects of its gains or their units are unknown."""
+    """Raise ConfigError, before the drive moves, if its gain objects or the units of the gains are unknown."""
     with open_session(args) as session:
         if session.robot and args.counts is None:
             raise ConfigError(

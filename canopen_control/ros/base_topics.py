@@ -98,7 +98,7 @@ class TwistSubscription:
             self._ros.unsubscribe(self._subscription)
 
     def _change(self, name: str) -> None:
-        """Subscribe with the type `name`; an old subscription is only ended, and the next check subscribes."""
+        """Subscribe to the type `name`; an old subscription is ended first, and then the next check subscribes."""
         if self._subscription is None:
             self._subscribe(name)
         else:
