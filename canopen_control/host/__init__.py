@@ -1,1 +1,1 @@
-"""Operating system services: event loop, timers, local sockets, JSON lines, child processes, files."""
+"""Operating system services: event loop, timers, local sockets, JSON lines, child processes and files."""

@@ -29,7 +29,7 @@ _WHEEL_FOLDER: Final = re.compile(r"(?P<prefix>.+)/lib\d*/python[^/]+/site-packa
 
 
 def lean_python(module: str) -> list[str]:
-    """Return the command line that runs `main` of `module` in an interpreter with a minimal path and a fast start.
+    """Return the command line that runs `main` of `module` in an interpreter with a minimal path, which starts fast.
 
     Only the package and msgspec can be imported. In isolated mode and without the module site, Python starts in half of
     the time.
@@ -46,8 +46,8 @@ def lean_python(module: str) -> list[str]:
 def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None, forked: bool = False) -> dict[str, str]:
     """Return the environment of a child process, derived from `base` (default: os.environ).
 
-    `ros` means that the child imports rclpy, `forked` that the child is a fork. A library path set by the user or by a
-    sourced ROS is kept. With `ros`, a fork keeps all library paths, because it cannot be restarted with others.
+    `ros` means that the child imports rclpy, `forked` that the child is a fork. A library path set by the user or by
+    a sourced ROS is kept. With `ros`, a fork keeps all library paths, because it cannot be restarted with others.
     """
     environment = dict(os.environ if base is None else base)
     for private in (LIFELINE, READY, GATE):

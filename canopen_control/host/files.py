@@ -1,6 +1,6 @@
 """Files on a disk that may be full: complete writes, and rotated logs of child processes.
 
-Errors name the file and describe its remaining content. A child keeps its log open, so that the log can only be rotated
+Errors name the file and say what is left of it. A child keeps its log open, so that the log can only be rotated
 in place: the content is copied to `<name>.log.1` and the file is truncated; the child writes in append mode and
 continues at the start. The kernel copies, on a thread without the interpreter lock. Output during this millisecond is
 lost; a line in the file reports the loss.
@@ -31,7 +31,7 @@ NO_SPACE: Final = frozenset((errno.ENOSPC, errno.EDQUOT))
 
 
 def make_private(path: str | Path) -> None:
-    """Create an empty file that only the user can access, unless it exists; raise OSError.
+    """Create an empty file that only the user can access, unless it exists; raise OSError on failure.
 
     Logs of robots are private, and later openers keep the mode of the file.
     """
@@ -40,7 +40,7 @@ def make_private(path: str | Path) -> None:
 
 
 def write_whole(path: str | Path, data: bytes) -> None:
-    """Write a file completely or leave it unchanged; raise ConfigError, or DiskFull if the disk is full."""
+    """Write a file completely, or leave it unchanged and raise DiskFull if the disk is full, else ConfigError."""
     path = Path(path)
     if path.exists() and not path.is_file():  # a device or a pipe cannot be replaced
         with telling(path, "a part of the data was written"):
@@ -61,7 +61,7 @@ def write_whole(path: str | Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def telling(path: str | Path, remains: str) -> Iterator[None]:
-    """Convert an OSError during a write to `path` into DiskFull, with the text `remains`, or else ConfigError."""
+    """Convert an OSError during a write to `path` to DiskFull, with the text `remains`, or to ConfigError."""
     try:
         yield
     except OSError as error:
@@ -69,7 +69,7 @@ def telling(path: str | Path, remains: str) -> Iterator[None]:
 
 
 def failed(path: str | Path, error: OSError, remains: str) -> CanopenError:
-    """Return the DiskFull or ConfigError to raise for an OSError during a write to `path`."""
+    """Return the error for an OSError during a write to `path`: DiskFull if the disk is full, else ConfigError."""
     reason = error.strerror or str(error)
     if error.errno in FULL:
         return DiskFull(str(path), reason, f"{remains}{space_advice(path, error)}")
@@ -77,7 +77,7 @@ def failed(path: str | Path, error: OSError, remains: str) -> CanopenError:
 
 
 def space_advice(path: str | Path, error: OSError) -> str:
-    """Return advice that names the full file system of `path`, such as "; free some space on ..."; "" if not full."""
+    """Return advice naming the full file system of `path`, such as "; free some space on ...", or "" if not full."""
     if error.errno not in NO_SPACE:
         return ""
     place = Path(os.path.realpath(path))
@@ -132,7 +132,7 @@ class LogFile:
         return self.path.with_name(self.path.name + ".1")
 
     def last_lines(self, count: int) -> list[str]:
-        """Return the last lines of this run, at most `count`; empty if the file was removed."""
+        """Return at most the last `count` lines of this run; empty if the file was removed."""
         try:
             with open(self.path, "rb") as file:
                 size = file.seek(0, os.SEEK_END)
@@ -144,7 +144,7 @@ class LogFile:
         return text.splitlines()[-count:]
 
     def rotate_if_long(self) -> None:
-        """Rotate the log on a thread if it is longer than the limit; the check takes microseconds."""
+        """Rotate the log on a thread if it exceeds the limit; the check itself takes microseconds."""
         with contextlib.suppress(OSError):
             if self.path.stat().st_size <= self._limit or (self._busy is not None and self._busy.is_alive()):
                 return

@@ -1,4 +1,4 @@
-"""Child processes that are forks of this process, with the modules it has imported.
+"""Child processes that are forks of this process, with the modules that it has imported.
 
 A fork is for programs of this package that have one thread, before they own anything that two processes cannot share:
 `allow_forks` declares that, and `can_fork` is False in every other process, as in a user's program. The child begins
@@ -51,7 +51,7 @@ def forbid_forks() -> None:
 
 
 def can_fork() -> bool:
-    """Whether a child may be a fork: allowed, on Linux with pidfd, and while this process has only one thread."""
+    """Whether a child may be a fork: forks are allowed, Linux has pidfd, and this process has only one thread."""
     return (
         _allowed and sys.platform == "linux" and hasattr(os, "pidfd_open") and len(os.listdir("/proc/self/task")) == 1
     )
@@ -68,7 +68,7 @@ class ForkedProcess:
         return self._wait(os.WNOHANG)
 
     def wait(self, timeout: float | None = None) -> int | None:
-        """Wait for the end of the child, at most `timeout` s; return the exit status, or None while it runs."""
+        """Wait at most `timeout` s for the end of the child; return the exit status, or None while it runs."""
         if timeout is not None and self.poll() is None:
             descriptor = os.pidfd_open(self.pid)
             try:
@@ -128,7 +128,7 @@ def _run_child(
     mask: Collection[int],
     detached: bool,
 ) -> NoReturn:
-    """Run the program in the fork, then end the process without returning to a caller."""
+    """Run the program in the fork, then end the process instead of returning to a caller."""
     code = 1
     try:
         os.setsid()
@@ -180,7 +180,7 @@ def _reset_environment(environment: Mapping[str, str]) -> None:
 
 
 def _reset_streams() -> None:
-    """Open the standard streams unbuffered, as with PYTHONUNBUFFERED."""
+    """Reopen the standard streams unbuffered, as with PYTHONUNBUFFERED."""
     _parents_objects.extend((sys.stdin, sys.stdout, sys.stderr, sys.__stdin__, sys.__stdout__, sys.__stderr__))
     usual = sys.__stdout__
     encoding, errors = ("utf-8", "strict") if usual is None else (usual.encoding, usual.errors or "strict")

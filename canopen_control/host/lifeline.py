@@ -1,4 +1,4 @@
-"""Child's side of `spawn` and `spawn_detached`: detects the parent's end, and reports readiness.
+"""Child's side of `spawn` and `spawn_detached`: detects the end of the parent, and reports readiness.
 
 The module is separate so that children need not import the code that starts processes.
 """
@@ -18,7 +18,7 @@ READY_WORD: Final = b"ready"
 def lifeline_fd() -> int | None:
     """Return the descriptor of this process's lifeline, or None without a lifeline.
 
-    The descriptor becomes readable, at end of file, when the parent has ended. Nothing is ever written to it.
+    The descriptor becomes readable, with end of file, when the parent has ended. Nothing is ever written to it.
     """
     return _inherited_pipe(LIFELINE)
 
@@ -26,7 +26,7 @@ def lifeline_fd() -> int | None:
 def gate_fd() -> int | None:
     """Return the descriptor of this process's gate, or None without a gate; the caller must close it.
 
-    The descriptor becomes readable when the parent opens the gate, with one byte, or at end of file if the gate will
+    The descriptor becomes readable with one byte when the parent opens the gate, or with end of file if the gate will
     never be opened.
     """
     fd = _inherited_pipe(GATE)
@@ -69,7 +69,7 @@ def _report(line: bytes) -> None:
 
 
 class LivenessReport:
-    """Reports of a child to `spawn`: first that it is ready, then that it is still running.
+    """Reports of a child to `spawn`: the first means that it is ready, each later one that it is still running.
 
     The methods have no effect in a process whose starter has not requested reports.
     """
@@ -85,7 +85,7 @@ class LivenessReport:
         return self._fd is not None
 
     def beat(self) -> None:
-        """Send a report, from any thread; the first report informs the starter that the child is ready."""
+        """Send a report; callable from any thread. The first report informs the starter that the child is ready."""
         if self._fd is not None:
             with contextlib.suppress(OSError):
                 os.write(self._fd, READY_WORD + b"\n")

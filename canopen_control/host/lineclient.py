@@ -33,7 +33,7 @@ def too_many_values(line: bytes) -> bool:
 
 
 class LineBuffer:
-    """Splitter of a byte stream into lines, however the stream is divided into pieces.
+    """Splitter of a byte stream into lines, no matter how the stream is divided into pieces.
 
     `overflow` becomes True when a line is longer than `limit` bytes; no line is returned after that.
     """
@@ -101,7 +101,7 @@ class LineClient:
         self.close()
 
     def fileno(self) -> int:
-        """Return the descriptor, which is readable when `receive` may return a line; -1 after `close`."""
+        """Return the descriptor, which is readable when `receive` may return a line, or -1 after `close`."""
         return self._socket.fileno()
 
     def send(self, line: bytes, timeout: float = 5.0) -> None:

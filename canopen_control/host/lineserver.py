@@ -1,4 +1,4 @@
-"""Line server on a Unix stream socket in the reactor: connections, fair order of requests, send buffers.
+"""Line server on a Unix stream socket in the reactor: connections, a fair order of requests, and send buffers.
 
 The owner interprets the lines; its `error_line` returns the line that a peer receives before it is disconnected.
 
@@ -6,8 +6,8 @@ Requests are small (64 KiB) and share each turn of the loop. For one millisecond
 request each, the first requests of new connections first; the other requests wait for the next turn. A flooding peer
 thus delays every other peer by one request, and the owner's other work by one millisecond and one request.
 
-When the maximum number of connections is reached, an idle client is disconnected with a message: first a client that
-never sent a request, then the client that has been silent for the longest time, last a client with a recent or pending
+When the maximum number of connections is reached, an idle client is disconnected with a message: first a client
+that never sent a request, then the client that has been silent for longest, last a client with a recent or pending
 request. `may_idle(connection)` exempts silent connections that receive data or on which something depends; the owner
 accepts at most `MAX_KEPT` of these.
 
@@ -50,9 +50,9 @@ _EVICTED: Final = "too many connections are open and this one was idle; connect 
 
 
 class Connection:
-    """Connection of one peer of a `LineServer`, with a receive and a send buffer.
+    """Connection of one peer of a `LineServer`, with its receive and send buffers.
 
-    The owner may use `name` and `context` freely; `reason` says why the connection has ended.
+    The owner may use `name` and `context` freely; `reason` is why the connection has ended, or "".
     """
 
     def __init__(self, server: LineServer, sock: socket.socket, name: str) -> None:
@@ -109,7 +109,7 @@ class Connection:
         self._output += line
 
     def close(self, reason: str = "closed") -> None:
-        """Close the connection once everything has been sent, after at most one second; no effect if already closed."""
+        """Close the connection after everything has been sent, or after one second; no effect if already closed."""
         if self.reason:
             return
         if not self._output:
@@ -149,7 +149,7 @@ class Connection:
             self._release()
 
     def eviction_order(self, now: int) -> tuple[int, int] | None:
-        """Return the eviction rank as (class, time), lowest first, or None if it must not be evicted now."""
+        """Return the eviction rank as (class, time), lowest first; None if the connection is new or has ended."""
         if now - self._connected_at < _GRACE_NS or self.reason:
             return None
         if not self._requests:
@@ -172,7 +172,7 @@ class Connection:
         self._queue_turn()
 
     def _queue_turn(self) -> None:
-        """Queue the connection for its next received line, if any."""
+        """Queue the connection for its next received line, if any; refuse a line that is too long."""
         self._next = None if self.reason else self._input.next_line()
         if self._next is not None:
             self._server.line_up(self, first=not self._requests)
@@ -280,14 +280,14 @@ class LineServer:
             self.on_close(connection)
 
     def line_up(self, connection: Connection, *, first: bool) -> None:
-        """Queue a connection for processing its next line; called by the connection."""
+        """Queue a connection whose next line is to be processed; called by the connection."""
         (self._newcomers if first else self._waiting).append(connection)
         if not self._planned:
             self._planned = True
             self.reactor.call_soon(self._serve_turn)
 
     def _serve_turn(self) -> None:
-        """Process one line per connection in turn until the time of this iteration has elapsed."""
+        """Process queued connections, one line each, up to the limits of this turn in time and lines."""
         until = self.reactor.now() + _SHARE_NS
         try:
             for _ in range(_LINES_PER_TURN):
@@ -331,7 +331,7 @@ class LineServer:
             self.reactor.add_reader(self._socket, self._on_readable)
 
     def _make_room(self) -> bool:
-        """Disconnect a client, with a message, so that another can connect; False if all are new or exempt."""
+        """Disconnect a client with a message, so that another can connect; return False if all are new or exempt."""
         now = self.reactor.now()
         candidates = [
             connection

@@ -1,4 +1,4 @@
-"""Faster program start: dataclass methods and regular expressions are created on first use; no garbage collection.
+"""Faster program start: creates dataclass methods and regular expressions on first use, without garbage collection.
 
 The standard decorator compiles up to eight methods for each dataclass, which is two fifths of the time that the imports
 of `run` take; most of the methods are never called. Python 3.13 and later compile all methods of a class at once, and
@@ -31,7 +31,7 @@ _SPECIAL_ANNOTATIONS: Final = ("ClassVar", "InitVar", "KW_ONLY")
 
 
 class _Method:
-    """Method of a dataclass that creates the actual function on lookup or call, and replaces itself with it."""
+    """Dataclass method that creates the actual function on first lookup or call, and replaces itself with it."""
 
     __slots__ = ("__name__", "_make")
 
@@ -48,7 +48,7 @@ class _Method:
         return function if instance is None else function.__get__(instance, owner)
 
     def __call__(self, *arguments: object) -> object:
-        """Call the function if it is wrapped in another function, such as the recursion guard of `repr`."""
+        """Call the function, for a method wrapped in another function, such as the recursion guard of `repr`."""
         function = self._make()
         self._make = lambda: function
         return function(*arguments)
@@ -56,7 +56,7 @@ class _Method:
 
 @contextlib.contextmanager
 def quick_dataclasses() -> Iterator[None]:
-    """Create methods of the package's dataclasses defined in this context on first use, except in compiled modules."""
+    """Make dataclasses of this package in this context create methods on first use, except in compiled modules."""
     create: Callable[..., FunctionType] | None = getattr(dataclasses, "_create_fn", None)
     is_type: Callable[..., bool] | None = getattr(dataclasses, "_is_type", None)
     if create is None or is_type is None:
@@ -95,7 +95,7 @@ _METHODS: Final = ("match", "fullmatch", "search", "split", "findall", "finditer
 
 
 class _LazyPattern:
-    """Regular expression that is compiled when one of its attributes is first used."""
+    """Regular expression that is compiled on first use of one of its attributes."""
 
     def __init__(self, pattern: str | bytes, flags: int) -> None:
         self._arguments = (pattern, flags)
@@ -110,7 +110,7 @@ class _LazyPattern:
 
 @contextlib.contextmanager
 def lazy_patterns() -> Iterator[None]:
-    """Defer compiling the patterns that this package and PyYAML define in this context until their first use.
+    """Defer the compilation of patterns that this package and PyYAML define in this context to their first use.
 
     The patterns of compiled modules are compiled at once.
     """
@@ -134,14 +134,14 @@ def lazy_patterns() -> Iterator[None]:
 
 @contextlib.contextmanager
 def quick_imports() -> Iterator[None]:
-    """Create dataclass methods and compile regular expressions of modules imported in this context on first use."""
+    """Make modules imported in this context create dataclass methods and compile regular expressions on first use."""
     with quick_dataclasses(), lazy_patterns():
         yield
 
 
 @contextlib.contextmanager
 def quick_start() -> Iterator[None]:
-    """Speed up imports like `quick_imports`, with the garbage collector disabled until the end of the context."""
+    """Speed up imports like `quick_imports`, and disable the garbage collector until the end of the context."""
     gc.disable()
     try:
         with quick_imports():

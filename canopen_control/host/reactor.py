@@ -1,4 +1,4 @@
-"""Event loop of a thread, for descriptors, queued calls, and timers with absolute deadlines.
+"""Event loop of a thread for descriptors, queued calls, and timers with absolute deadlines.
 
 A turn processes the ready descriptors, then the calls queued by `call_soon` and `call_threadsafe`, then the timers that
 are due, each in a fixed order. What callbacks add waits for the next turn, so that neither a busy descriptor nor a
@@ -47,9 +47,9 @@ class Poller(Protocol):
 
 
 def open_poller(selector: selectors.BaseSelector) -> Poller | None:
-    """Return a poller that is faster than `selector` itself, or None.
+    """Return a poller that is faster than `selector`, or None.
 
-    The epoll poller has a descriptor of its own, so that both the poller and the selector can be closed.
+    The epoll poller has its own descriptor, so that the poller and the selector can be closed separately.
     """
     if isinstance(selector, MarkedSelector):
         return selector
@@ -101,7 +101,7 @@ class MarkedSelector(selectors.BaseSelector):
         ]
 
     def poll(self, _timeout: float | None, _most: int) -> Sequence[tuple[int, int]]:
-        """Return the registered and ready numbers, each with the mask of readable, as epoll does."""
+        """Return the numbers that are registered and ready, each with the mask for readable, as epoll does."""
         marked, keys = self.marked, self._keys
         if not marked:
             return ()
@@ -138,7 +138,7 @@ FileLike: TypeAlias = int | HasFileno
 
 
 class _Watch:
-    """Callbacks of one descriptor, and the iteration in which it was registered."""
+    """Callbacks of one descriptor, and the turn in which it was registered."""
 
     __slots__ = ("on_readable", "on_writable", "since")
 
@@ -169,8 +169,8 @@ def _nop(*_args: object) -> None:
 class Reactor:
     """Event loop of a process, or of one of its threads.
 
-    `errors` counts exceptions of callbacks; `on_error` is called with each exception (default: the first twenty are
-    printed to stderr). All methods but `call_threadsafe` must be called on the loop's own thread.
+    `errors` counts exceptions of callbacks; `on_error` is called with each exception (default: print the first twenty
+    to stderr). All methods except `call_threadsafe` must be called on the loop's own thread.
     """
 
     def __init__(self, clock: TimeSource | None = None, selector: selectors.BaseSelector | None = None) -> None:
@@ -245,7 +245,7 @@ class Reactor:
         self._watches[fd] = watch
 
     def _update(self, fd: int, event: int, watch: _Watch) -> None:
-        """Update a descriptor's events in the selector, even if it was closed without being removed."""
+        """Update a descriptor's events in the selector, even if the descriptor was closed without being removed."""
         if not watch.events:
             del self._watches[fd]
             self._selector.unregister(fd)
@@ -280,7 +280,7 @@ class Reactor:
         self._soon.append(callback)
 
     def call_threadsafe(self, callback: Callable[[], object]) -> None:
-        """Call `callback` once, soon, on the loop's thread; callable from any thread. No effect on a closed reactor."""
+        """Call `callback` once, soon, on the loop's thread; callable from any thread. No effect after `close`."""
         self._from_threads.append(callback)
         if not self._woken:
             # Two threads may both get here: one byte too many is harmless. The loop clears the flag before it empties
@@ -291,13 +291,13 @@ class Reactor:
 
     @property
     def next_deadline(self) -> int | None:
-        """Deadline of the earliest timer; the current time if a call is queued."""
+        """Deadline of the earliest timer, or None; the current time if a call is queued."""
         return self.now() if self._soon else self._timers.next_deadline()
 
     # -- signals
 
     def handle_signals(self, handlers: Mapping[int, Callable[[], object]]) -> None:
-        """Register signal handlers, called on the loop; main thread only. `close` restores the previous handlers."""
+        """Register signal handlers to be called on the loop; main thread only. `close` restores the old handlers."""
         if not self._signals:
             previous_fd = signal.set_wakeup_fd(self._wake_out.fileno(), warn_on_full_buffer=False)
             self._restored.callback(signal.set_wakeup_fd, previous_fd)
@@ -344,13 +344,13 @@ class Reactor:
     def run_for(self, duration_ns: int) -> bool:
         """Process events for `duration_ns`; return False if the loop was stopped.
 
-        With a manual clock this takes no real time and advances the clock by exactly `duration_ns`, after all events
-        until then have been processed.
+        With a manual clock this takes no real time and advances the clock by exactly `duration_ns`, after all events up
+        to then have been processed.
         """
         return self.run_until(self.now() + duration_ns)
 
     def serve(self) -> int | None:
-        """Process everything ready or due now, without advancing a manual clock; return the next deadline."""
+        """Process everything ready or due now, without advancing a manual clock; return the next deadline or None."""
         marked = self._marked
         while True:
             self._turn(0)
@@ -391,9 +391,9 @@ class Reactor:
             self._running = self._stopping = False
 
     def _serve_till(self, limit: int | None, finished: Callable[[], bool]) -> bool:
-        """Process events until `finished`, until stopped, or until no event is left before the limit.
+        """Process events until `finished` or stopped, or until the limit is reached or no event is left.
 
-        Return True only in the last case.
+        Return True only if the limit was reached or no event is left.
         """
         wake = None if limit is None or self.clock.is_manual else self.call_at(limit, _nop)
         try:
@@ -424,7 +424,7 @@ class Reactor:
         return False
 
     def _longest_wait(self) -> float | None:
-        """Return the selector timeout in s (None: no limit); set the alarm if the earliest deadline has changed."""
+        """Return the selector timeout in s (None: no timeout); set the alarm if the earliest deadline has changed."""
         if self._soon:
             return 0
         deadline = self._timers.next_deadline()
@@ -442,7 +442,7 @@ class Reactor:
         return None
 
     def _turn(self, timeout: float | None) -> int:
-        """Wait, then process descriptors, queued calls and timers; return the number of callbacks called."""
+        """Wait, then process descriptors, queued calls and timers; return the number of callbacks that were called."""
         self._turns = turn = self._turns + 1
         watches, served, alarm_fired = self._watches, 0, timeout is not None
         for fd, events in self._poll(timeout, len(watches) + 1):

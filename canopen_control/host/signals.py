@@ -25,7 +25,7 @@ _LONGEST_IMPORT_S = 10.0  # imports take seconds on a busy computer; a second si
 
 @contextlib.contextmanager
 def on_signals(numbers: Iterable[signal.Signals], call: Callable[[], object]) -> Iterator[None]:
-    """Context in which each of these signals calls `call` on the main thread; the handlers are restored afterwards."""
+    """Context in which each of these signals calls `call` on the main thread; its end restores the handlers."""
     before = {number: signal.signal(number, lambda *_: call()) for number in numbers}
     try:
         yield
@@ -43,7 +43,7 @@ class SuspensionWatch:
 
     A context manager for the main thread of a program that sends commands repeatedly: the robot has ended a command
     that was not renewed, and the program must not continue the motion when it is resumed. `renew` is called with each
-    command; `seconds` is the time in s from the last call to the end of a long suspension, 0.0 without one.
+    command; `seconds` is the time in s from the last `renew` to the end of a long suspension, 0.0 without one.
     """
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class SuspensionWatch:
         self._renewed_s = time.monotonic()
 
     def require_unsuspended(self) -> None:
-        """Count as `renew`; raise CanopenError after a long suspension."""
+        """Act like `renew`, but raise CanopenError after a long suspension."""
         if self.seconds:
             raise CanopenError(
                 f"this program was suspended for {self.seconds:.1f} s, so its command has ended; start it again to "
@@ -77,7 +77,7 @@ class SuspensionWatch:
 
 
 def interrupt() -> None:
-    """Raise KeyboardInterrupt like Ctrl-C, for signals that end a program in the same way."""
+    """Raise KeyboardInterrupt as Ctrl-C does, for signals that end a program in the same way."""
     raise KeyboardInterrupt
 
 
@@ -130,14 +130,14 @@ class ProcessSignals:
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
 
     def _raise_again(self, unraisable: sys.UnraisableHookArgs) -> None:
-        """Re-raise a KeyboardInterrupt that could not be raised where it occurred; report other exceptions."""
+        """Re-raise a KeyboardInterrupt that could not be raised where it occurred; report any other exception."""
         if unraisable.exc_type is not KeyboardInterrupt:
             sys.__unraisablehook__(unraisable)
         elif not self._finished:
             self._handle_soon()
 
     def _ignore(self) -> None:
-        """Ignore the signals while the interpreter frees its objects, since no Python handler can run then."""
+        """Ignore the signals while the interpreter frees its objects, because no Python handler can run then."""
         for number in _ENDING:
             if signal.getsignal(number) == self._handle:
                 signal.signal(number, signal.SIG_IGN)

@@ -52,7 +52,7 @@ _umask = threading.Lock()  # the umask belongs to the process, not to the thread
 
 
 class SocketInUse(CanopenError):
-    """Error for a name on which a running process already listens; `pid` is its process id, 0 if unknown."""
+    """Error for a name on which a process already listens; `pid` is the process id, 0 if unknown."""
 
     def __init__(self, path: Path, pid: int) -> None:
         self.path, self.pid = path, pid
@@ -63,7 +63,7 @@ class SocketInUse(CanopenError):
 
 
 def runtime_dir() -> Path:
-    """Return the folder of this user's sockets, created if necessary; raise ConfigError if it is not private."""
+    """Return the folder of this user's sockets, and create it if missing; raise ConfigError if it is not private."""
     base = os.environ.get("XDG_RUNTIME_DIR", "")
     if base.startswith("/") and os.path.isdir(base):
         return private_folder(Path(base) / "canopen_control")
@@ -73,7 +73,7 @@ def runtime_dir() -> Path:
 
 
 def private_folder(path: Path) -> Path:
-    """Return the folder `path`, created with mode 0700 if missing; raise ConfigError if it is not private."""
+    """Return the folder `path`, and create it with mode 0700 if missing; raise ConfigError if it is not private."""
     _refuse_open_parent(path.parent)
     try:
         with contextlib.suppress(FileExistsError):
@@ -88,7 +88,7 @@ def private_folder(path: Path) -> Path:
 
 
 def _not_created(path: Path, error: OSError, advice: str = _OWN_FOLDER) -> CanopenError:
-    """Return the error of a folder or socket that cannot be created, with the full file system if there is one."""
+    """Return the error for a folder or socket that cannot be created: DiskFull without space, else ConfigError."""
     from canopen_control.host.files import space_advice  # rarely needed
 
     reason = error.strerror or str(error)
@@ -110,7 +110,7 @@ def _distrust(status: os.stat_result) -> str:
 
 
 def _refuse_open_parent(parent: Path) -> None:
-    """Raise ConfigError for a parent folder in which another user could replace the folder of the sockets."""
+    """Raise ConfigError if `parent` cannot be used, or if another user could replace a folder in it."""
     try:
         status = parent.stat()
     except OSError as error:
@@ -136,7 +136,7 @@ def drive_name(channel: str, node_id: int) -> str:
 
 
 def check_name(name: str, longest: int = 32) -> str:
-    """Return `name` if it is a valid name of a bus or robot; otherwise raise ConfigError."""
+    """Return `name` if it is a valid name of a bus or robot, else raise ConfigError."""
     if len(name) > longest or not _NAME.fullmatch(name):
         raise ConfigError(f"{name!r} is not a valid name: use 1 to {longest} of A-Z a-z 0-9 _ -")
     return name
@@ -151,7 +151,7 @@ def socket_path(kind: SocketKind, name: str) -> Path:
 
 
 def _short_folder(folder: Path) -> Path:
-    """Return the folder with a short path that always replaces `folder`."""
+    """Return a private folder with a short path that is always the same for `folder`."""
     import hashlib
 
     digest = hashlib.sha256(os.fsencode(folder)).hexdigest()[:12]
@@ -171,7 +171,7 @@ def list_sockets(kind: SocketKind) -> list[str]:
 
 
 def _peer(sock: socket.socket) -> tuple[int, int] | None:
-    """Return process id (0 if unknown) and user id of a socket's peer, or None if the peer is gone."""
+    """Return the process id (0 if unknown) and the user id of a socket's peer, or None if the peer is gone."""
     try:
         if _LINUX:
             pid, uid, _ = _UCRED.unpack(sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size))
@@ -213,9 +213,9 @@ def lock(path: Path, timeout: float = 10.0) -> Iterator[None]:
 
 
 def open_lock(path: Path) -> int:
-    """Open the lock file `path`, created if necessary, and return its descriptor.
+    """Open the lock file `path`, which is created if missing, and return its descriptor.
 
-    ConfigError is raised if it cannot be opened or is not a regular file.
+    Raise ConfigError if it cannot be opened or is not a regular file.
     """
     try:
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
@@ -233,7 +233,7 @@ def open_lock(path: Path) -> int:
 def claim(path: Path, timeout: float = 0.0) -> int:
     """Lock a file until this process ends, write the process id into it, and return its descriptor.
 
-    If another process holds the lock and does not end within `timeout` s, SocketInUse with its process id is raised.
+    If another process still holds the lock after `timeout` s, SocketInUse with its process id is raised.
     Closing the returned descriptor releases the lock.
     """
     fd = open_lock(path)
@@ -262,9 +262,9 @@ def _flock(fd: int, path: Path, deadline: float) -> None:
 
 
 def listen(path: Path, backlog: int = 64, *, advice: str = _OWN_FOLDER) -> socket.socket:
-    """Return a non-blocking socket listening at `path`; replace a stale file, raise SocketInUse for one in use.
+    """Return a non-blocking socket listening at `path`; replace a stale file, but raise SocketInUse for one in use.
 
-    `close_listener` closes the socket and removes the file. `advice` is for a path that cannot be created.
+    `close_listener` closes the socket and removes the file. `advice` is the text for a path that cannot be created.
     """
     # not the lock of `path` itself, which a starter may hold until the server listens
     with lock(path.with_name(path.name + ".listen")):
@@ -342,7 +342,7 @@ def _timeval(seconds: float) -> bytes:
 
 
 def connect(path: Path, timeout: float | None = 5.0) -> socket.socket:
-    """Connect to `path`; return the socket, with `timeout` set.
+    """Connect to `path`; return the socket with its timeout set to `timeout` in s.
 
     OSErrors are raised as they are: FileNotFoundError and ConnectionRefusedError mean that no process listens,
     BlockingIOError that the server did not accept within the timeout. CanopenError is raised if the server belongs to
@@ -374,7 +374,7 @@ def find_robots() -> list[str]:
 
 
 def select_robot(name: str | None = None) -> str:
-    """Return `name` if that robot is running; without `name`, the only running robot; else raise ConfigError."""
+    """Return `name` if that robot is running, or the only running robot if `name` is None; else raise ConfigError."""
     running = find_robots()
     if name is not None:
         if check_name(name) in running:

@@ -1,4 +1,4 @@
-"""Child processes: attached ones, which end with their parent, and detached ones.
+"""Child processes: attached ones, which end with their parent, and detached ones, which do not.
 
 `spawn` gives every child a session of its own (the terminal's Ctrl-C reaches only the parent), a clean environment, a
 log file of limited size, and a lifeline: a pipe whose other end only the parent holds. When the parent ends for any
@@ -47,8 +47,8 @@ _DETACH: Final = ("/bin/sh", "-c", '"$@" &', "sh")
 class Child:
     """Running child process, created by `spawn`.
 
-    `log_path` is None if the child's output goes to the output of this process. The child must be waited for, by `wait`
-    or by `watch`. `readiness` is the parent's end of the pipe used by `report_ready`, `gate` the parent's end of the
+    `log_path` is None if the child's output goes to the output of this process. Wait for the child with `wait` or
+    `watch`. `readiness` is the parent's end of the pipe used by `report_ready`, `gate` the parent's end of the
     gate, -1 if there is none.
     """
 
@@ -81,7 +81,7 @@ class Child:
 
     @property
     def returncode(self) -> int | None:
-        """Exit status, negative for a signal; None while the child runs or has not been polled."""
+        """Exit status, negative for a signal; None while the child runs, or until `poll` or `wait` is called."""
         return self._process.returncode
 
     def poll(self) -> int | None:
@@ -91,7 +91,7 @@ class Child:
         return self._process.returncode
 
     def wait(self, timeout: float | None = None) -> int | None:
-        """Wait for the end of the child and return its exit status; None after `timeout` s. Blocks."""
+        """Wait for the end of the child and return its exit status, or None after `timeout` s; blocks."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout)
         return self.poll()
@@ -114,7 +114,7 @@ class Child:
                 os.close(pipe)
 
     def open_gate(self) -> None:
-        """Open the gate of a child, so that the child begins; no effect without a gate."""
+        """Open the child's gate, so that the child continues; no effect without a gate."""
         gate, self._gate = self._gate, -1
         if gate >= 0:
             with contextlib.suppress(BrokenPipeError):  # it has ended
@@ -131,7 +131,7 @@ class Child:
             os.close(readiness)
 
     def watch_ready(self, reactor: Reactor, on_ready: Callable[[], object]) -> None:
-        """Call `on_ready()` once on the loop when the child has reported readiness or closed its end of the pipe.
+        """Call `on_ready()` once on the loop when the child has reported readiness or has closed its end of the pipe.
 
         `heard_at` is the time of the last report: a child with a `LivenessReport` repeats its report.
         """
@@ -156,7 +156,7 @@ class Child:
             os.close(readiness)
 
     def is_busy(self) -> bool:
-        """Whether a thread of the child runs or waits for a processor or disk; False also without /proc.
+        """Whether a thread of the child runs, or waits for a processor or a disk; False if /proc is missing.
 
         A blocked or stopped process is not busy.
         """
@@ -171,9 +171,9 @@ class Child:
         return [] if self._log is None else self._log.last_lines(count)
 
     def watch(self, reactor: Reactor, on_exit: Callable[[int, list[str]], object]) -> None:
-        """Call `on_exit(returncode, last_lines)` on the loop, once, when the child has ended.
+        """Call `on_exit(returncode, last_lines)` once on the loop when the child has ended.
 
-        The child's log is rotated until then.
+        Until then the child's log is rotated when it is too long.
         """
         self._reactor, self._on_exit = reactor, on_exit
         # once it was waited for, its process id may be reused
@@ -280,7 +280,7 @@ def spawn(
 
 
 def _pipe(reader: contextlib.ExitStack, writer: contextlib.ExitStack) -> tuple[int, int]:
-    """Return the reading and the writing end of a pipe, to be closed by `reader` and `writer`."""
+    """Return the reading and writing ends of a pipe; the stack `reader` closes the former, `writer` the latter."""
     reading, writing = os.pipe()
     reader.callback(os.close, reading)
     writer.callback(os.close, writing)
@@ -316,9 +316,9 @@ def spawn_detached(
     log_dir: Path | None = None,
     main: Main | None = None,
 ) -> None:
-    """Start a process that is not a child of this process, and return after it has called `report_ready`.
+    """Start a process that is not a child of this process; return once it has called `report_ready`.
 
-    `main` is used as in `spawn`. CanopenError is raised with the sentence given to `report_failure`, with the last
+    `main` is used as in `spawn`. Raise CanopenError with the sentence passed to `report_failure`, with the last
     lines of the log (`<log_dir>/<name>.log`, default folder: `state_dir()`) if the process has ended, or if `ready` s
     have elapsed.
     """
@@ -343,7 +343,7 @@ def spawn_detached(
 
 
 def _start_detached(argv: Sequence[str], report_fd: int, log: LogFile, main: Main | None) -> int:
-    """Start the process through an intermediate shell or fork that ends at once; return the process group."""
+    """Start the process through an intermediate shell or fork that ends at once; return the id of the process group."""
     environment = clean_environment(ros=False)
     environment[READY] = str(report_fd)
     starter: subprocess.Popen[bytes] | ForkedProcess
@@ -365,7 +365,7 @@ def _start_detached(argv: Sequence[str], report_fd: int, log: LogFile, main: Mai
 
 
 def _read_report(fd: int, deadline: float) -> bytes | None:
-    """Return the reported line; b"" if all possible senders have ended, None after the deadline."""
+    """Return the reported line; b"" if all possible senders have ended, or None after the deadline."""
     report = b""
     while not report.endswith(b"\n"):
         readable, _, _ = select.select([fd], [], [], max(deadline - time.monotonic(), 0))

@@ -38,7 +38,7 @@ class TimeSource(Protocol):
 
 
 class MonotonicClock:
-    """Monotonic clock of the machine, which timerfd uses too."""
+    """Monotonic clock of the machine, which timerfd also uses."""
 
     __slots__ = ()
     is_manual: Final = False
@@ -46,7 +46,7 @@ class MonotonicClock:
 
 
 class ManualClock:
-    """Clock for tests and simulations: `now_ns` is the time, which the owner advances."""
+    """Clock for tests and simulations; the owner advances the time `now_ns`."""
 
     __slots__ = ("now_ns",)
     is_manual: Final = True
@@ -59,7 +59,7 @@ class ManualClock:
 
 
 class Timer:
-    """Callback that is called once at a deadline; timers are created by the reactor."""
+    """Timer that calls a callback once at a deadline; created by the reactor."""
 
     __slots__ = ("_callback", "deadline_ns", "queue")
 
@@ -74,7 +74,7 @@ class Timer:
         return self._callback is not None
 
     def cancel(self) -> None:
-        """Cancel the timer; no effect if it has fired or was cancelled."""
+        """Cancel the timer; no effect if it has fired or has been cancelled."""
         if self.take() is not None and self.queue is not None:
             self.queue.forget_one()
 
@@ -243,7 +243,7 @@ class _CtypesAlarm:
 
 
 def open_alarm() -> Alarm | None:
-    """Return the kernel's timer; None if it is missing, so that the selector's timeout is used."""
+    """Return the kernel's timer; None if it is not available, in which case the selector's timeout is used."""
     if not sys.platform.startswith("linux"):
         return None
     try:

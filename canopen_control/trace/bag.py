@@ -75,11 +75,11 @@ class BagMessages:
         self.array = array
 
     def make(self, kind: str, *values: Any) -> Any:  # noqa: ANN401 - rosbags makes the classes at run time
-        """Return a message of the type `package/Name`, with the field values in order."""
+        """Return a message of the type `package/Name`; `values` are the field values in order."""
         return self.store.types[kind.replace("/", "/msg/")](*values)
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - as above
-        """Return a message of the type `package/msg/Name` with zero numbers, empty strings and empty lists."""
+        """Return a message of the type `package/msg/Name` with zeros, empty strings and empty lists."""
         fields = (self._empty_field(node.name, part) for _, (node, part) in self.store.fielddefs[name][1])
         return self.store.types[name](*fields)
 
@@ -104,7 +104,7 @@ class BagMessages:
         return self.make("geometry_msgs/Twist", self.vector(linear, lateral), self.vector(z=angular))
 
     def frame(self, name: str) -> str:
-        """Return the name of a frame unchanged; other message factories may add a prefix."""
+        """Return a frame name unchanged; other message factories may add a prefix."""
         return name
 
     def floats(self, values: Iterable[float]) -> Any:  # noqa: ANN401 - a numpy array
@@ -120,9 +120,9 @@ _LATCHED: Final = ("/tf_static", "/robot_description")
 
 
 class BagWriter:
-    """Writer of a bag in the new folder `path`; `state` and `event` write messages of the API's stream.
+    """Writer of a bag in the new folder `path`; `state` and `event` write the messages of the API's stream.
 
-    `controllers` and `urdf` are the answers to the API's requests `controllers` and `description`. Raises
+    `controllers` and `urdf` are the answers to the API's requests `controllers` and `description`. Raise
     ConfigError if rosbags is missing or `path` exists.
     """
 
@@ -227,7 +227,7 @@ class BagWriter:
         return self._ros.make("geometry_msgs/Quaternion", x, y, z, w)
 
     def _commands(self, state: StateSample) -> None:
-        """Write the changed commands of forward controllers; nan for a joint without a known command."""
+        """Write the commands of forward controllers that have changed; nan for a joint without a known command."""
         for name, view in self._controllers.items():
             joints = [state.joints.get(joint) for joint in view.joints]
             values = [None if joint is None else joint.command for joint in joints]
@@ -273,11 +273,11 @@ class BagWriter:
     # -- bag
 
     def _new(self, samples: dict[str, S], use: str = "sample") -> dict[str, S]:
-        """Return the samples that are new since the previous call for this `use`, so that each is written once."""
+        """Return the samples that are new since the last call with the same `use`, so that each is written once."""
         return {name: sample for name, sample in samples.items() if self._is_new(f"{use} of {name}", sample.time)}
 
     def _is_new(self, topic: str, value: object) -> bool:
-        """Whether a value differs from the last value for the topic."""
+        """Whether a value differs from the previous value of the topic."""
         if topic in self._last and self._last[topic] == value:
             return False
         self._last[topic] = value
@@ -317,7 +317,7 @@ def _open(path: Path) -> Any:  # noqa: ANN401 - rosbags' writer, or None once it
 
 
 def _latched() -> object:
-    """Return a QoS with which late subscribers receive the last message of a topic."""
+    """Return a QoS that delivers the last message of a topic to late subscribers."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     unset = QosTime(0, 0)

@@ -37,7 +37,7 @@ _MASTER = "master"
 
 
 class WordField(NamedTuple):
-    """Named part of a statusword or controlword, with its first bit and its number of bits."""
+    """Named part of a statusword or controlword, with its first bit and number of bits."""
 
     name: str
     start: int
@@ -104,7 +104,7 @@ def dbc_text(network: NetworkDescription) -> str:
 
 @dataclass(slots=True)
 class _Signal:
-    """Signal of a message, with its position and length in bits."""
+    """Signal of a message, with its first bit and its length in bits."""
 
     name: str
     start: int
@@ -120,7 +120,7 @@ class _Signal:
 
 @dataclass(slots=True)
 class _Message:
-    """Message with one identifier and the receiver of all its signals."""
+    """Message with its identifier and the receiver of all its signals."""
 
     can_id: int
     name: str
@@ -131,7 +131,7 @@ class _Message:
     signals: list[_Signal] = field(default_factory=list)
 
     def add(self, signal: _Signal) -> None:
-        """Append a signal, after making its name unique."""
+        """Append a signal under a unique name."""
         signal.name = _unused(signal.name, {present.name for present in self.signals})
         self.signals.append(signal)
 
@@ -193,7 +193,7 @@ def _choices(signal: _Signal) -> OrderedDict[int, str | NamedSignalValue]:
 
 
 def _senders(network: NetworkDescription) -> dict[int, str]:
-    """Return DBC names of the nodes by node-ID, where 0 is the master."""
+    """Return the DBC names of the nodes by node-ID; the key 0 is the master."""
     names = {0: _MASTER}
     for node_id, node in sorted(network.nodes.items()):
         names[node_id] = _unused(_identifier(node.name or f"node_{node_id}"), set(names.values()))
@@ -260,7 +260,7 @@ def _pdo(node: NodeDescription, pdo: PdoLayout, sender: str) -> _Message:
 
 
 def _signals(mapped: MappedEntry, start: int, *, is_drive: bool) -> Iterator[_Signal]:
-    """Yield the signals of a mapped object: several for a word with named parts, otherwise one."""
+    """Yield the signals of a mapped object: one for each named part of a word, or one for the whole object."""
     title = mapped_name(mapped)
     name, comment = _identifier(title), f"{address_text(mapped.index, mapped.subindex)} {title}"
     base = objects.axis_of(mapped.index)[0] if is_drive and not mapped.subindex else 0
@@ -294,7 +294,7 @@ def _identifier(text: str) -> str:
 
 
 def _plain_number(value: float) -> float:
-    """Convert a whole number to int, since the file shows an int without a decimal point."""
+    """Convert a whole number to int, because the file shows an int without a decimal point."""
     return int(value) if value.is_integer() else value
 
 
@@ -307,5 +307,5 @@ def _unused(name: str, names: set[str]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Convert a text to plain ASCII without quotes, backslashes and line breaks."""
+    """Convert a text to one line of plain ASCII, with quotes and backslashes replaced."""
     return text.encode("ascii", "replace").decode().replace("\\", "/").replace('"', "'").replace("\n", " ")

@@ -74,10 +74,10 @@ _MOST_OBJECTS: Final = 64
 
 
 class LearnedPdos:
-    """PDO records of one node as learned from SDO transfers, up to `LIMIT` values.
+    """PDO records of one node, learned from SDO transfers, with at most `LIMIT` values.
 
-    Only values that the node has sent or confirmed count. A PDO is known once it is valid, and the number of its
-    objects and all mapping entries were received or are known from the description.
+    Only values that the node has sent or confirmed are learned. A PDO is known once it is valid, and the number of its
+    objects and all mapping entries have been received or are known from the description.
     """
 
     def __init__(self, node: NodeDescription, words: NodeWords) -> None:
@@ -96,7 +96,7 @@ class LearnedPdos:
             self._held[mapping, slot] = mapping_entry(mapped_object(entry))
 
     def learn(self, value: SignalValue) -> tuple[PdoLayout, int | None] | None:
-        """Record a value of the node; return a PDO that is now complete with its former CAN identifier, or None."""
+        """Record a value of the node; return a PDO that is now complete, with its former CAN identifier, or None."""
         which = _pdo_of(value.index)
         if which is None or not isinstance(value.value, int):
             return None
@@ -131,7 +131,7 @@ class LearnedPdos:
         return MappedEntry(index, subindex, bits, self._type(index, subindex, bits).name, name)
 
     def _type(self, index: int, subindex: int, bits: int) -> DataType:
-        """Return the data type from the EDS, else from CiA 402 for a drive, else the unsigned type of that width."""
+        """Return the data type from the EDS, or from CiA 402 for a drive, or the unsigned type of that width."""
         in_eds = self._node.od is not None and (index, subindex) in self._node.od
         profile = TYPES.get((objects.axis_of(index)[0], subindex), ()) if self._node.is_drive else ()
         by_profile = next((candidate for candidate in profile if candidate.bits == bits), None)
@@ -162,7 +162,7 @@ _STORE_ANSWERS = {0: "stored", 1: "refused, not supported", 2: "failed, storage 
 
 
 def lss_text(data: bytes, *, from_master: bool) -> str:
-    """Describe an LSS frame of the master or a slave; an unknown command is shown by its number."""
+    """Describe an LSS frame from the master or from a slave; an unknown command is shown as a number."""
     if not data:
         return "malformed: no data"
     data = data.ljust(8, b"\0")
@@ -259,7 +259,7 @@ _MARKS: Final = {ValueChange.NONE: Mark.PLAIN, ValueChange.STATE: Mark.NOTABLE, 
 
 @dataclass(frozen=True, slots=True)
 class DecodedFrame:
-    """One frame with its description.
+    """Frame with its description.
 
     `time` is the time passed to `decode`, in ns. `service` is one of `SERVICES`; `node_id` is None if the frame has no
     node, and `node` is "" without a name. `subject` is the instance of the service (``TPDO1``), `text` the description,
@@ -286,7 +286,7 @@ class DecodedFrame:
 
 @dataclass(slots=True)
 class _Decoded:
-    """Description of a frame by its handler; a `node_id` replaces the node-ID from the identifier."""
+    """Description of a frame, created by its handler; `node_id`, if not None, replaces that of the identifier."""
 
     text: str
     values: tuple[SignalValue, ...] = ()
@@ -297,7 +297,7 @@ class _Decoded:
 
 @dataclass(frozen=True, slots=True)
 class _Route:
-    """Service, node and handler for a CAN identifier."""
+    """Service, node, subject and handler of a CAN identifier."""
 
     service: str
     node_id: int | None
@@ -319,7 +319,7 @@ class _Node:
         self.usual_gap = 0  # usual interval of the slower heartbeats in ns; 0: unknown
 
     def silence(self, time: int) -> int:
-        """Record a heartbeat; return the length of the silence before it in ns, or 0 if the interval was normal."""
+        """Record a heartbeat; return the length of the preceding silence in ns, or 0 if the interval was normal."""
         gap, self.beat = (0 if self.beat is None else time - self.beat), time
         if self.usual_gap and gap > max(_SILENT_GAPS * self.usual_gap, _SHORTEST_SILENCE_NS):
             return gap
@@ -331,7 +331,7 @@ class _Node:
 
 
 class Decoder:
-    """Decoder for the frames of one bus, which must be decoded in the order of reception."""
+    """Decoder for the frames of one bus, which must be passed in the order of reception."""
 
     def __init__(self, network: NetworkDescription) -> None:
         self.network = network
@@ -353,7 +353,7 @@ class Decoder:
         self._add(pdo.cob_id, "pdo", node_id, pdo_name(pdo), self._pdo(node_id, pdo))
 
     def decode(self, frame: CanFrame, time: int = 0) -> DecodedFrame:
-        """Describe a frame; `time` in ns is copied to the result. Never raises."""
+        """Describe a frame; `time` in ns is copied to the result. This method never raises."""
         frame = frame if len(frame.data) <= _LONGEST else CanFrame(frame.can_id, bytes(frame.data[:_LONGEST]))
         self._time = time
         route, result = self._answer(frame)
@@ -468,7 +468,7 @@ class Decoder:
         return decode
 
     def _relearn(self, node_id: int, pdo: PdoLayout, before: int | None) -> None:
-        """Replace a PDO by its learned configuration, which takes precedence over the description."""
+        """Replace a PDO with its learned configuration, which takes precedence over the description."""
         old = self._routes.get(before) if before is not None else None
         if before is not None and old is not None and (old.node_id, old.subject) == (node_id, pdo_name(pdo)):
             del self._routes[before]
@@ -493,9 +493,9 @@ class Decoder:
 
 
 def _mapped(words: NodeWords, names: list[str | None], codec: PdoCodec, data: bytes) -> _Decoded:
-    """Decode the values of a PDO; a name of None is a gap.
+    """Decode the values of a PDO; `names` has a name for each mapped object, None for a gap.
 
-    The mode is decoded first, since bits of the statusword depend on it.
+    The mode is decoded first, because bits of the statusword depend on it.
     """
     rows = [
         (mapped, name, value)

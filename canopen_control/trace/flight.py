@@ -1,4 +1,4 @@
-"""Flight recorder: process that keeps the last minute of a robot in memory and writes a file after a fault.
+"""Flight recorder: process that keeps the last minute of a robot in memory and writes it to a file after a fault.
 
 ``python -m canopen_control.trace.flight --name ROBOT --bus NAME=CHANNEL ...``
 
@@ -60,9 +60,9 @@ def flight_folder(name: str) -> Path:
 
 
 class FlightRecorder:
-    """Recorder of the robot `name` on `buses` {name: channel}, driven by a reactor; call `finish` at the end.
+    """Recorder of the robot `name` on `buses` {name: channel}, run by a reactor; call `finish` at the end.
 
-    `unsent` contains the messages that the robot could not receive any more.
+    `unsent` contains the messages that could not be sent because the robot had ended.
     """
 
     def __init__(self, reactor: Reactor, name: str, buses: Mapping[str, str]) -> None:
@@ -88,9 +88,9 @@ class FlightRecorder:
 
     @property
     def _wall_offset_ns(self) -> int:
-        """Return the offset in ns from the reactor's time to Unix time, by the current system clock.
+        """Offset in ns from the reactor's time to Unix time, according to the current system clock.
 
-        The times are right even if the recorder was started before the clock was set, as at a boot without a
+        Times are therefore right even if the recorder was started before the clock was set, as at a boot without a
         battery.
         """
         return self._begun_ns if self._reactor.clock.is_manual else time.time_ns() - self._reactor.now()
@@ -130,7 +130,7 @@ class FlightRecorder:
         self._reactor.add_reader(port.fileno(), receive)
 
     def _take_frames(self, number: int, arrivals: Arrivals) -> None:
-        """Record frames with their times of arrival, which stay correct if a busy computer reads many frames late."""
+        """Record frames with their arrival times, which are correct even if a busy computer reads many frames late."""
         records, stamps = arrivals.receive()
         if records:
             self._frames.add(number, records, stamps)
@@ -157,7 +157,7 @@ class FlightRecorder:
         self._reactor.call_soon(self._read)  # frames received while the requests were answered
 
     def _take_earlier_events(self, status: Status) -> None:
-        """Record events from before the start of this process, which the stream may repeat."""
+        """Record events from before this process started; the stream may repeat these events."""
         lines = set(self._events.lines())
         self._repeated = {text_of(event) for event in status.events}
         for event in status.events:
@@ -165,14 +165,14 @@ class FlightRecorder:
                 self._on_event(event)
 
     def _refresh(self) -> None:
-        """Request the robot's status and the world of virtual drives for the next file."""
+        """Request the robot's status and the world of its virtual drives for the next file."""
         self._record_world()
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
                 self._status = self._robot.ask(GetStatus())
 
     def _record_world(self) -> None:
-        """Record the world of virtual drives; without a reply, keep the last known world."""
+        """Record the world of the virtual drives; without a reply, keep the last known world."""
         nodes = [(self.buses[bus], node.node_id) for bus, layout in self._layout.buses.items() if bus in self.buses
                  for node in layout.nodes]  # fmt: skip
         self._world = shapes_of_world(nodes) or self._world
@@ -225,7 +225,7 @@ class FlightRecorder:
             self._plan()
 
     def _write_aside(self, reason: RobotEvent) -> None:
-        """Write the file in a forked copy of this process, whose result is later reported to the robot."""
+        """Write the file in a forked copy of this process; its result is reported to the robot later."""
         ours, theirs = os.pipe()
         child = os.fork()
         if child == 0:
@@ -251,7 +251,7 @@ class FlightRecorder:
         self._plan()
 
     def write(self, reason: RobotEvent) -> str:
-        """Write the file in this process; return a sentence with the path or the reason for a failure."""
+        """Write the file in this process; return a sentence with the path, or with the reason for a failure."""
         from canopen_control.trace.flight_file import FlightMeta, candump_lines, save
 
         now, offset = self._reactor.now(), self._wall_offset_ns
@@ -288,7 +288,7 @@ class FlightRecorder:
     # -- end
 
     def orphaned(self, ended: Callable[[], object]) -> None:
-        """Record the death of the robot's process as a fault; call `ended` once the drives had time to react."""
+        """Record the death of the robot's process as a fault; call `ended` after the drives have had time to react."""
         now = self._reactor.now()
         text = "the process of the robot has died; its drives stop by themselves"
         died = (now + self._wall_offset_ns) / 1e9

@@ -1,4 +1,4 @@
-"""File of a flight recorder and its trigger: a zip archive for bug reports that can be read without this package.
+"""File of a flight recorder, and its trigger: a zip archive for bug reports, readable without this package.
 
     meta.json     `FlightMeta`: robot, `reason` and time, `buses` {name: channel}, `layout` and `status` of the robot
     can.log       all frames of the window in candump's log format; the interface is the name of the bus in bus.yml
@@ -76,7 +76,7 @@ def is_sum(event: RobotEvent) -> bool:
 
 
 class RecordingTrigger:
-    """Trigger for files; times are in monotonic ns, and `keep_ns` is the age at which a fault leaves the window."""
+    """Trigger for files; times are in monotonic ns, `keep_ns` is the age at which a fault leaves the window."""
 
     def __init__(self, keep_ns: int) -> None:
         self.left_out = 0
@@ -87,7 +87,7 @@ class RecordingTrigger:
         self._gap = GAP_NS
 
     def fault(self, event: RobotEvent, now: int) -> None:
-        """Record a fault; the first one since the last file is the reason for the next file."""
+        """Record a fault; the first fault since the last file is the reason for the next file."""
         if now - self._last >= CALM_NS:
             self._gap = GAP_NS
         if self._reason is not None and now - self._first > self._keep_ns:
@@ -98,20 +98,20 @@ class RecordingTrigger:
         self._last = now
 
     def next_deadline(self) -> int | None:
-        """Return the time at which `due` must be called, or None without a fault."""
+        """Return the time at which `due` must be called, or None if no file is pending."""
         if self._reason is None:
             return None
         return max(min(self._last + AFTER_NS, self._first + LONGEST_NS), self._not_before)
 
     def due(self, now: int) -> RobotEvent | None:
-        """Return the fault for which a file must be written now, once per file, or None."""
+        """Return the fault for which a file must be written now, or None; each fault is returned only once."""
         deadline = self.next_deadline()
         if deadline is None or now < deadline:
             return None
         return self._take(now)
 
     def end(self, now: int) -> RobotEvent | None:
-        """Return the fault that has no file yet at the end of the recording, or None."""
+        """At the end of the recording, return the fault that has no file yet, or None."""
         return None if self._reason is None else self._take(now)
 
     def _take(self, now: int) -> RobotEvent | None:
@@ -152,7 +152,7 @@ class _Segment:
 
 
 class FrameRing:
-    """Buffer for the frames of the last `window_ns`, within about `limit` bytes; frames are released in segments."""
+    """Buffer for the frames of the last `window_ns`, of about `limit` bytes; old frames are released by segments."""
 
     def __init__(self, window_ns: int, limit: int) -> None:
         self._window_ns, self._limit = window_ns, limit
@@ -161,7 +161,7 @@ class FrameRing:
         self._size = 0  # bytes of all complete segments
 
     def add(self, bus: int, records: bytes, times: Sequence[int]) -> None:
-        """Append records with their times, which must be in order for each bus."""
+        """Append records with their times, which must be in ascending order for each bus."""
         segment, now = self._newest.get(bus), times[-1]
         if segment is None or now - segment.begin >= _SEGMENT_NS or self._is_long(segment):
             segment = self._begin_segment(bus, times[0], now)
@@ -170,11 +170,11 @@ class FrameRing:
 
     @property
     def size(self) -> int:
-        """Number of stored bytes, including times."""
+        """Number of stored bytes, including those of the times."""
         return self._size + sum(map(_size_of, self._newest.values()))
 
     def frames(self, since: int) -> Iterator[KeptFrame]:
-        """Yield the frames of all buses from the time `since` on, in order of time."""
+        """Yield the frames of all buses received at or after `since`, in order of time."""
         buses = {segment.bus for segment in self._segments}
         return heapq.merge(*(self._frames_of(bus, since) for bus in sorted(buses)), key=operator.itemgetter(0))
 
@@ -198,7 +198,7 @@ class FrameRing:
         return newest
 
     def _forget(self, now: int) -> None:
-        """Release the oldest segments outside the window or above the limit, except the last segment."""
+        """Release the oldest segments that are outside the window or exceed the limit, except the last segment."""
         while len(self._segments) > 1 and (
             self._segments[0].times[-1] < now - self._window_ns or self._size > self._limit
         ):
@@ -214,7 +214,7 @@ def _size_of(segment: _Segment) -> int:
 
 
 class LineRing:
-    """Buffer for text lines as bytes, within `limit` bytes and `window_ns` (None for any age).
+    """Buffer for text lines as bytes, limited to `limit` bytes and to the age `window_ns` (None: any age).
 
     Old lines are released one by one.
     """
@@ -232,7 +232,7 @@ class LineRing:
             self.size -= len(lines.popleft()[1])
 
     def lines(self, since: int = 0) -> Iterator[bytes]:
-        """Yield the lines from the time `since` on, oldest first."""
+        """Yield the lines added at or after `since`, oldest first."""
         for added, line in self._lines:
             if added >= since:
                 yield line
@@ -274,7 +274,7 @@ class FlightFormat(Document, frozen=True, kw_only=True):
 
 
 class FlightMeta(FlightFormat, frozen=True, kw_only=True):
-    """Metadata of a flight recording; `written` and `begin` (of the window) are Unix s.
+    """Metadata of a flight recording; `written` and `begin` (the start of the window) are in Unix s.
 
     `unheard` are buses that could not be opened, `frames_lost` counts frames that arrived too fast, `faults_left_out`
     faults without a file of their own. `status` is None if the robot never answered. `world` is the world of a
@@ -298,9 +298,9 @@ class FlightMeta(FlightFormat, frozen=True, kw_only=True):
 
 @dataclass(slots=True)
 class FlightFile:
-    """Content of a flight recording; `frames` are in order of time, `eds` are EDS texts by file name.
+    """Content of a flight recording; `frames` are in order of time, `eds` maps file names to EDS texts.
 
-    `unread_lines` is the number of log lines without a frame; `notes` are sentences about other missing parts.
+    `unread_lines` is the number of log lines that contain no frame; `notes` are sentences about other missing parts.
     """
 
     meta: FlightMeta
@@ -374,7 +374,7 @@ def write_flight(
 
 
 def _bytes_of(path: str) -> bytes:
-    """Return the content of an EDS file, or b"" if unreadable."""
+    """Return the content of an EDS file, or b"" if it cannot be read."""
     try:
         return Path(path).read_bytes()
     except OSError:
@@ -386,7 +386,7 @@ def _eds_paths(meta: FlightMeta) -> set[str]:
 
 
 def _free_path(folder: Path, meta: FlightMeta) -> Path:
-    """Return an unused path with time and reason, so that sorting by name sorts by time."""
+    """Return an unused path whose name has the time and the reason, so that sorting by name sorts by time."""
     stamp = time.strftime("%Y-%m-%dT%H-%M-%S", time.localtime(meta.written))
     why = [word[:40] for word in (meta.reason.kind, meta.reason.node) if word]
     words = "-".join(re.sub(r"\W+", "_", word, flags=re.ASCII) for word in why)
@@ -415,7 +415,7 @@ def is_flight_file(path: Path) -> bool:
 def read_flight(path: Path) -> FlightFile:
     """Read a flight recording; raise ConfigError if the file is invalid.
 
-    Log lines without a frame are counted in `unread_lines`.
+    Log lines that contain no frame are counted in `unread_lines`.
     """
     return _opened(path, _read)
 
@@ -451,7 +451,7 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
 
 
 def _content(archive: zipfile.ZipFile, name: str) -> bytes:
-    """Return a member of the archive; raise FlightFileError if it is larger than a recorder permits."""
+    """Return a member of the archive; raise FlightFileError if it is larger than a recorder can write."""
     limit = next(size for start, size in _LARGEST.items() if name.startswith(start))
     if archive.getinfo(name).file_size > limit:
         raise _too_large(name, limit)
@@ -482,7 +482,7 @@ def _lines(archive: zipfile.ZipFile, name: str, kind: type[T]) -> list[T]:
 
 
 def _states(archive: zipfile.ZipFile) -> list[TimedSnapshot]:
-    """Return the samples, without the data of controllers if an earlier version wrote it in another form."""
+    """Return the samples; if an earlier version wrote the controllers' data in another form, omit that data."""
     samples = _lines(archive, _STATES, TimedSnapshot)  # raises if even these are invalid
     try:
         return list(_lines(archive, _STATES, StateSample))

@@ -1,4 +1,4 @@
-"""Output of decoded frames: filters, lines for users, documents for scripts, and CSV tables."""
+"""Output of decoded frames: a filter, lines for users, documents for scripts, and CSV tables."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ _ALIASES = {"heartbeat": "hb", "heartbeats": "hb", "guarding": "hb"}
 
 @dataclass(slots=True)
 class Filter:
-    """Filter of decoded frames; an empty field selects all frames.
+    """Filter of decoded frames; an empty field passes all frames.
 
-    `changes` omits a periodic frame with the same data as the previous frame of its identifier; `events` also omits
-    frames that are not marked as notable, as a warning or as an error.
+    `changes` omits a periodic frame with the same data as the previous frame with its identifier; `events` also omits
+    frames that are not marked as notable, warning or error.
     """
 
     nodes: frozenset[int] = frozenset()
@@ -47,7 +47,7 @@ class Filter:
     _last: dict[int, bytes] = field(default_factory=dict)
 
     def wants(self, decoded: DecodedFrame) -> bool:
-        """Whether the frame passes; with `changes` or `events`, the data of the frame is remembered."""
+        """Whether the frame passes; with `changes` or `events`, its data is stored for comparison with later frames."""
         if self.nodes and decoded.node_id not in self.nodes:
             return False
         if self.services and decoded.service not in self.services:
@@ -69,7 +69,7 @@ class Filter:
 
 
 def parse_services(text: str) -> frozenset[str]:
-    """Parse a list of services such as ``pdo,sdo``; the ValueError lists the valid services."""
+    """Parse a list of services such as ``pdo,sdo``; raise ValueError with the valid services if one is unknown."""
     names = {_ALIASES.get(part, part) for part in text.lower().replace(" ", "").split(",") if part}
     if unknown := sorted(names - set(SERVICES)):
         raise ValueError(f"unknown service {unknown[0]!r}; services: {', '.join(SERVICES)}")
@@ -99,7 +99,7 @@ def _identifier(text: str) -> int:
 
 
 def node_ids_of(network: NetworkDescription, names: Iterable[str]) -> frozenset[int]:
-    """Return the node-IDs of names or numbers, including "master"; raise ConfigError with the valid names."""
+    """Return the node-IDs of names or numbers, including "master"; else raise ConfigError with the valid names."""
     node_ids = set()
     for name in names:
         by_name = next((node.node_id for node in network.nodes.values() if node.name == name), None)
@@ -129,7 +129,7 @@ _NS = 1_000_000_000
 
 
 def write_long(frames: Iterable[DecodedFrame], out: TextIO) -> int:
-    """Write a CSV row per value, or one per frame without values; return the number of rows."""
+    """Write one CSV row per value, or one per frame without values; return the number of rows."""
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
     count = 0
@@ -149,7 +149,7 @@ def _rows(frame: DecodedFrame) -> Iterator[tuple[str, ...]]:
 
 
 def write_wide(frames: Iterable[DecodedFrame], signals: Iterable[str], out: TextIO) -> int:
-    """Write a CSV row per PDO with a column for each of `signals`, empty if the frame lacks the signal.
+    """Write one CSV row per PDO with a column for each of `signals`; a cell is empty if the frame lacks the signal.
 
     Return the number of rows.
     """
@@ -170,7 +170,7 @@ def write_wide(frames: Iterable[DecodedFrame], signals: Iterable[str], out: Text
 
 
 def signal_name(frame: DecodedFrame, name: str) -> str:
-    """Return the column name for a value of a frame, "NODE.NAME"."""
+    """Return the column name "NODE.NAME" of a value in a frame."""
     return f"{frame.node_label}.{name}"
 
 
@@ -191,7 +191,7 @@ _SHORTEST_NODE = 8
 
 
 class LineWriter:
-    """Formatter for the lines of a trace, with times relative to the first frame, or local with `absolute`."""
+    """Formatter for the lines of a trace; times are relative to the first frame, or local times if `absolute`."""
 
     def __init__(self, network: NetworkDescription, *, absolute: bool = False, colour: bool = False) -> None:
         self._absolute, self._colour = absolute, colour
@@ -201,7 +201,7 @@ class LineWriter:
         self._start: int | None = None
 
     def line(self, decoded: DecodedFrame) -> str:
-        """Return the line of a frame, without a line end."""
+        """Return the line of a frame, without a newline."""
         text = (
             f"{self._time(decoded.time)}  {identifier_text(decoded.can_id):>3}  {_data(decoded):<{_DATA_WIDTH}}  "
             f"{decoded.node_label:<{self._node_width}}  {decoded.subject:<{_SUBJECT_WIDTH}}  {decoded.text}"
@@ -220,7 +220,7 @@ class LineWriter:
 
 
 def identifier_text(can_id: int) -> str:
-    """Return an identifier as three or eight hexadecimal digits, or the classes of an error frame."""
+    """Return an identifier as three or eight hexadecimal digits; for an error frame, return the error classes."""
     width = 8 if can_id & (EXTENDED_FLAG | ERROR_FLAG) else 3
     return f"{can_id & 0x1FFFFFFF:0{width}X}"
 
@@ -232,7 +232,7 @@ def _data(decoded: DecodedFrame) -> str:
 
 
 class ValueDocument(Document, frozen=True):
-    """Object in a frame; bytes are in hexadecimal, and a number that JSON cannot represent is None."""
+    """Value of an object in a frame; bytes are hexadecimal text, numbers that JSON cannot represent are None."""
 
     index: int
     subindex: int

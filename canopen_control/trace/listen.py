@@ -1,4 +1,4 @@
-"""Reception of frames with their times on a bus, without sending.
+"""Reception of frames with their arrival times on a bus, without sending.
 
 Only channels that several processes can open are used. A bus inside another process is out of reach, and an adapter
 that allows only one program is left to that program.
@@ -52,10 +52,10 @@ def batches(
     clock: Callable[[], float] = time.monotonic,
     on_event: Callable[[BusEvent], object] | None = None,
 ) -> Iterator[list[RecordedFrame]]:
-    """Yield the frames received since the previous batch, or an empty list every 0.25 s on a silent bus.
+    """Yield the frames received since the previous batch; on a silent bus, an empty list every 0.25 s.
 
-    End after `seconds`, or never; raise BusClosed if the bus is lost. `on_event` receives channel events without a
-    frame, after the frames received before them.
+    End after `seconds` (None: never); raise BusClosed if the bus is lost. `on_event` receives channel events without
+    a frame, after the frames received before them.
     """
     end = None if seconds is None else clock() + seconds
     arrivals = Arrivals(port)

@@ -1,7 +1,7 @@
 """Description of a bus for decoding: its nodes, their objects, and the contents of their PDOs.
 
 The data are plain and frozen. They come from a layout (derived from bus.yml by `master/pdo_layout.py`, or requested
-from a running robot as `layout`), or from EDS files with their default PDOs. If a description is missing (an unreadable
+from a running robot as `layout`), or from EDS files with their default PDOs. If a part is missing (an unreadable
 EDS, an unknown node), names are missing in the output, but never frames.
 """
 
@@ -47,7 +47,7 @@ _RAW_TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class NodeDescription:
-    """Description of one node; `od` is None without an EDS, `eds` is the path of the EDS."""
+    """Description of one node; `od` is None without an EDS, `eds` is the path of the EDS or ""."""
 
     name: str
     node_id: int
@@ -81,7 +81,7 @@ class NodeDescription:
 class NetworkDescription:
     """Description of one bus; `bitrate` is in bit/s, `sync_cob_id` includes the flag of 29-bit identifiers.
 
-    `notes` are sentences about files that could not be read, so that names are missing.
+    `notes` are sentences about files that could not be read and whose names are therefore missing.
     """
 
     channel: str = ""
@@ -99,13 +99,13 @@ class NetworkDescription:
         return "master" if node_id == self.master_node_id else ""
 
     def node_label(self, node_id: int) -> str:
-        """Return ``node 3 (left_drive)``, or ``node 3`` without a name."""
+        """Return ``node 3 (left_drive)``, or ``node 3`` if the node has no name."""
         name = self.name_of(node_id)
         return f"node {node_id} ({name})" if name else f"node {node_id}"
 
 
 def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
-    """Return the name of an entry in the EDS, preceded by the name of its array or record, or "" if unknown."""
+    """Return the name of an entry in the EDS, preceded by that of its array or record; "" if unknown."""
     if od is None:
         return ""
     entry, info = od.get(index, subindex), od.objects.get(index)
@@ -122,7 +122,7 @@ def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
 def network_of_layout(layout: BusLayout, paths: Mapping[str, Path] = MappingProxyType({})) -> NetworkDescription:
     """Return the description of one bus of a layout; a note is added for a missing or invalid EDS.
 
-    `paths` are files by name that replace the EDS files of the layout, as in a recording.
+    `paths` maps names of EDS files to files that replace those of the layout, as in a recording.
     """
     notes: list[str] = []
     nodes = {}
@@ -136,7 +136,7 @@ def network_of_layout(layout: BusLayout, paths: Mapping[str, Path] = MappingProx
 
 
 def pdos_by_default(od: ObjectDictionary) -> tuple[PdoLayout, ...]:
-    """Return the PDOs that are valid by default."""
+    """Return the PDOs that are enabled and have a mapping by default."""
     return tuple(_pdo_by_default(od, pdo) for pdo in pdos_of(od) if pdo.enabled and pdo.mapped)
 
 
@@ -158,9 +158,9 @@ def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoLayout:
 
 
 def type_of(od: ObjectDictionary | None, index: int, subindex: int, bits: int) -> DataType:
-    """Return the data type of an object in a PDO, from the EDS if possible.
+    """Return the data type of an object in a PDO, taken from the EDS if possible.
 
-    Otherwise it is the unsigned type of that width, OCTET_STRING for other whole bytes, UNSIGNED64 for odd bits.
+    Otherwise it is the unsigned type of that width, or OCTET_STRING for other whole bytes, or UNSIGNED64 for odd bits.
     """
     entry = od.get(index, subindex) if od is not None else None
     if entry is not None:
@@ -179,18 +179,18 @@ def pdo_name(pdo: PdoLayout) -> str:
 
 
 def mapped_name(entry: MappedEntry) -> str:
-    """Return the name of an object in a PDO, or its address without a name."""
+    """Return the name of an object in a PDO, or its address if it has no name."""
     return entry.name or address_text(entry.index, entry.subindex)
 
 
 def mapped_object(entry: MappedEntry) -> MappedObject:
-    """Return an object of a PDO for a `PdoCodec`; an unknown data type becomes the raw type of its width."""
+    """Return a mapped object for a `PdoCodec`; an unknown data type becomes the raw type of its width."""
     data_type = DataType.__members__.get(entry.data_type) or type_of(None, entry.index, entry.subindex, entry.bits)
     return MappedObject(entry.index, entry.subindex, entry.bits, data_type)
 
 
 def is_gap(entry: MappedEntry) -> bool:
-    """Whether a mapped object is a data type, which fills a gap (dummy mapping, CiA 301, 7.5.2.36)."""
+    """Whether a mapped object is a data type that only fills a gap (dummy mapping, CiA 301, 7.5.2.36)."""
     return entry.index <= 7 and not entry.subindex
 
 
@@ -210,7 +210,7 @@ _NODE_IDS = range(1, 128)
 
 
 def network_of_eds(channel: str, options: Iterable[str], find: Callable[[str], Path] = Path) -> NetworkDescription:
-    """Return a description from options ``NODE=FILE``, ``FILE`` and ``FOLDER``; ``FILE`` has the lowest precedence.
+    """Return the description from options ``NODE=FILE``, ``FILE`` and ``FOLDER``; ``FILE`` has the lowest precedence.
 
     `find` returns the path of a file. Raise EdsError for an invalid file, ConfigError for a folder without node-IDs.
     """
@@ -236,7 +236,7 @@ def _one(node_id: int, path: Path, option: str) -> NodeDescription:
 
 
 def _all(path: Path) -> Iterator[NodeDescription]:
-    """Yield the same description for every node-ID, or only for the node-ID of a DCF."""
+    """Yield a description for every node-ID; for a DCF, only for its node-ID."""
     parsed = read_eds(path).od
     if parsed.node_id is not None:
         yield NodeDescription(path.stem, parsed.node_id, parsed, pdos_by_default(parsed), str(path))

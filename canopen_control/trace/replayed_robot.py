@@ -139,5 +139,5 @@ class ReplayedRobot:
         )
 
     def _nodes(self) -> NodeListing:
-        """Return the buses without nodes, since the nodes now on the bus are not the recorded nodes."""
+        """Return the buses without nodes, because the nodes now on the bus are not the recorded nodes."""
         return NodeListing({name: BusPlace(channel, 1) for name, channel in self._meta.buses.items()}, [])

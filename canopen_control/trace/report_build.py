@@ -1,4 +1,4 @@
-"""Facts of a report, computed from the data of a flight recorder or of a recording in memory of a running robot.
+"""Facts of a report, computed from a flight recording, or from a recording of a running robot in memory.
 
 `facts_of` computes everything in a report. If samples and frames both contain a state, the frame counts, because it is
 immediate, whereas a sample is delayed by up to its period. Without recorded events, notable frames are used instead:
@@ -72,7 +72,7 @@ _SMALL: Final = 0.02  # fraction of the previous maximum speed that counts as st
 
 
 class Spans:
-    """Builder of the time spans of states; `see` adds a sample."""
+    """Builder of time spans, one for each state; `see` adds a sample."""
 
     def __init__(self) -> None:
         self._since: list[tuple[float, str | None]] = []  # times at which the state changed
@@ -87,13 +87,13 @@ class Spans:
         self._last = time
 
     def end(self, time: float) -> list[Span]:
-        """Return the spans, the last of which ends at `time`."""
+        """Return the spans; the last one ends at `time`."""
         ends = [*(begin for begin, _ in self._since), max(time, self._last)][1:]
         return [Span(begin, end, state) for (begin, state), end in zip(self._since, ends, strict=True)]
 
 
 def node_spans(states: Sequence[TimedSnapshot], begin: float) -> dict[str, NodeFacts]:
-    """Return the NMT states of the nodes, and the states of their axes by joint."""
+    """Return the NMT states of the nodes, and the states of their axes by joint; times are relative to `begin`."""
     nmt: dict[str, Spans] = {}
     axes: dict[str, dict[str, Spans]] = {}
     first: dict[str, tuple[str, int]] = {}
@@ -114,7 +114,7 @@ def node_spans(states: Sequence[TimedSnapshot], begin: float) -> dict[str, NodeF
 
 
 def joints_of(states: Sequence[TimedSnapshot], begin: float) -> dict[str, JointFacts]:
-    """Return the motion of the joints; the drive's mode selects the commanded quantity, velocity by default."""
+    """Return the motion of the joints; the drive's mode determines the commanded quantity, velocity by default."""
     modes = _modes(states)
     tracked = {name: joint.tracking for sample in states for name, joint in sample.joints.items() if joint.tracking}
     joints: dict[str, JointFacts] = {}
@@ -144,10 +144,10 @@ def _modes(states: Iterable[TimedSnapshot]) -> dict[str, str]:
 
 
 def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFacts | None:
-    """Return the cycle period, cycle counts, maximum lateness and working time, and a histogram of the lateness.
+    """Return the cycle period, the cycle counts, the maximum lateness and work time, and a histogram of the lateness.
 
-    None without data. The counts cover the time of the samples, or the whole run with fewer than two samples; the
-    maxima are those of the whole run. The bins are those of `status --json`.
+    Return None without data. The counts cover the time of the samples, or the whole run if there are fewer than two;
+    the maxima are those of the whole run. The bins are those of `status --json`.
     """
     last = states[-1].cycle if states else None if status is None else status.cycle
     if last is None or last == CycleTimes():
@@ -166,9 +166,9 @@ def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFac
 
 
 def stopped_after(joints: Mapping[str, JointFacts], time: float) -> dict[str, float | None]:
-    """Return the time in s from `time` until each moving joint is at rest, None for a joint that never is.
+    """Return, for each joint that moves at `time`, the time in s until it is at rest; None if it never is.
 
-    A joint that stands for `_STOOD_S`, or to the end of the recording, has stopped; later motion is ignored.
+    A joint has stopped if it stands for `_STOOD_S` or to the end of the recording; later motion is ignored.
     """
     stopped: dict[str, float | None] = {}
     for name, joint in joints.items():
@@ -216,7 +216,7 @@ class _Decoded(NamedTuple):
 
 
 class _Drive(NamedTuple):
-    """Node on a bus: its NMT states, and the states of its axes by number."""
+    """Node on a bus: the time spans of its NMT states, and those of the states of its axes by axis number."""
 
     name: str
     nmt: Spans
@@ -224,7 +224,7 @@ class _Drive(NamedTuple):
 
 
 class FrameReader:
-    """Evaluation of frames in order: bus loads, node states, frames around the fault, and notable events."""
+    """Evaluator of frames in order: bus loads, node states, frames around the fault, and notable events."""
 
     def __init__(self, networks: Mapping[str, NetworkDescription], begin: float, fault: float | None) -> None:
         self._networks, self._begin, self._fault = networks, begin, fault
@@ -301,12 +301,12 @@ class FrameReader:
 
     @property
     def around(self) -> list[FrameFacts]:
-        """Last frames up to the fault, or up to the end without a fault, and the first frames after it."""
+        """Last frames up to the fault (or to the end without a fault), and the first frames after it."""
         return [_line(frame) for frame in (*self._before, *self._after)]
 
     @property
     def last_words(self) -> list[FrameFacts]:
-        """Last frame of each node up to the fault or the end, longest silence first."""
+        """Last frame of each node up to the fault (or to the end without a fault), longest silence first."""
         return [_line(frame) for frame in sorted(self._last.values(), key=lambda last: last.time)]
 
     def buses(self) -> dict[str, BusFacts]:
@@ -327,11 +327,11 @@ class FrameReader:
         return facts
 
     def _covered(self, number: int, width: float) -> float:
-        """Return the recorded part of a time bin in s; the last bin is rarely complete."""
+        """Return the length in s of the recorded part of a time bin; the last bin is rarely complete."""
         return min((number + 1) * width, self._end) - max(number * width, 0.0)
 
     def nodes(self) -> dict[str, NodeFacts]:
-        """Return node states, with axes as "axis N" and without a state after a node became silent."""
+        """Return the node states; axes are named "axis N", and the state is None after a node became silent."""
         facts: dict[str, NodeFacts] = {}
         for (bus, node_id), drive in sorted(self._drives.items()):
             last_time = self._last_times.get((bus, node_id), self._end)
@@ -348,7 +348,7 @@ class FrameReader:
 
 
 def _coarse(bits: Counter[int]) -> tuple[Counter[int], float]:
-    """Return bits by bin and the bin width in s, which is larger if the times are days apart."""
+    """Return the bits by bin, and the bin width in s, which is larger if the times are days apart."""
     many = 1 + (max(bits) - min(bits)) // _MOST_BINS
     coarse: Counter[int] = Counter()
     for number, count in bits.items():
@@ -372,7 +372,7 @@ def _line(frame: _Decoded) -> FrameFacts:
 
 
 def _from_node(decoded: DecodedFrame) -> bool:
-    """Whether the node itself sent the frame, by service and direction."""
+    """Whether the node itself sent the frame, judged by service and direction."""
     if decoded.service == "pdo":
         return decoded.subject.startswith("TPDO")
     return decoded.service in ("hb", "emcy") or decoded.subject == "SDO response"
@@ -384,7 +384,7 @@ def read_frames(
     begin: float,
     fault: float | None,
 ) -> FrameReader:
-    """Evaluate all frames in order; `fault` is its time in s from `begin`, or None."""
+    """Evaluate all frames in order; `fault` is the time of the fault in s from `begin`, or None."""
     reader = FrameReader(networks, begin, fault)
     for frame in frames:
         reader.read(*frame)
@@ -396,7 +396,7 @@ def read_frames(
 
 
 def measured(states: Iterable[TimedSnapshot]) -> list[MeasuredFacts]:
-    """Return minimum, maximum and last of each measured value that was ever known."""
+    """Return the minimum, maximum and last value of each measured quantity that was ever known."""
     last_times: dict[str, float] = {}
     facts: dict[tuple[str, str], MeasuredFacts] = {}
     for state in states:
@@ -421,7 +421,7 @@ def _extended(now: MeasuredFacts, before: MeasuredFacts | None) -> MeasuredFacts
 
 
 def networks_of(file: FlightFile) -> dict[str, NetworkDescription]:
-    """Return descriptions of the buses in a recording, from its layout and EDS files."""
+    """Return the descriptions of the buses in a recording, from its layout and its EDS files."""
     with tempfile.TemporaryDirectory() as folder:
         paths = {name: Path(folder) / Path(name).name for name in file.eds}
         for name, text in file.eds.items():
@@ -430,7 +430,7 @@ def networks_of(file: FlightFile) -> dict[str, NetworkDescription]:
 
 
 def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None = None) -> ReportFacts:
-    """Compute all facts of a recording; `networks` (by bus) default to the descriptions in the recording."""
+    """Compute all facts of a recording; `networks`, by bus, default to the descriptions in the recording."""
     networks = networks_of(file) if networks is None else networks
     meta, states, status = file.meta, file.states, file.meta.status
     begin, end = _bounds(file)
@@ -467,7 +467,7 @@ def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None
 
 
 def _bounds(file: FlightFile) -> tuple[float, float]:
-    """Return the first and last Unix time in s of the frames and samples; events may be older."""
+    """Return the first and last Unix time in s of frames and samples; without both, those of the events."""
     times = [time_ns / 1e9 for time_ns, _, _ in file.frames[:1] + file.frames[-1:]]
     times += [sample.time for sample in file.states[:1] + file.states[-1:]]
     times = times or [event.time for event in file.events] or [file.meta.written]
@@ -475,7 +475,7 @@ def _bounds(file: FlightFile) -> tuple[float, float]:
 
 
 def _first_fault(events: Sequence[EventFacts], reason: EventFacts) -> EventFacts | None:
-    """Return the first fault in the window, else the reason for the file, or None if that is not a fault."""
+    """Return the first fault in the window, or the reason for the file if it is a fault, or None."""
     inside = (event for event in events if event.at >= 0)
     return next((event for event in (*inside, reason) if is_fault(event)), None)
 
@@ -506,9 +506,9 @@ RATE: Final = 50.0  # sampling rate of a recording in Hz
 
 
 def watch(name: str | None, seconds: float) -> FlightFile:
-    """Record the robot `name`, or the only running one, until `seconds` elapse or the robot ends.
+    """Record the robot `name` (None: the only running robot) until `seconds` elapse or the robot ends.
 
-    Raise ConfigError if there is no robot.
+    Raise ConfigError if there is no such robot.
     """
     with RobotClient.connect(name) as robot, Reactor() as reactor:
         layout, status = robot.ask(GetLayout()), robot.ask(GetStatus())

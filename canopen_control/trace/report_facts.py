@@ -25,7 +25,7 @@ def clock(unix_s: float, *, date: bool = False) -> str:
 
 
 def summary(facts: ReportFacts) -> list[str]:
-    """Return the sentences of the summary: robot and time, first error, consequences, timing, and missing data."""
+    """Return the sentences of the summary: robot and time, first fault, consequences, timing, and missing data."""
     how = (*_cycle(facts), *_tracking(facts), *_true_pose(facts))
     return [*_drive_names(facts), *_wrong(facts), *_reaction(facts), *how, *_gaps(facts)]
 
@@ -81,7 +81,7 @@ def _cycle(facts: ReportFacts) -> Iterator[str]:
 
 
 def _tracking(facts: ReportFacts) -> Iterator[str]:
-    """Yield sentences about the joint with the largest position and velocity error, and about set-points."""
+    """Yield sentences about the joints with the largest position and velocity errors, and about set-points."""
     trackings = {name: joint.tracking for name, joint in facts.joints.items() if joint.tracking is not None}
     for interface, unit in (("position", "rad"), ("velocity", "rad/s")):
         errors = {name: tracking for name, tracking in trackings.items() if tracking.interface == interface}
@@ -99,13 +99,13 @@ def _tracking(facts: ReportFacts) -> Iterator[str]:
 
 
 def _true_pose(facts: ReportFacts) -> Iterator[str]:
-    """Yield a sentence about the true final pose of a simulated base and its odometry."""
+    """Yield a sentence about the final true pose of a simulated base and its odometry error."""
     if facts.true_pose is not None:
         yield _sentence(f"At the end: {facts.true_pose.words}")
 
 
 def _gaps(facts: ReportFacts) -> Iterator[str]:
-    """Yield sentences about missing data, whose absence could be mistaken for normal operation."""
+    """Yield sentences about missing data, so that its absence is not mistaken for normal operation."""
     gaps = facts.gaps
     if gaps.unheard:
         yield f"Not recorded: the frames of {', '.join(gaps.unheard)}."
@@ -127,7 +127,7 @@ Column: TypeAlias = list[float | None]
 
 
 class Span(Document, frozen=True, rename={"begin": "from", "end": "to"}):
-    """Time span of a state; `state` is None if unknown."""
+    """Time span in which a node or an axis is in one state; `state` is None if unknown."""
 
     begin: float
     end: float
@@ -144,9 +144,9 @@ class NodeFacts(Document, frozen=True):
 
 
 class JointFacts(Document, frozen=True):
-    """Motion of a joint over `time`; `error` is command minus actual value of `quantity`.
+    """Motion of a joint over `time`; `error` is the command minus the actual value of `quantity`.
 
-    `tracking` is the last tracking quality that the master measured, None if the joint was not commanded.
+    `tracking` is the last tracking quality measured by the master, or None if the joint was not commanded.
     """
 
     quantity: str
@@ -182,7 +182,7 @@ class EventFacts(RobotEvent, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class FrameFacts(Document, frozen=True, kw_only=True):
-    """Frame in a report; `id` and `data` are in hexadecimal, `mark` is the importance of the frame."""
+    """Frame in a report; `id` and `data` are hexadecimal, `mark` is the importance of the frame."""
 
     time: float
     bus: str
@@ -196,14 +196,14 @@ class FrameFacts(Document, frozen=True, kw_only=True):
 
 
 class BusLoad(Document, frozen=True):
-    """Bus load as fractions, with the times of the centres of the time bins."""
+    """Bus load as fractions; the times are the centres of the time bins."""
 
     time: list[float]
     value: list[float]
 
 
 class BusFacts(Document, frozen=True):
-    """Traffic of a bus, with the number of frames by service; `bitrate` is in bit/s."""
+    """Traffic of a bus: numbers of frames, in total and by service, and the load; `bitrate` is in bit/s."""
 
     frames: int
     services: dict[str, int]
@@ -235,8 +235,8 @@ class Gaps(Document, frozen=True):
 class ReportFacts(Document, frozen=True, kw_only=True):
     """All facts of a report.
 
-    `summary` consists of sentences. `stopped_after_s` has the joints that moved at the time of the `fault`, None if
-    their stop is unknown. `true_pose` is the last true pose of a simulated base.
+    `summary` consists of sentences. `stopped_after_s` has the joints that moved at the time of the fault, None for a
+    joint whose stop is unknown. `true_pose` is the last true pose of a simulated base.
     """
 
     summary: list[str]
@@ -268,6 +268,6 @@ class ReportFacts(Document, frozen=True, kw_only=True):
 
 
 def event_at(event: RobotEvent, begin: float) -> EventFacts:
-    """Return an event with its time relative to `begin`."""
+    """Return an event together with its time in s relative to `begin`."""
     fields: Mapping[str, object] = {name: getattr(event, name) for name in event.__struct_fields__}
     return EventFacts(at=round(event.time - begin, 6), **fields)  # type: ignore[arg-type] # its own fields

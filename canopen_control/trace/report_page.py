@@ -1,4 +1,4 @@
-"""Page of a report: one self-contained HTML file for light and dark screens and for print.
+"""Page of a report: one self-contained HTML file for light and dark screens and for printing.
 
 The page loads nothing and runs no script; its content security policy enforces this. All text of a recording is
 escaped.
@@ -37,20 +37,20 @@ _STEPS: Final = (1, 2, 5, 10)
 
 
 class TimeAxis(NamedTuple):
-    """Time axis in s from the beginning of the recording, with the time of the fault, if any."""
+    """Time axis in s from the beginning of the recording, with the time of the fault or None."""
 
     begin: float
     end: float
     fault: float | None = None
 
     def x(self, time: float) -> float:
-        """Return the x coordinate of a time; times outside the axis are at its ends."""
+        """Return the x coordinate of a time; times outside the axis are moved to its ends."""
         span = max(self.end - self.begin, 1e-9)
         return LEFT + (WIDTH - LEFT - RIGHT) * min(max((time - self.begin) / span, 0.0), 1.0)
 
 
 def _step(span: float, most: int) -> float:
-    """Return a round interval between about `most` ticks over `span`."""
+    """Return a round interval that gives at most about `most` ticks over `span`."""
     raw = max(span / most, 1e-12)
     power = 10.0 ** math.floor(math.log10(raw))
     return next(step * power for step in _STEPS if step * power >= raw * 0.999)
@@ -71,7 +71,7 @@ def _grid(axis: TimeAxis, height: float) -> Iterator[str]:
 
 
 def _fault(axis: TimeAxis, height: float) -> Iterator[str]:
-    """Yield the line that marks the fault, to be drawn over all other elements."""
+    """Yield the line that marks the fault, which must be drawn over all other elements."""
     if axis.fault is not None and axis.begin <= axis.fault <= axis.end:
         x = axis.x(axis.fault)
         yield f'<line class="fault" x1="{x:.1f}" x2="{x:.1f}" y1="0" y2="{height}"/>'
@@ -116,7 +116,7 @@ def lines(
     *,
     from_zero: bool = False,
 ) -> str:
-    """Draw values over time as lines, for series of (CSS class, values); "" without values."""
+    """Draw values over time as lines; `series` are pairs of CSS class and values. Return "" without values."""
     values_shown = [value for _, values in series for value in values if value is not None]
     if not values_shown:
         return ""
@@ -148,7 +148,7 @@ def _bounds(values: Sequence[float]) -> tuple[float, float]:
 
 
 def _thinned(time: Sequence[float], values: Sequence[float | None]) -> tuple[list[float], list[float | None]]:
-    """Return the points, reduced to minimum and maximum of each interval if there are too many."""
+    """Return the points; if there are too many, only the minimum and maximum of each interval."""
     if len(time) <= _POINTS:
         return list(time), list(values)
     stretch = math.ceil(2 * len(time) / _POINTS)
@@ -263,7 +263,7 @@ def _section(title: str, content: str, *, kind: str = "") -> str:
 
 
 def _table(headings: Sequence[str], rows: Iterable[tuple[str, Sequence[tuple[str, str]]]]) -> str:
-    """Return an HTML table of rows (CSS class, cells) and cells (CSS class, text); `headings` are its first row."""
+    """Return an HTML table; a row is (CSS class, cells), a cell is (CSS class, text), and `headings` come first."""
     rows = list(rows)
     shapes = [shape for shape, _ in rows[0][1]] if rows else [""] * len(headings)
     head = "".join(f'<th class="{shape}">{escape(text)}</th>' for shape, text in zip(shapes, headings, strict=True))
@@ -310,7 +310,7 @@ def _joints(facts: ReportFacts) -> Iterator[str]:
 
 
 def _tracking(facts: ReportFacts) -> Iterator[str]:
-    """Yield the last tracking quality of each joint that the master measured."""
+    """Yield a table of the last tracking quality that the master measured for each joint."""
     rows = []
     for name, joint in facts.joints.items():
         if (tracking := joint.tracking) is not None:

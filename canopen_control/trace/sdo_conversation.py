@@ -1,4 +1,4 @@
-"""SDO transfers of one node as seen by a listener, with segments and blocks (CiA 301, 7.2.4.3).
+"""SDO transfers of one node as seen by a listener, including segments and blocks (CiA 301, 7.2.4.3).
 
 The protocol is not checked. A frame that does not fit the transfer is described as such, and the next initiate frame
 starts a new transfer, because a listener may have started late or lost frames. Up to `LIMIT` bytes of a transfer are
@@ -44,9 +44,9 @@ _EXPEDITED, _SIZED = 0x02, 0x01
 
 
 class SdoText(NamedTuple):
-    """Description of an SDO frame, with the value if the frame completes one, and whether it is an abort.
+    """Description of an SDO frame, with the value if the frame completes one, and whether the frame is an abort.
 
-    `held` is a short value that the node now has, because the node has sent it or has confirmed its download.
+    `held` is a short value that the node now has, because it has sent the value or confirmed its download.
     """
 
     text: str
@@ -56,7 +56,7 @@ class SdoText(NamedTuple):
 
 
 class SdoConversation:
-    """State of the SDO transfers between the client and the server of one node."""
+    """State of the SDO transfers between a client and the server of one node."""
 
     def __init__(self, od: ObjectDictionary | None, words: NodeWords) -> None:
         self._od, self._words = od, words
@@ -75,7 +75,7 @@ class SdoConversation:
         self._last = 0  # sequence number of the block's last segment
 
     def receive(self, data: bytes, *, from_client: bool) -> SdoText:
-        """Describe a frame; a frame truncated after its last used byte is padded."""
+        """Describe a frame; a frame that was truncated after its last used byte is padded."""
         if not data:
             return SdoText("malformed: no data")
         data = data.ljust(8, b"\0")
@@ -113,7 +113,7 @@ class SdoConversation:
         return SignalValue(index, subindex, self._words.name(index, subindex), value, text)
 
     def _sized_for(self, data: bytes) -> bytes:
-        """Truncate an expedited value without a size to the size of the object's data type."""
+        """Truncate an expedited value without a size indication to the size of the object's data type."""
         entry = self._od.get(*self._address) if self._od is not None and self._address is not None else None
         bits = entry.data_type.bits if entry is not None else None
         return data if bits is None else data[: (bits + 7) // 8]
@@ -248,7 +248,7 @@ class SdoConversation:
         return SdoText(f"block segment {number} of {self._where()}{end}")
 
     def _acknowledged(self, data: bytes) -> SdoText:
-        """Store the acknowledged segments of a block; the sender will repeat the others."""
+        """Store the acknowledged segments of a block; the sender repeats the others."""
         acknowledged, expected = data[1], max(self._block, default=0)
         for number in range(1, acknowledged + 1):
             self._keep(self._block.get(number, bytes(SEGMENT_DATA)))

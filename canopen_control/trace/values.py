@@ -44,7 +44,7 @@ _SIGNATURES = {0x65766173: "save", 0x64616F6C: "load"}  # 0x1010 and 0x1011 (CiA
 
 
 class SignalValue(NamedTuple):
-    """Value of an object in a frame: address and name of the object, the value by its data type, and the text."""
+    """Value of an object in a frame: its address and name, the value decoded by its data type, and its text."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index, which means nothing here
     subindex: int
@@ -105,14 +105,14 @@ def controlword_text(controlword: int, previous: int = 0, state: State | None = 
 
 
 def bytes_text(data: bytes) -> str:
-    """Return bytes in hexadecimal; long data is abbreviated to the first bytes and the number of bytes."""
+    """Return bytes in hexadecimal; long data is shortened to its first bytes and its length."""
     if len(data) <= _SHOWN_BYTES:
         return data.hex(" ") or "no bytes"
     return f"{data[:_SHOWN_BYTES].hex(' ')} ... ({len(data)} bytes)"
 
 
 def decoded(data: bytes, data_type: DataType | None) -> Value:
-    """Decode bytes by data type (a number without a type), or return the bytes if the type does not fit."""
+    """Decode bytes by data type (without a type as a number); return the bytes if they do not fit."""
     if data_type is None:
         return int.from_bytes(data, "little") if len(data) in _NUMBER_SIZES else bytes(data)
     try:
@@ -141,7 +141,7 @@ class AxisWords:
 
 
 class NodeWords:
-    """Converter of a node's values to text, which remembers values of the axes."""
+    """Converter of a node's values to texts, which remembers those values of the axes that affect later texts."""
 
     def __init__(self, node: NodeDescription) -> None:
         self._od: ObjectDictionary | None = node.od
@@ -149,7 +149,7 @@ class NodeWords:
         self._axes: dict[int, AxisWords] = {}
 
     def name(self, index: int, subindex: int) -> str:
-        """Return the name of an object in the EDS, else in CiA 402 for a drive, or "" if unknown."""
+        """Return the name of an object from the EDS, or from CiA 402 for a drive, or "" if unknown."""
         name = entry_name(self._od, index, subindex)
         if name or not self._is_drive:
             return name
