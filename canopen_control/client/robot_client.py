@@ -111,7 +111,7 @@ def stream_rate(cycle: CycleTimes, rate: float = 0.0) -> float:
 
 
 def outpaced(controllers: Iterable[ControllerReading], rate: float) -> str | None:
-    """Return a sentence about controllers that publish more often than `rate` in Hz, or None."""
+    """Return a sentence about controllers that publish more often than `rate` in Hz, or None if none does."""
     fast = [controller for controller in controllers if controller.publish_rate > rate * (1.0 + _NEARLY)]
     names = ", ".join(f"{controller.name} ({controller.publish_rate:g} Hz)" for controller in fast)
     return (

@@ -137,7 +137,7 @@ class NmtOrder(NamedTuple):
 
 
 class LssOrder(NamedTuple):
-    """Request of an LSS service; `verb` is the command name, `numbers` are the arguments."""
+    """Request for an LSS service; `verb` is the command name, `numbers` are the arguments."""
 
     verb: str
     numbers: tuple[int, ...]

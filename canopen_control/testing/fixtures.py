@@ -49,7 +49,7 @@ def _setup(config: str, controllers: tuple[str, ...]) -> RobotSetup:
 
 @dataclass(frozen=True)
 class _RobotMark:
-    """Arguments of the marks of a test; those of the nearest mark count."""
+    """Arguments of the marks of a test; where several marks set one, the nearest mark counts."""
 
     config: str = ""
     controllers: Sequence[str] = ()

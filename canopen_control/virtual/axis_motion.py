@@ -294,7 +294,7 @@ class Reactions(Protocol):
         """Whether an event-driven TPDO contains values that change with the motion."""
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return time and position of the next index pulse that a touch probe will capture, or None."""
+        """Return the time and position of the next index pulse that a touch probe will capture, or None if none."""
 
     def index_passed(self, position: float) -> None:
         """Handle an index pulse; `position` is in plant counts."""
@@ -403,7 +403,7 @@ class AxisMotion:
         return abs(self.plant.velocity) < 0.5
 
     def state(self, now: int) -> tuple[float, float]:
-        """Return position and velocity from which a new demand starts."""
+        """Return the position and velocity from which a new demand starts."""
         if self.torque is not None or not self.powered:
             return self.plant.position, self.plant.velocity
         position, velocity = self.demand.at(now)

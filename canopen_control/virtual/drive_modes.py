@@ -537,7 +537,7 @@ class DriveModes:
 
     @property
     def is_open(self) -> bool:
-        """Whether set-points reach the active mode: it has no gate, or the gate is open."""
+        """Whether set-points reach the active mode: there is no gate, or the gate is open."""
         return self.gate is None or not self.gate.closed_by
 
     def start(self, now: int) -> None:

@@ -174,7 +174,7 @@ def clock_off_by(ppm: float) -> Switch:
 
 
 def rpdos_lost(one_of: int) -> Switch:
-    """Return a switch that makes the node lose one of every `one_of` RPDOs."""
+    """Return a switch that makes the node lose every n-th RPDO (n: `one_of`)."""
     return lambda node, on, _now: node.pdos.input.lost.switch(on, one_of)
 
 

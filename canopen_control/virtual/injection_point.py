@@ -39,7 +39,7 @@ class NodeQuirks(Protocol):
 
     @property
     def active(self) -> list[str]:
-        """Active quirks as text: ``NAME``, ``NAME=VALUE`` or ``NAME=VALUE@AXIS``."""
+        """Active quirks as text: ``NAME``, ``NAME=VALUE``, ``NAME@AXIS`` or ``NAME=VALUE@AXIS``."""
 
     def set(self, text: str, on: bool, now: int) -> None:
         """Enable or disable a quirk; raise ConfigError if the node cannot have it."""

@@ -259,7 +259,7 @@ class IoDevice(TerminalDevice):
         return self._sources.pop(sub, 0)
 
     def starts(self, mapped: Collection[Address]) -> bool:
-        """Whether a TPDO is sent when the node becomes OPERATIONAL; only analogue inputs wait until 0x6423 is set."""
+        """Whether a TPDO is sent at the start of OPERATIONAL: not if 0x6423 is 0 and it has only analogue inputs."""
         analogue = [address for address in mapped if address[0] in ANALOGUE_INPUTS]
         return not analogue or len(analogue) < len(mapped) or bool(self.store.number(AI_ENABLE, 0, 1))
 

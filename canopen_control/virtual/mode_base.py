@@ -289,7 +289,7 @@ class Mode:
         """Apply changed set-points."""
 
     def take(self, now: int) -> None:
-        """Apply the set-point in an RPDO, even if unchanged."""
+        """Apply the set-point in an RPDO, which may equal the previous one."""
         self.update(now)
 
     def count_missed(self) -> None:

@@ -64,7 +64,7 @@ class AxisPorts(Protocol):
         """Advance the axis to `now`."""
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
-        """Apply written objects; the flags are True if the controlword or the set-point is among them."""
+        """Apply written objects; `controlword` and `set_point` are True if that object is among them."""
 
     @property
     def set_point(self) -> int:

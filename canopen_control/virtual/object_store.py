@@ -157,7 +157,7 @@ class VirtualStore:
         self.version += 1
 
     def guard_of(self, index: int) -> tuple[Guard | None, bool]:
-        """Return the guard of an index or None, and whether it depends only on the store's values."""
+        """Return the guard of an index (None: no guard), and whether it depends only on the values of the store."""
         return self._guards.get(index), index not in self._stateful
 
     def set_guard(self, index: int, guard: Guard | None, *, by_values: bool = False) -> None:
@@ -197,7 +197,7 @@ class VirtualStore:
                 values[index, subindex] = value
 
     def preset_of(self, index: int, subindex: int) -> tuple[Value | None, Value | None]:
-        """Return the preset and the power-on value of an entry, or None for the default of the EDS."""
+        """Return the preset and the power-on value of an entry; None for either means the default of the EDS."""
         return self._presets.get((index, subindex)), self.power_on.get((index, subindex))
 
     def source_of(self, index: int, subindex: int) -> Source | None:

@@ -87,7 +87,7 @@ class CoupledPlant(Plant, Protocol):
 
 
 def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, float]:
-    """Return the distance and the final velocity for a piece of demand with a first-order lag of the velocity."""
+    """Return the distance and the final velocity if the velocity follows a piece with a first-order lag."""
     seconds, demand, slope = piece
     decay = math.exp(-seconds / time_constant)
     offset = velocity - demand + slope * time_constant
@@ -168,7 +168,7 @@ class LagPlant:
         self.torque = self.fed_velocity = 0.0
 
     def feed_forward(self, velocity: float, torque: float) -> None:  # noqa: ARG002 # a torque does not reduce the lag
-        """Change the velocity immediately by the feed-forward; the velocity loop corrects the excess."""
+        """Add the change of the feed-forward to the velocity at once; the velocity loop corrects an excess."""
         self.velocity += velocity - self.fed_velocity
         self.fed_velocity = velocity
 

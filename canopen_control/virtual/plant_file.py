@@ -25,8 +25,8 @@ An engine is a `plant.World`; the default is `OwnWorld`, another engine is named
         reversed: true             # the encoder turns in the other direction
         lead: 0.005                # m for each turn of the encoder, if it is linear
         share: robby-shafts        # if the drive runs in another process: the same name for both
-    engine: mujoco                     # physics, see `canopen_control.physics`; this defines the rest of the file
-    engine: package.module:function    # called with this file's Path, returns a World and defines the rest of the file
+    engine: mujoco                     # physics, see `canopen_control.physics`; it determines the other keys
+    engine: package.module:function    # called with this file's Path, returns a World; it determines the other keys
 
 The other keys of an axis are the parameters of its plant, see `plant`.
 """
@@ -184,7 +184,7 @@ class OwnWorld:
             self._base = SharedBase(separation, shared_path(share)) if share else DiffBase(separation)
 
     def plant(self, node_id: int, axis: int) -> Plant:
-        """Return a new plant for an axis; the axis of a wheel also moves the base."""
+        """Return a new plant for an axis; the plant of a wheel also moves the base."""
         new_plant = self._shafts[node_id, axis] = self._make(node_id, axis)
         return new_plant
 

@@ -124,7 +124,7 @@ class PowerMachine:
         return codes.get(self._objects.number(index, default=DEFAULTS[index])) or codes[DEFAULTS[index]]
 
     def obey(self, command: Command, now: int) -> None:
-        """Execute a command in the current state; no effect if the table has no transition for the command."""
+        """Execute a command in the current state; a command that the state does not permit has no effect."""
         if command is Command.ENABLE_OPERATION and self.running:
             return  # a cyclic RPDO repeats the controlword
         if "transition" in self._mover.timers and command is not Command.DISABLE_VOLTAGE:
@@ -306,7 +306,7 @@ class PowerMachine:
         self.causes -= self._communication_causes
 
     def enter_fault(self, code: int, now: int) -> None:
-        """Stop and enter FAULT without an EMCY; if already in FAULT, only 0x603F is updated."""
+        """Stop and enter FAULT without an EMCY; if already in FAULT or its reaction, only update 0x603F."""
         self._mover.advance(now)
         self._objects.set(o.ERROR_CODE, code)
         if self.state in (State.FAULT_REACTION_ACTIVE, State.FAULT):

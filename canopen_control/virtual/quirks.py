@@ -1,6 +1,6 @@
 """Table of the quirks (deviations of real, healthy drives from the standards), and the quirks of a node.
 
-A quirk is written as ``NAME``, ``NAME=VALUE`` or, for one axis of several, ``NAME=VALUE@AXIS``.
+A quirk is written as ``NAME`` or ``NAME=VALUE``, followed by ``@AXIS`` if it applies to one axis of several.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ QUIRKS: Final[dict[str, Quirk]] = {
 
 @dataclass(frozen=True, slots=True)
 class QuirkSetting:
-    """Quirk with a strength (0 if not applicable), for one axis, or for the whole node if `axis` is None."""
+    """Quirk with a strength (0 if it has none), for one axis, or for the node and all axes if `axis` is None."""
 
     quirk: Quirk
     value: float

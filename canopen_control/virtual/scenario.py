@@ -168,7 +168,7 @@ class ScenarioStep(WorldEvent):
 
     @property
     def for_ns(self) -> int | None:
-        """Duration in ns or None; an invalid text is reported as an error of the file."""
+        """Duration in ns, or None if not given; an invalid text is reported as an error of the file."""
         return None if self.length is None else nanoseconds_at(self.here, self.length)
 
     def check_name(self, fault: str | None, quirk: str | None) -> None:

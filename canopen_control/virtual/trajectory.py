@@ -63,7 +63,7 @@ class DemandCurve:
         return DemandCurve(self.start_ns, position, self._pieces, self.final_velocity, final)
 
     def at(self, now: int) -> tuple[float, float]:
-        """Return position and velocity at `now`, which must not be before the start."""
+        """Return the position and velocity at `now`, which must not be before the start."""
         if now >= self.end_ns:
             beyond = (now - self.end_ns) * _NS
             return self.final_position + self.final_velocity * beyond, self.final_velocity

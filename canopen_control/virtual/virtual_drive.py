@@ -234,7 +234,7 @@ class TouchProbes:
         self._armed = 0
 
     def update(self, now: int) -> None:
-        """Apply 0x60B8: arm enabled probes, and clear the status of disabled probes."""
+        """Apply 0x60B8: reset the status of each probe whose function has changed, and arm enabled probes."""
         function = self._objects.number(o.TOUCH_PROBE_FUNCTION)
         if function == self._armed:
             return
@@ -267,7 +267,7 @@ class TouchProbes:
         return any(self._armed >> shift & (_ENABLE | _INDEX) == _ENABLE | _INDEX for shift in _SHIFTS)
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return time and position of the next index pulse of `demand`; None if no probe waits for one."""
+        """Return the time and position of the next index pulse on `demand`, or None if there is none to capture."""
         if not self.wants_index:
             return None
         position = demand.at(now)[0]
@@ -560,7 +560,7 @@ class VirtualDrive:
     # -- the reactions to the motion
 
     def arrived(self, now: int) -> None:
-        """Enter the next state after a stop, or continue the mode after the end of a demand."""
+        """Enter the next state at the end of a stop, or continue the mode at the end of a demand."""
         target = self.power.stop_target
         if target is not None:
             self.power.finish(target, now)
