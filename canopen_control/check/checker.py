@@ -88,7 +88,7 @@ def check_robot(files: RobotFiles, options: CheckOptions) -> CheckReport:
 
 
 def start_warnings(setup: RobotSetup) -> list[str]:
-    """Return the warnings of `check` for a robot whose files have already been read, as texts."""
+    """Return the texts of the warnings of `check` for a robot whose files have already been read."""
     if setup.files.bus_alone:
         return []
     buses, control, description = dict(setup.buses), setup.controllers, setup.description

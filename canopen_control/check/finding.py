@@ -45,7 +45,7 @@ class Finding:
 
 
 def sorted_findings(findings: list[Finding]) -> list[Finding]:
-    """Return findings by file and line without duplicates, the most severe finding of a line first."""
+    """Return the findings sorted by file and line, without duplicates; the most severe of a line comes first."""
     once = dict.fromkeys(findings)
     return sorted(once, key=lambda finding: (finding.path, finding.line, _ORDER.index(finding.severity), finding.text))
 

@@ -43,7 +43,7 @@ _LOST: Final[Mapping[Command | State | None, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class AxisFacts:
-    """Stop parameters of one axis; `speed` is inf if unlimited, a time is 0 without that supervision.
+    """Stop parameters of one axis; `speed` is inf if unlimited; a time is 0 if its supervision is not used.
 
     `objects` are object values by the index for the first axis; `lives` are command timeouts by controller.
     """
@@ -63,7 +63,7 @@ class AxisFacts:
 
 @dataclass(frozen=True, slots=True)
 class StopCase:
-    """Stop for one reason, with detection and ramp time in s; `by` names the ramp.
+    """Stop for one reason, with the detection time and the ramp time in s; `by` names the ramp.
 
     `ramp_s` is inf if there is no ramp (`bound` is False), or if the speed has no limit.
     """

@@ -143,7 +143,7 @@ class EnableStatus:
         return NotEnabled(f"{joint_names(waiting)}: not enabled, so commands are refused")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
-        """Return a message with the joints that are not enabled and the remedy."""
+        """Return a message that names the joints that are not enabled, and the remedy."""
         return f"{joint_names(waiting)}: not enabled; enable it"
 
     def idle(self, waiting: Sequence[CommandInterface]) -> dict[str, str]:

@@ -125,7 +125,7 @@ class PrefixedParams(BaseParams):
 
 
 def read_checked(params: Params, cls: type[P], renames: Mapping[str, str] | None = None) -> P:
-    """Return the checked parameters of a base, or raise RobotConfigError with all errors in them.
+    """Return the checked parameters of a base; raise RobotConfigError with all errors in them.
 
     `renames` is passed to `Params.read`.
     """

@@ -61,7 +61,7 @@ States = Sequence["StateInterface"]
 
 
 class Limited(metaclass=ABCMeta):
-    """Base class of limiters for commands that are limited together; run `enforce` only if `passes` is False."""
+    """Base class of limiters for commands that are limited together; run `enforce` if `passes` returns False."""
 
     __slots__ = ()
 

@@ -93,7 +93,7 @@ def checked(
 
 
 class _Row(NamedTuple):
-    """Parameter of a dataclass, with full dotted name, annotation, value, metadata and help text."""
+    """Parameter of a dataclass, with its full dotted name, annotation, value, metadata and help text."""
 
     name: str
     value_type: Any

@@ -152,7 +152,7 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
 
 
 class _JointGroupController(ForwardCommandController):
-    """Base class of forward command controllers whose interface depends on the type."""
+    """Base class of forward command controllers whose type determines the interface."""
 
     title: ClassVar[str] = "Group controllers: the name of the type contains the interface"
     fixed_interface = VELOCITY
@@ -183,7 +183,7 @@ _GAINS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup")
 
 
 class _JointController(ForwardCommandController):
-    """Base class of the ROS 1 controllers of one joint whose interface depends on the type."""
+    """Base class of the ROS 1 controllers of one joint; the type determines the interface."""
 
     title: ClassVar[str] = "One joint, as in ROS 1"
     fixed_interface = VELOCITY

@@ -221,7 +221,7 @@ NEAR: Final = 0.002  # rad or m outside the range within which a velocity may st
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class JointLimiter:
-    """Limiter of the commands of one joint; `before` has the previous commands, nan after `reset`."""
+    """Limiter of the commands of one joint; `before` holds the previous commands, nan after `reset`."""
 
     def __init__(self, limits: HardLimits) -> None:
         self.limits = limits

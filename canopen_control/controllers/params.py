@@ -270,7 +270,7 @@ class BroadcasterParams(CommonParams):
 
 @dataclass(frozen=True)
 class LoopGains:
-    """Gains of a PID loop with the names of control_toolbox; invalid gains raise ValueError.
+    """Gains of a PID loop, named as in control_toolbox; invalid gains raise ValueError.
 
     Gains are invalid if p, i or d is not finite, if limits exclude each other, or if the time constant of a back
     calculation is neither given nor follows from the gains (upstream then computes nan).

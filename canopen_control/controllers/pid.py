@@ -26,7 +26,7 @@ class AntiWindup(enum.Enum):
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains of a PID loop, with limits of integral and output, and the anti-windup method.
+    """Gains of a PID loop, with the limits of the integral and the output, and the anti-windup method.
 
     `i_min` and `i_max` limit the integral, `u_min` and `u_max` the output. `tracking_time` is the time constant of the
     back calculation in s; 0 derives it from the gains. An error within `deadband` is not integrated. `clamp_integral`
@@ -89,7 +89,7 @@ class Pid:
             self.integral = 0.0
 
     def compute(self, error: float, dt: float) -> float:
-        """Return the command for an error, `dt` s after the previous step; its rate follows from the previous error.
+        """Return the command for an error, `dt` s after the previous step; the rate follows from the previous error.
 
         If `dt` is 0, nothing changes; a negative `dt` raises ValueError; an error that is not finite results in nan.
         """

@@ -72,7 +72,7 @@ class FollowsTrajectories(Protocol):
         ...
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
-        """Return the state of the active trajectory at `t`, in ns; `known` is False if no trajectory is active."""
+        """Return the state of the active trajectory at `t`, in ns; `known` is False if none is active then."""
         ...
 
     def set_speed_scaling(self, factor: float) -> None:

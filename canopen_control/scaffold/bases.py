@@ -47,7 +47,7 @@ class BaseKind:
         return bool(self.type_name) and not self.steers(drives, number) and number % 2 == 0
 
     def problem(self, drives: int) -> str:
-        """Return the error text if the base does not support this number of drives, else ""."""
+        """Return the error text if this version lacks the base, or the number of drives is wrong, else ""."""
         if self.type_name and self.type_name not in TYPES:
             return f"--base {self.name}: this version does not include {self.type_name}; omit --base, or use diff"
         if self.shapes and drives not in {len(shape) for shape in self.shapes}:

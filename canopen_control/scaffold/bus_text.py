@@ -125,7 +125,7 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
 
 
 def _device_pdos(node: NewNode, product: str) -> Iterator[str]:
-    """Yield the PDO keys of a device other than a drive, with comments; nothing for default PDOs."""
+    """Yield the PDO keys of a device other than a drive, with comments; only a comment for default PDOs."""
     if node.left_out:
         first, *_, last = (f"0x{index:04X}:{subindex:02X}" for index, subindex in (*node.left_out, node.left_out[-1]))
         yield f"# No RPDO can carry the outputs {first}{f' to {last}' if last != first else ''}: write them by SDO."
@@ -178,7 +178,7 @@ def _watched(node: NewNode) -> list[str]:
 
 
 def _safe_outputs(robot: NewRobot, node: NewNode) -> list[str]:
-    """Return the keys with `safe: keep` for outputs that the device itself cannot switch off."""
+    """Return `safe: keep` keys for outputs that the device cannot switch off itself; [] unless `allow_unsupervised`."""
     outputs = [output.name for output in node.outputs if not has_error_mode(node.device.od, output)]
     if not outputs or not robot.allow_unsupervised:
         return []

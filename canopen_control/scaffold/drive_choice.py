@@ -162,7 +162,7 @@ def _axis_choice(
 
 
 def _feedback_pdos(od: ObjectDictionary, axes: Sequence[int]) -> tuple[PdoUse, ...]:
-    """Choose the TPDOs; raise RobotConfigError if an axis lacks statusword, mode or mode display."""
+    """Choose the TPDOs; raise RobotConfigError if none can carry a statusword, or a mode object is missing."""
 
     def addresses_of(*indices: int) -> tuple[Address, ...]:
         return tuple((objects.axis_index(index, axis), 0) for axis in axes for index in indices)

@@ -195,7 +195,7 @@ class JointSetpoint(metaclass=ABCMeta):
         """Return the time of point `index` from the start, in ns."""
 
     def end_point(self) -> Point | None:
-        """Return the last point, or None if empty."""
+        """Return the last point, or None if there is none."""
         return None
 
     def begin(self, t: int) -> None:
@@ -214,7 +214,7 @@ class JointSetpoint(metaclass=ABCMeta):
 
     @property
     def is_over(self) -> bool:
-        """Whether the last sample was at or after the last point."""
+        """Whether the last sample was at or after the last point; True before the first sample."""
         return self.following == self.size
 
 
