@@ -62,7 +62,7 @@ METHODS_WITHOUT_MOTION = frozenset({35, 37})
 
 
 def require_method(method: int, supported: Collection[int] | None = None) -> None:
-    """Raise DriveError for a homing method that is not in `supported` (0x60E3; None: every method of CiA 402-2)."""
+    """Raise DriveError for a homing method that is not in `supported` (0x60E3; None: all but the reserved ones)."""
     # CiA 402-2, 0x6098: negative methods are the manufacturer's; 0x60E3 lists the supported ones
     if method in supported if supported is not None else method in METHODS or method < 0:
         return

@@ -124,7 +124,7 @@ class SetPointHandshake:
 
     Write `target` to 0x607A (None: no set-point yet) in the same cycle as the bits that `update` returns, and the bits
     to `DriveMachine.mode_bits`. One further set-point may wait while the drive acknowledges or approaches the present
-    one; it is sent as soon as bit 12 is 0, and `immediately` and the drive decide whether the first motion is finished.
+    one; it is sent as soon as bit 12 is 0, and `immediately` and the drive determine whether it ends the first motion.
     Only the last set-point is reported as reached. `release_timeout_ns` must be as long as a motion for drives that
     keep bit 12 during the motion; with `motion_timeout_ns` None a motion has no timeout.
     """
@@ -164,7 +164,8 @@ class SetPointHandshake:
     ) -> None:
         """Send a set-point in device units after the current motion, or at once with `immediately`.
 
-        Raise LocalProtocolError if a set-point is already waiting (see `can_take`).
+        If a set-point is already waiting (see `can_take`), replace it with `immediately`, else raise
+        LocalProtocolError.
         """
         if not (self.can_take or immediately):
             raise LocalProtocolError(

@@ -88,8 +88,8 @@ def rpm_of_unit(unit: int) -> float:
 class Scale:
     """Conversion between SI and device units of one joint, by the factors `*_to_dev` and `*_from_dev`.
 
-    `offset_pos_to_dev` is in device units, `offset_pos_from_dev` in SI units, as the keys with these names in bus.yml.
-    A reversed joint has negative scales. Raises ConfigError for a scale that is zero or not finite.
+    `offset_pos_to_dev` is in device units, `offset_pos_from_dev` in SI units, like the keys of these names in bus.yml.
+    A reversed joint has negative scales. Raises ConfigError for a scale that is zero, or a value that is not finite.
     """
 
     __slots__ = (

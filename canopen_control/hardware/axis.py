@@ -114,7 +114,7 @@ class AxisStatus:
         return self.word is None and self._by_sdo.refused
 
     def restart(self) -> None:
-        """Start afresh: stop SDO uploads of the statusword and forget since when it has been missing.
+        """Stop the SDO uploads of the statusword, and forget when it went missing.
 
         Called when the node has become operational, and when its feedback has returned or become stale.
         """

@@ -137,7 +137,8 @@ def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: st
 def leading_interface(axis: AxisProcessData, parameters: AxisParameters, interfaces: Collection[str]) -> str:
     """Return the interface that selects the mode: the only interface, or position with feed-forward.
 
-    In CSP a position can be commanded together with velocity and effort, if their offset objects are in RPDOs.
+    In CSP a position can be commanded together with velocity and effort, if their offset objects are in RPDOs. Raise
+    DriveError for any other combination.
     """
     if len(interfaces) == 1:
         return next(iter(interfaces))

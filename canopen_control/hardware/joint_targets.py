@@ -6,7 +6,7 @@ nothing may move; `follow` sends a target in SI units, nan for none; `ramp_down`
 returns whether the target is at standstill. An unchanged target costs only a comparison.
 
 Only one motion interface is commanded at a time, except for those that feed a position forward (`feed_forward`). Before
-an enabled drive changes its mode, all targets are at standstill for one cycle, since the new mode uses its target at
+an enabled drive changes its mode, all targets are at standstill for one cycle, because the new mode uses its target at
 once; targets of other modes are held at the actual position, without velocity and effort. CSP, IP and CSV have no ramp
 in the drive, so the master ramps, also to a stop; PP and PV leave the ramp to the drive. A target that is more than
 half the range of the counter away, or does not fit its object, is not sent: the axis stops, and `out_of_range` of the
@@ -162,7 +162,7 @@ class JointTargets:
         self._axis.hold(raw)
 
     def node_ready(self) -> None:
-        """Make the next `hold` write standstill targets, since a boot has overwritten the outputs."""
+        """Make the next `hold` write standstill targets, because a boot has overwritten the outputs."""
         self._held = None
 
     def hold_others(self) -> None:

@@ -137,7 +137,7 @@ class GenericSystem(ComponentLifecycle):
             joint.stop(joint.mode)
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Raise ControlError for conflicting interfaces of a joint, if dynamics are calculated."""
+        """Raise UnknownInterface for an unknown name; with dynamics, ControlError for two modes of a joint."""
         for name in (*start, *stop):
             self._owner(name)
         if not self._dynamics:

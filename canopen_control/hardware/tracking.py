@@ -162,7 +162,7 @@ _NAN: Final = math.nan
 
 
 class TrackingFigures(NamedTuple):
-    """Maximum and RMS tracking error, in the window and since enabling, and counts of irregular set-points."""
+    """Maximum and RMS tracking error, recent and since the joint was enabled, and counts of irregular set-points."""
 
     window_s: float
     worst: float

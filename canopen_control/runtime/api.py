@@ -530,7 +530,7 @@ class ApiServer(RobotObserver):
     def _twist_values(self, request: messages.TwistController) -> list[float]:
         """Return the values of a twist in the controller's order.
 
-        Raise ControlError if the controller accepts no twists.
+        Raise ControlError if the controller accepts no twists, or no lateral velocity.
         """
         name, manager = request.controller, self._robot.manager
         axes: tuple[str, ...] = _PLANAR

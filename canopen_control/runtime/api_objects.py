@@ -196,7 +196,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
 
 
 def _number(data: bytes, mapped: MappedObject, title: str) -> int:
-    """Return the value to pack into the RPDO; raise ControlError if out of range, since the cycle must not fail."""
+    """Return the value to pack into the RPDO; raise ControlError if it is out of range, so that no cycle fails."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])

@@ -161,7 +161,7 @@ class TrajectoryMethods(RobotObserver):
         self._start_goal(call).answer_at_end(call)
 
     def _send(self, call: Call[SendTrajectory]) -> None:
-        """Reply whether the goal is accepted; here a refusal is a normal reply, not an error."""
+        """Reply whether the goal is accepted; a refusal, too, is a normal reply and not an error."""
         try:
             goal = self._start_goal(call).goal
         except ControlError as error:
@@ -292,7 +292,7 @@ class GripperMethods:
         self._sent.pop(connection, None)
 
     def _send(self, call: Call[SendGripper]) -> None:
-        """Reply whether the goal is accepted; here a refusal is a normal reply, not an error."""
+        """Reply whether the goal is accepted; a refusal, too, is a normal reply and not an error."""
         try:
             goal = self._start_goal(call).goal
         except ControlError as error:

@@ -195,7 +195,10 @@ class PendingAxisRequest:
 
 
 class ProbeReading:
-    """One-time read of an axis' touch probe objects (0x60B8 to 0x60BD) by SDO; missing objects are omitted."""
+    """One-time read of an axis' touch probe objects (0x60B8 to 0x60BD) by SDO; missing objects are omitted.
+
+    Raises ControlError if the axis has no touch probe, or if its node is not ready.
+    """
 
     def __init__(self, axis: AxisProcessData, done: Callable[[dict[str, int] | str], None]) -> None:
         self._done = done

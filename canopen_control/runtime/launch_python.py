@@ -297,11 +297,11 @@ class _Reader:
         return text.rpartition("/")[2] if text and text.endswith(_SUFFIXES) else ""
 
     def _processed(self, call: ast.Call) -> str | None:
-        """Return the xacro command equivalent to xacro.process_file(FILE, mappings={NAME: VALUE}); None if computed."""
+        """Return the xacro command for xacro.process_file(FILE, mappings={NAME: VALUE}); None if FILE is computed."""
         return self._xacro(self.text(call.args[0]) if call.args else None, _keyword(call, "mappings"))
 
     def _xacro(self, file: str | None, mappings: ast.expr | None) -> str | None:
-        """Return the xacro command for a file with these mappings, or None if a part is computed at run time."""
+        """Return the xacro command for a file, without mappings computed at run time; None if the file is computed."""
         mappings = self._names.get(mappings.id) if isinstance(mappings, ast.Name) else mappings
         words = ["xacro", file]
         for key, value in zip(mappings.keys, mappings.values, strict=True) if isinstance(mappings, ast.Dict) else ():

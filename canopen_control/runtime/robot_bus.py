@@ -68,7 +68,7 @@ class _Excess:
     """Measurement of the difference between the received SYNC period and `period_ns`.
 
     A SYNC can be received late, but never early, so that the earliest SYNC of a block shows when it was sent; the
-    minimum of several blocks counts, since a pause of the machine delays all later SYNCs.
+    minimum of several blocks counts, because a pause of the machine delays all later SYNCs.
     """
 
     __slots__ = ("_before", "_count", "_excesses", "_minimum", "_next_check", "_period_ns")
@@ -332,7 +332,7 @@ class RobotBus:
             self._reactor.add_reader(self.port.fileno(), self.receive)
 
     def select_reception(self) -> None:
-        """Read frames at cycle edges while no answer is awaited, otherwise as they arrive."""
+        """Read frames at cycle edges if the cycle permits and no answer is awaited, else as they arrive."""
         rests = self._may_rest and self._followed is None and not self.network.waits
         if rests is not self.watched:
             return

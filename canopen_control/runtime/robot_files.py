@@ -331,7 +331,7 @@ def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
 
 
 def find_buses(config: str | None) -> dict[str, Path]:
-    """Return the bus files in a robot's folder, by bus name; raise RobotConfigError if there is no bus.yml."""
+    """Return the bus files in a robot's folder, by bus name; raise RobotConfigError if one is missing or invalid."""
     if not config:
         raise _not_given()
     missing: list[str] = []
@@ -350,7 +350,7 @@ def _not_given(or_else: str = "") -> RobotConfigError:
 
 
 def _folder(config: str) -> Path:
-    """Find a robot's folder: a path, a bundled robot, a ROS package, or a folder in a ROS package."""
+    """Find a robot's folder: a path, a bundled robot, a ROS package, or a folder in one; RobotConfigError if none."""
     path = Path(config).expanduser()
     if path.is_dir():
         return path
@@ -431,14 +431,14 @@ def _find_own_file(
 
 
 def _is_default(controllers: str | None, description: str | None, launched: Launched | None) -> bool:
-    """Whether neither the user nor a launch file selects controllers or a description."""
+    """Whether it is certain that neither the user nor a launch file selects controllers or a description."""
     if launched is not None and (launched.uncertainties or launched.files.keys() - {"bus"}):
         return False
     return controllers is None and description is None
 
 
 def _is_alone(folder: Path | None) -> bool:
-    """Whether a folder has a bus.yml, but neither controllers nor description.
+    """Whether a folder has neither controllers nor a description; True if `folder` is None.
 
     For a folder below `config` of a package, a description directly in the package's `urdf` does not count.
     """
@@ -498,7 +498,7 @@ def _name(folder: Path) -> str:
 
 
 def _irregular(paths: Iterable[Path]) -> Iterator[str]:
-    """Yield an error text for every path that is not a regular file, since opening a pipe or a device could block."""
+    """Yield an error text for every path that is not a regular file: opening a pipe or a device could block."""
     for path in paths:
         if path != Path() and path.exists() and not path.is_file():
             yield f"{path} is {'a folder' if path.is_dir() else 'a pipe or a device'}, not a file"

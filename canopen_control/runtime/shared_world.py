@@ -125,7 +125,7 @@ class SharedRun:
     def run(self) -> None:
         """Run until all robots have ended.
 
-        Raise ConfigError if the drives refuse their files, CanopenError otherwise.
+        Raise ConfigError if the drives refuse their files, CanopenError if the run fails for another reason.
         """
         try:
             self._reactor.handle_signals(dict.fromkeys(_SIGNALS, self._end))

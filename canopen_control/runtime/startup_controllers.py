@@ -37,7 +37,7 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *,
 
 
 def configure_controller(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Configure a loaded controller and then its fallback controllers; raise ControlError or ConfigError."""
+    """Configure a loaded controller, then load its missing fallback controllers; raise ControlError or ConfigError."""
     manager.configure(name)
     loaded, config = manager.states, setup.controllers.controllers.get(name)
     for fallback in () if config is None else config.fallbacks:
@@ -87,7 +87,7 @@ def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> 
 
 
 def _conflicting(setup: RobotSetup, manager: ControllerManager, name: str) -> list[str]:
-    """Return the active controllers that own command interfaces of the controller `name`, loaded or not."""
+    """Return the active controllers that own command interfaces which the controller `name`, loaded or not, needs."""
     config = setup.controllers.controllers[name]
     try:
         controller = make_controller(name, config.type)

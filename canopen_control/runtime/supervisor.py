@@ -122,7 +122,7 @@ class Supervisor:
     def start_drives(self, setup: RobotSetup, plant: Path | None = None, *, like: str = "") -> None:
         """Start virtual drives for all nodes in bus.yml, in child processes or, on an in-process bus, in this process.
 
-        With a `plant` file, all drives run in one process, since they move the same simulated robot. `like` is the
+        With a `plant` file, all drives run in one process, because they move the same simulated robot. `like` is the
         personality of the drives.
         """
         self._like = ["--like", like] if like else []
@@ -166,7 +166,7 @@ class Supervisor:
             self._restartable[child] = _Restartable(name, restarts, partial(start, restarts=restarts))
 
     def _watch_answers(self, child: Child, silence: Silence) -> None:
-        """Kill a client that no longer sends liveness reports; otherwise check again later."""
+        """Kill a client that no longer sends liveness reports; check a live or busy client again later."""
         if child not in self._clients:
             return
         now = self._reactor.now()
@@ -369,7 +369,7 @@ class Supervisor:
         return child
 
     def node_ready(self, name: str) -> None:
-        """Discard the advice to start a virtual drive again, since its node has returned."""
+        """Discard the advice to start a virtual drive again, because its node has returned."""
         if name in self._nodes and self._nodes[name].restart_command:
             for child, (nodes, _) in self._drive_commands.items():
                 if name in nodes:
