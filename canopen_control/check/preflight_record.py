@@ -108,7 +108,7 @@ _NEEDS: dict[str, tuple[str, Callable[[CommandInterface, StateInterface, float],
 
 
 class SpeedCap:
-    """Command limiter that caps the speed of `joints` in rad/s or m/s; `unlimited` are the commands it cannot cap."""
+    """Command limiter that caps the speed of `joints` in rad/s or m/s; `unlimited` are commands that it cannot cap."""
 
     def __init__(
         self, registry: InterfaceRegistry, joints: Container[str], limit: float, before: CommandLimiter | None = None

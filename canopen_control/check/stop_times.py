@@ -99,7 +99,7 @@ class StopTime:
 
     @property
     def slow_ramp(self) -> StopCase | None:
-        """Case with the longest ramp, or None if every ramp ends before the master commands a quick stop."""
+        """Case with the longest finite ramp, or None unless it is longer than `STOP_TIME_S`."""
         slow = [case for case in self.cases if case.bound and STOP_TIME_S < case.ramp_s < math.inf]
         return max(slow, key=lambda case: case.ramp_s, default=None)
 

@@ -248,7 +248,7 @@ class PidController(Controller):
         self.command_timeout.start(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Whether the references are zero velocities or efforts; position references never count."""
+        """Whether the references are zero velocities or efforts; always False for position references."""
         return self._references[0].interface in MOVING and super().is_standstill(values)
 
     def set_feed_forward(self, enabled: bool) -> None:
