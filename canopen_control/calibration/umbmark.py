@@ -161,7 +161,7 @@ def _mean(runs: Sequence[SquareRun]) -> tuple[float, float]:
 def _scatter(
     by_direction: dict[Direction, list[SquareRun]], means: dict[Direction, tuple[float, float]]
 ) -> float | None:
-    """Return three standard deviations of the runs about the mean of their direction; None for single runs."""
+    """Return three standard deviations of the runs about the mean of their direction; None with one run in each."""
     freedom = sum(len(runs) - 1 for runs in by_direction.values())
     if freedom == 0:
         return None
@@ -204,7 +204,7 @@ class Pace:
 
 
 def allowed_deviation(side: float) -> float:
-    """Return the distance from the square in m at which a run ends, for squares with sides of `side` m."""
+    """Return the distance in m from a square with sides of `side` m beyond which its run is aborted."""
     return max(0.2, 0.3 * side)
 
 
@@ -311,7 +311,7 @@ class SquarePath:
         return cosine * along + sine * aside, sign * (cosine * aside - sine * along), moved[2] - sign * heading
 
     def _check(self, moved: Planar, now: float) -> None:
-        """Raise ControlError if the base deviates from the square, or takes too long for a side or turn."""
+        """Raise ControlError if the base deviates from the square, or takes too long for a side, turn or pause."""
         x, y = moved[0], self.direction.value * moved[1]
         off = max(-x, x - self.side, -y, y - self.side)
         if not off <= allowed_deviation(self.side):  # nan too

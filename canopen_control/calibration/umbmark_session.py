@@ -108,7 +108,7 @@ class CalibrationResult:
 
     @property
     def gain(self) -> float:
-        """Ratio of the largest systematic error before and after the calibration."""
+        """Ratio of the largest systematic error before the calibration to that after it."""
         return self.first.largest / self.last.largest if self.last.largest else math.inf
 
 

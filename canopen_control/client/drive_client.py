@@ -37,7 +37,7 @@ class DriveClient(Client[DriveHello, DriveEvent]):
 
 
 def shapes_of_world(nodes: Iterable[tuple[str, int]]) -> tuple[WorldShape, ...]:
-    """Return the shapes of the world from the first virtual drive that has any; nodes are (channel, node-ID).
+    """Return the shapes of the world from the first of `nodes` (channel, node-ID) that reports any, or ().
 
     Blocks for at most a second per drive.
     """
