@@ -67,7 +67,7 @@ class AxisStatus:
         self._holds_load = holds_load
 
     def update(self, now: int) -> None:
-        """Update statusword and mode display from the latest TPDOs; read missing values by SDO."""
+        """Update the statusword and the mode display from the latest TPDOs; read missing values by SDO."""
         pdo, shown = self.pdo, self._shown
         if not self._node.ready:
             self.word = self.display = None

@@ -177,7 +177,7 @@ class RawInput:
             self.value, self.read_at = presets[self.address], now
 
     def read(self, now: int) -> None:
-        """Update value and validity at `now` in ns, while the node is ready."""
+        """Update the value and its validity at `now` in ns; call only while the node is ready."""
         source = self._input
         if source is None:
             self.known = self.read_at >= 0 and now - self.read_at <= _POLLED_AGE_NS
@@ -298,7 +298,7 @@ class InputSignal:
         return status is None or (status.known and status.value == 0)
 
     def _renew(self) -> None:
-        """Update scale and wrap-around range from the objects read by the boot."""
+        """Update the scale and the wrap-around range from the objects that were read during the boot."""
         identity = self._inputs.node.identity
         numbers = {} if identity is None else identity.presets
         self._boots, self._gain = self._inputs.boots, self.signal.gain(numbers)

@@ -364,7 +364,7 @@ _Extras = tuple[list[StateInterface], list[CommandInterface], list[tuple[Command
 
 
 def _extras(parts: Sequence[ControlJoint]) -> _Extras:
-    """Return states and commands of sensors and GPIOs, and the pairs in which a command sets a state."""
+    """Return the states and commands of sensors and GPIOs, and the pairs in which a command sets a state."""
     states: list[StateInterface] = []
     commands: list[CommandInterface] = []
     mirrored: list[tuple[CommandInterface, StateInterface]] = []

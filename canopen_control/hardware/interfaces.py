@@ -67,7 +67,7 @@ class ValueRange(Protocol):
     """Source of the current value range of a command interface."""
 
     def value_range(self) -> tuple[float, float]:
-        """Return minimum and maximum in SI units."""
+        """Return the minimum and maximum in SI units."""
         ...
 
 

@@ -104,7 +104,7 @@ class JointStatus:
 
     @property
     def lacks_target(self) -> bool:
-        """Whether the joint cannot be enabled, because no RPDO contains a target; possible only without controllers."""
+        """Whether a joint with the interface TARGET cannot be enabled because no RPDO contains a target."""
         return TARGET in self.commands and not has_target(self.axis)
 
     @property
@@ -382,7 +382,7 @@ class JointDrive(JointStatus):
             self._take_events()
 
     def write(self, now: int, period: float) -> None:
-        """Set mode and targets; call after `step` of all joints, so that the group has its new state."""
+        """Set the mode and the targets; call after `step` of all joints, so that the group has its new state."""
         targets, statechart = self.targets, self.statechart
         if targets.pending is not None:
             targets.change()
@@ -525,7 +525,7 @@ class JointDrive(JointStatus):
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
     def _step_homing(self, run: JointHoming, now: int) -> None:
-        """Run one cycle of homing: enable the drive in mode HM, home, and restore mode and power at the end."""
+        """Run one cycle of homing: enable the drive in mode HM, home, and finally restore its mode and power state."""
         if run.phase is HomingPhase.KNOWN:
             run.phase = HomingPhase.ENABLE
             try:
@@ -548,7 +548,7 @@ class JointDrive(JointStatus):
             self._leave_homing(self.homing)
 
     def _leave_homing(self, run: JointHoming) -> None:
-        """Restore mode and power after homing; after a success, positions count from the new zero."""
+        """Restore the mode and the power state after homing; after a success, positions count from the new zero."""
         self.home_position.end(run)
         self._fire(PhaseTrigger.HOMING_ENDED)
         if run.homed:

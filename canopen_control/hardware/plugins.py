@@ -82,7 +82,7 @@ class _Joint:
             state.value = (0.0 if math.isnan(initial) else initial) + (offset if name == POSITION else 0.0)
 
     def stop(self, interface: str) -> None:
-        """Set velocity and acceleration to 0 when a velocity or acceleration interface is released."""
+        """Set the velocity and acceleration states to 0 when a velocity or acceleration interface is released."""
         if interface in (VELOCITY, ACCELERATION):
             self.set(VELOCITY, 0.0)
             self.set(ACCELERATION, 0.0)

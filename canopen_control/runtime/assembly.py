@@ -235,7 +235,7 @@ class Assembly:
             self.bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
 
     def _kernel_can(self, bus: RobotBus) -> bool:
-        """Whether the kernel can send SYNC on a bus; otherwise report the reason."""
+        """Whether the kernel can send SYNC on a bus; if not, the reason is reported."""
         why = bus.why_no_kernel_sync()
         if why:
             text = f"{why}; this program sends it, as evenly as the machine lets it"

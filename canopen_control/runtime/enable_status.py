@@ -145,7 +145,7 @@ def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
 
 
 def startup_complete(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
-    """Whether all claimed drives are enabled, or a fault or an absent node prevents that."""
+    """Whether all claimed drives that are to be enabled are enabled, or a fault or an absent node prevents that."""
     drives = tuple(joints)
     claimed = _claimed(drives)
     # an absent optional node keeps its whole stop group disabled

@@ -166,7 +166,7 @@ class ExternalSync:
         self._task.start(self._period_us)
 
     def _trim(self, excess_us: int) -> None:
-        """Shorten the period of the SYNC task by a measured excess in us."""
+        """Correct the period of the SYNC task for a measured excess in us, within limits."""
         limit = min(self._period_us // _TRIM_DIVISOR, _LATENCY_US)
         trimmed = max(0, min(limit, self._trimmed_us + excess_us))
         if trimmed != self._trimmed_us:

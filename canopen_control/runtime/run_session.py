@@ -130,7 +130,7 @@ _MAX_PLACES = 20
 
 
 class ProgramErrors:
-    """Handler for unexpected exceptions in the reactor, which reports each exception as an event."""
+    """Handler that reports unexpected exceptions in the reactor as events, once for each place in the code."""
 
     def __init__(self, now: Callable[[], int], report: Callable[[Event], None]) -> None:
         self._now, self._report = now, report
