@@ -1,7 +1,7 @@
-"""Objects of the drive that the monitor shows, with search and edits, and the commands that it starts.
+"""Objects of the drive that the monitor shows, with search and edits, and the commands that the monitor starts.
 
-Drawing never blocks. The EDS is read on a thread; objects are read while visible, by the reader that all screens of the
-process share, at the rate of the command `objects`. `write` and `undo` block and are for threads.
+Drawing never blocks. The EDS is read on a thread; objects are read while they are visible, by the reader shared by all
+screens of the process, at the rate of the command `objects`. `write` and `undo` block; call them on a thread.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _on_node(verb: str) -> Words:
 
 
 def _with_node(verb: str) -> Words:
-    """Return a function that puts the first part of the input between the command and the node."""
+    """Return a function that puts the node after the first part of the input."""
     return lambda node, parts: [verb, parts[0], node, *parts[1:]]
 
 
@@ -85,7 +85,7 @@ _WORDS: Final[dict[str, Words]] = {
 
 
 def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
-    """Return the arguments of the command; raise ConfigError without input or without a selected drive."""
+    """Return the command line arguments of a job; raise ConfigError without input or without a selected drive."""
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if not node:
         raise ConfigError(f"{name}: no drive is selected")
@@ -97,7 +97,7 @@ def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
 class WorkRun:
     """Process of a command; `title` is the command line, `code` the exit code (None while it runs).
 
-    CanopenError if the process cannot be started.
+    Raise CanopenError if the process cannot be started.
     """
 
     def __init__(self, words: Sequence[str]) -> None:
@@ -131,12 +131,12 @@ class WorkRun:
         return lines
 
     def end(self) -> None:
-        """Interrupt the command like Ctrl-C; no effect once it has ended."""
+        """Interrupt the command as Ctrl-C does; no effect once the command has ended."""
         if self.code is None:
             self._process.send_signal(signal.SIGINT)
 
     def close(self) -> None:
-        """Interrupt the command and wait until it has stopped the drive; kill it after `_GRACE_S`."""
+        """Interrupt the command and wait until it has stopped the drive; kill it if it still runs after `_GRACE_S`."""
         self.end()
         try:
             self._process.wait(_GRACE_S)
@@ -151,7 +151,7 @@ class WorkRun:
 
 
 def _interrupt_with_thread() -> Callable[[], object] | None:
-    """Return a preexec function that makes Linux send SIGINT to the child when this thread ends; else None."""
+    """Return a preexec function that makes Linux send SIGINT to the child when this thread ends, or None."""
     if not sys.platform.startswith("linux"):
         return None
     prctl = ctypes.CDLL(None).prctl
@@ -164,7 +164,7 @@ _WIDEST: Final = 40
 
 
 class DriveObjects:
-    """Objects of the selected node; `title` names the node, with the reason if its objects cannot be read."""
+    """Objects of the selected node; `title` names the node, and the reason if its objects cannot be read."""
 
     def __init__(self, source: str) -> None:
         self._source, self._reader = source, LiveReader()
@@ -202,13 +202,13 @@ class DriveObjects:
             self._od = od
 
     def search(self, words: str) -> None:
-        """Show only the objects that match the words, like the command `objects`; raise ConfigError if none match."""
+        """Show the objects that match `words`, like the command `objects`; raise ConfigError if one matches none."""
         if self._od is not None and words:
             select_objects(self._od, words.split(","))
         self._words, self._entries, self._cells, self._sent = words, {}, {}, 0
 
     def write(self, text: str) -> str:
-        """Write an object, as in 0x6081=1000, and return the change as text; raise CanopenError if refused. Blocks."""
+        """Write an object, as in 0x6081=1000, and return the change as text; raise CanopenError on failure. Blocks."""
         node, od = self._node, self._od
         address, equals, value = text.partition("=")
         if node is None or od is None:
@@ -226,7 +226,7 @@ class DriveObjects:
     def undo(self) -> str:
         """Undo the latest write at this node and return the change as text.
 
-        Raise CanopenError if impossible. Blocks.
+        Raise CanopenError if this is impossible. Blocks.
         """
         if (node := self._node) is None:
             raise ConfigError(f"undo: {self._why}")
@@ -238,7 +238,7 @@ class DriveObjects:
 
     @property
     def title(self) -> str:
-        """Name of the node, with the reason if its objects cannot be read, and the search."""
+        """Name of the node, with the search, and the reason if its objects cannot be read."""
         if self._node is None:
             return self._why
         place = self._node.place
@@ -246,7 +246,7 @@ class DriveObjects:
         return "  ·  ".join([f"{place.name}, node {place.node_id}", *filter(None, notes)])
 
     def rows(self) -> Mapping[str, tuple[Cell, ...]]:
-        """Return the table rows by address, with the values read so far."""
+        """Return the table rows by object address, with the values read so far."""
         node, od = self._node, self._od
         if node is None or od is None:
             return {}
@@ -259,7 +259,7 @@ class DriveObjects:
         return self._cells
 
     def watch(self, addresses: Iterable[str]) -> None:
-        """Read only the objects of these rows from now on."""
+        """Read only the objects at these addresses from now on."""
         if self._node is not None:
             entries = [self._entries[address] for address in addresses if address in self._entries]
             self._reader.watch(_SCREEN, self._node, entries)
@@ -288,7 +288,7 @@ def _address(address: Address) -> str:
 
 
 def _cells(row: ObjectRow) -> tuple[Cell, ...]:
-    """Return the cells of an object; non-default values and refused objects are marked."""
+    """Return the cells of an object; values that differ from the default, and refused objects, are marked."""
     value = Cell(_cut(row.value or "-"), Tone.WARN if row.changed else Tone.PLAIN)
     if row.error:
         value = Cell("refused", Tone.BAD)

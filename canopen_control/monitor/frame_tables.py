@@ -36,7 +36,7 @@ _CHANGES: Final = "changes"
 
 
 def parse_filter(text: str, network: NetworkDescription) -> Filter:
-    """Parse the line of a filter; ConfigError lists the valid words."""
+    """Parse the text of a filter; raise ConfigError with the valid words if it is invalid."""
     services, nodes, ids = set[str](), list[str](), list[range]()
     words = [word.strip() for word in text.split(",") if word.strip()]
     for word in words:
@@ -75,7 +75,7 @@ class _Row:
 
 @dataclass(slots=True)
 class FrameTable:
-    """Table of the identifiers on a bus, with count, period and last frame."""
+    """Table of the identifiers on a bus, with the count, the period and the last frame of each."""
 
     rows: dict[int, _Row] = field(default_factory=dict)
 
@@ -93,7 +93,7 @@ class FrameTable:
 
 
 class TraceLog:
-    """Latest frames with a filter; stores `KEPT` frames, so that a new filter also applies to earlier frames."""
+    """Latest frames, with a filter; `KEPT` frames are stored, so that a new filter also applies to earlier frames."""
 
     def __init__(self) -> None:
         self.filter = Filter()
@@ -107,7 +107,7 @@ class TraceLog:
             self._fresh.append(decoded)
 
     def choose(self, chosen: Filter) -> None:
-        """Change the filter; `fresh` will return all stored frames that pass the new filter."""
+        """Change the filter; the next `fresh` returns all stored frames that pass the new filter."""
         self.filter = chosen
         self._fresh = deque((frame for frame in self._all if chosen.wants(frame)), maxlen=KEPT)
 
@@ -119,7 +119,7 @@ class TraceLog:
 
 
 class LoadMeter:
-    """Meter of the bus load over the last full second, without stuff bits; times are in ns."""
+    """Meter of the bus load, averaged over about a second, without stuff bits; times are in ns."""
 
     def __init__(self, bitrate: int) -> None:
         self.bitrate = bitrate
@@ -149,10 +149,10 @@ _RETRY_NS: Final = 1_000_000_000
 
 
 class PortWatcher(Protocol):
-    """Observer of a `BusTap`, which calls `receive` when frames arrive at the port."""
+    """Observer of the port of a `BusTap`; it calls the tap's `receive` when frames arrive at the port."""
 
     def port_changed(self, port: Port | None) -> None:
-        """Read from another port; None if the previous port was lost."""
+        """Read from `port` from now on; None means that the previous port was lost."""
         ...
 
 
@@ -181,13 +181,13 @@ class BusTap:
         return 0 if self._port is None else self._port.stats.lost
 
     def watch(self, watcher: PortWatcher) -> None:
-        """Register the watcher of the port; it is called whenever the port is opened or lost."""
+        """Register the observer of the port; it is called whenever the port is opened or lost."""
         self._watcher = watcher
         if self._port is not None:
             watcher.port_changed(self._port)
 
     def tick(self, now: int) -> None:
-        """Update the load and, once a second, try to open a bus that is not open; `now` is in monotonic ns."""
+        """Update the load and, once a second, try to open the bus if it is not open; `now` is in monotonic ns."""
         self.meter.tick(now)
         if self._port is not None or now < self._retry_ns:
             return

@@ -3,8 +3,8 @@
 The screen is drawn five times a second and never blocks; threads send the requests of keys to the robot, and the
 answers are shown. STOP has priority over the widget that has the focus.
 
-The screen is drawn when a sample of the robot arrives, which is right after a cycle: a computer that both share is then
-idle for most of the period. A layout of the whole screen is done only if necessary.
+The screen is drawn when a sample of the robot arrives, which is right after a cycle: a computer shared by both is then
+idle for most of the period. The whole screen is laid out again only if necessary.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ _PLAIN: Final = {Tone.PLAIN: "", Tone.GOOD: "", Tone.IDLE: "", Tone.WARN: "bold"
 
 
 def tone_styles(environment: Mapping[str, str]) -> dict[Tone, str]:
-    """Return the text style of each level; without colours if NO_COLOR is set."""
+    """Return the text style of each level; the styles have no colours if NO_COLOR is set."""
     return _PLAIN if environment.get("NO_COLOR") else _COLOURS
 
 
@@ -135,7 +135,7 @@ class LiveTable(DataTable[Text]):
 
     @property
     def selected(self) -> str | None:
-        """Name of the row with the cursor, or None without rows."""
+        """Name of the row with the cursor, or None if there are no rows."""
         if not self._shown:
             return None
         return self.coordinate_to_cell_key(self.cursor_coordinate).row_key.value
@@ -154,7 +154,7 @@ class LiveTable(DataTable[Text]):
                 self.written += 1
 
     def _resizes(self, title: str, old: Cell, new: Cell) -> bool:
-        """Whether a new text changes a column's width, which redraws the screen; a small decrease is ignored."""
+        """Whether a new text changes a column's width, which redraws the screen; small decreases are ignored."""
         width, before, after = self.columns[ColumnKey(title)].content_width, cell_len(str(old)), cell_len(str(new))
         return after > width or (before >= width and after < before - _SLACK)
 
@@ -164,7 +164,7 @@ def _text(cell: Cell) -> Text:
 
 
 def frame_rows(table: FrameTable) -> dict[str, tuple[Cell, ...]]:
-    """Return a table row for each CAN identifier, with the identifier as the key."""
+    """Return a table row for each CAN identifier, in ascending order; the key is the identifier as a decimal text."""
     rows = {}
     for can_id, row in sorted(table.rows.items()):
         last = row.last
@@ -184,7 +184,7 @@ _LISTENS: Final = "listening only: reading objects would require sending"
 
 
 class WorkChoice(OptionList):
-    """Menu of actions on the drive, hidden until requested; the space key remains STOP."""
+    """Menu of actions on the drive, hidden until requested; the space key still means STOP."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select", "Choose", show=False)]
 
@@ -210,7 +210,7 @@ class DrivePane(Vertical):
         yield self.output
 
     def show(self, drive: DriveObjects | None) -> None:
-        """Show the objects of the selected drive, and read the visible rows; None if the monitor only listens."""
+        """Show the objects of the selected drive and read the visible rows; None if the monitor only listens."""
         title = _LISTENS if drive is None else drive.title
         if str(self.title.content) != title:
             self.title.update(Text(title))
@@ -239,12 +239,12 @@ class DrivePane(Vertical):
             self._run.end()
 
     def close(self) -> None:
-        """End the command; wait up to a few seconds until it has stopped the drive."""
+        """End the command, and wait a few seconds at most until it has stopped the drive."""
         if self._run is not None:
             self._run.close()
 
     def show_work(self) -> None:
-        """Show the output since the last call, and the result once the command has ended."""
+        """Show the output since the last call, and the result if the command has ended."""
         run = self._run
         if run is None or self._ended:
             return
@@ -282,7 +282,7 @@ _LATE_S: Final = 0.9 * PERIOD_S
 
 
 class MonitorApp(App[None]):
-    """Screen of the monitor, for a robot or for a bare bus."""
+    """Screen of the monitor for a robot or for a bare bus."""
 
     CSS = CSS
     TITLE = "canopen-control monitor"
@@ -456,7 +456,7 @@ class MonitorApp(App[None]):
     # -- keys
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002 - textual's
-        """Hide the keys for commands if the source only listens."""
+        """Hide the command keys if the source accepts no commands."""
         return self.source.can_command or action not in _COMMANDS
 
     def action_keys(self) -> None:
@@ -474,7 +474,7 @@ class MonitorApp(App[None]):
         self._ask("release", Release(source=SOURCE))
 
     def action_axis(self, action: str, node: str = "") -> None:
-        """Enable, disable or fault-reset the selected drive, or `node` ("all" for all drives)."""
+        """Enable, disable or fault-reset the selected drive, or the drive `node` ("all" for all drives)."""
         target = node or self._selected
         if target:
             self._ask(f"{action} {target}", AxisRequest(action=action, node=target, source=SOURCE))
@@ -488,7 +488,7 @@ class MonitorApp(App[None]):
 
     @property
     def _selected(self) -> str:
-        """Name of the node whose row has the cursor, or "" without rows."""
+        """Name of the node whose row has the cursor, or "" if there are no rows."""
         return (self._drives.selected or "").partition("/")[0]
 
     def action_filter(self) -> None:
@@ -551,7 +551,7 @@ class MonitorApp(App[None]):
         self._drive.follow(self.source.begin(chosen, text, self._selected))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Apply the input; after an error, the user can correct it."""
+        """Apply the input; if this fails, keep the input line open for a correction."""
         try:
             if self._chosen:
                 self._begin(self._chosen, event.value)
@@ -591,7 +591,7 @@ class FilterLine(Input):
     """Input line that leaves the space key to STOP; by default Textual gives inputs precedence over key bindings."""
 
     def check_consume_key(self, key: str, character: str | None) -> bool:
-        """Leave the space key to the screen, where it is STOP."""
+        """Leave the space key, which means STOP, to the screen."""
         return key != "space" and super().check_consume_key(key, character)
 
 

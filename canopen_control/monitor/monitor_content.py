@@ -1,6 +1,6 @@
 """Content of the monitor as plain data: cells with a level, tables of cells, and log lines.
 
-The level is not shown by colour alone: a symbol precedes the text, so that it can be read without colours. No terminal,
+A symbol before the text also shows the level, so that it can be read without colours. No terminal,
 no socket, no clock.
 """
 
@@ -25,7 +25,7 @@ JOINT_COLUMNS: Final = ("joint", "command", "velocity", "position", "effort")
 
 
 class Tone(enum.Enum):
-    """Level of a status; the value is the symbol before the text."""
+    """Level of a status; the value is the symbol shown before the text."""
 
     PLAIN = ""
     GOOD = "●"
@@ -55,7 +55,7 @@ class LogLine:
 
 @dataclass(frozen=True, slots=True)
 class MonitorContent:
-    """Content of the screen: tables by row name, `facts` for the head, `alarm` for the main problem or ""."""
+    """Content of the screen: tables by row name, `facts` for the header, and `alarm`, the main problem or ""."""
 
     title: str
     state: Cell
@@ -66,17 +66,17 @@ class MonitorContent:
 
 
 def tone_of(words: StateWords | None) -> Tone:
-    """Return the level of a state; IDLE if the state is unknown."""
+    """Return the level of a state, or IDLE if the state is unknown."""
     return Tone.IDLE if words is None else Tone[words.tone.upper()]
 
 
 def state_cell(state: str | None) -> Cell:
-    """Return a cell with a CiA 402 state as named in the standard, "-" if unknown."""
+    """Return a cell with the name of a CiA 402 state as in the standard, or "-" if unknown."""
     return plain("-") if state is None else Cell(state_name(state), tone_of(AXIS_STATES[state]))
 
 
 def age_cell(seconds: float | None, *, stale: float, dead: float) -> Cell:
-    """Return a cell with the age of a node's last frame, marked from `stale` and from `dead` seconds on."""
+    """Return a cell with the age in s of a node's last frame; a warning from `stale` on, an error from `dead` on."""
     if seconds is None:
         return Cell("never", Tone.BAD)
     text = f"{1e3 * seconds:.0f} ms" if seconds < 1 else f"{seconds:.1f} s"

@@ -75,7 +75,7 @@ class _Axis:
 
 @dataclass(slots=True)
 class _Node:
-    """Last values of one node; `longest_ns` is its longest silence."""
+    """Last values of one node; `longest_ns` is the longest silence of the node."""
 
     last_ns: int
     longest_ns: int = 0
@@ -100,7 +100,7 @@ _VALUES: Final = frozenset((*_ACTUAL.values(), *_TARGETS.values()))
 
 
 class BusTable:
-    """Tables of the nodes on a bus, learned from decoded frames."""
+    """Tables of the nodes on a bus, compiled from decoded frames."""
 
     def __init__(self, network: NetworkDescription) -> None:
         self.network = network
@@ -263,9 +263,9 @@ _REPEATED: Final = 200  # newest events that are compared, so that none is repor
 
 
 class RobotLink:
-    """Connection to the robot `name`, or to the only running robot; reconnects automatically.
+    """Connection to the robot `name` (None: the only running robot), which reconnects automatically.
 
-    `why` is the reason of a missing connection, or "".
+    `why` is the reason why there is no connection, or "".
     """
 
     def __init__(self, name: str | None = None) -> None:
@@ -311,7 +311,7 @@ class RobotLink:
     def ask(self, request: Request[A], timeout: float) -> A:
         """Send a request and wait up to `timeout` seconds.
 
-        Raise RemoteError if it fails. For threads that may block.
+        Raise RemoteError on failure. Blocks.
         """
         robot = self._robot
         if robot is None:
@@ -352,7 +352,7 @@ class RobotLink:
             self.why = f"robot {self.name} sent nothing for {_SILENCE_S:g} s; its process may be stopped or blocked"
 
     def _keep(self, event: RobotEvent) -> None:
-        """Store an event unless already known, since the stream repeats events of the status."""
+        """Store an event unless it is known already, because the stream repeats events of the status."""
         if event not in self._recent:
             self._recent.append(event)
             self._events.append(event)
@@ -383,7 +383,7 @@ def content_of(robot: str, state: StateSample) -> MonitorContent:
 
 
 def without_robot(robot: str, why: str) -> MonitorContent:
-    """Return the content of the screen without a robot, with the reason."""
+    """Return the content of the screen while the robot is not connected, with the reason."""
     return MonitorContent(robot, Cell("not connected", Tone.BAD), f"{why}. STOP cannot reach the robot; reconnecting")
 
 
@@ -393,7 +393,7 @@ def log_line(event: RobotEvent) -> LogLine:
 
 
 def is_emergency(event: RobotEvent) -> bool:
-    """Whether an event is an emergency, or the end of an emergency."""
+    """Whether an event reports an emergency or its end."""
     return event.kind in ("emcy", "emcy_reset")
 
 
@@ -449,7 +449,7 @@ TIMEOUT_S: Final = 20.0  # for a stop or an enable, which include ramps
 
 
 class ScreenSource(Protocol):
-    """Interface of a source; `frames` and `trace` contain the frames of its buses, which are `taps`."""
+    """Interface of a source; `taps` listen on its buses, `frames` and `trace` contain the received frames."""
 
     can_command: bool
     frames: FrameTable
@@ -458,17 +458,17 @@ class ScreenSource(Protocol):
 
     @property
     def network(self) -> NetworkDescription:
-        """Nodes of the buses, for the filter."""
+        """Description of the nodes on the buses, for the filter."""
         ...
 
     def start(self, on_sample: Callable[[], None]) -> None:
-        """Start the source; `on_sample` is called, on any thread, for each sample of the robot."""
+        """Start the source; it calls `on_sample` on any thread for each sample of the robot."""
 
     def close(self) -> None:
         """End the source."""
 
     def tick(self) -> None:
-        """Open buses that are not open; called a few times a second."""
+        """Open buses that are not open; called several times a second."""
 
     def listen(self, on: bool) -> None:
         """Start or stop receiving the frames of a robot's buses."""
@@ -486,15 +486,15 @@ class ScreenSource(Protocol):
         """Return the emergencies since the last call."""
 
     def command(self, request: Request[Any]) -> None:
-        """Send a request and wait; raise RemoteError if it fails. For threads that may block."""
+        """Send a request and wait; raise RemoteError on failure. Blocks."""
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:
-        """Start a command on a node with the text of the input line; raise CanopenError if it cannot start."""
+        """Start a command on a node with the text of the input line; raise CanopenError if it cannot be started."""
         ...
 
 
 class LiveRobot:
-    """Source for a running robot: its API, and its buses if other processes can receive their frames."""
+    """Source for a running robot: uses its API, and its buses if other processes can receive their frames."""
 
     can_command = True
 
@@ -529,7 +529,7 @@ class LiveRobot:
             self._tap()
 
     def tick(self) -> None:
-        """Open the robot's buses once they are known, and again after a loss, if frames are shown."""
+        """If frames are shown, open the robot's buses when they become known, and reopen a lost bus."""
         if self._link.layouts is not self._layouts:
             self._layouts = self._link.layouts
             self._networks = [network_of_layout(layout) for layout in self._layouts.values()]
@@ -564,7 +564,7 @@ class LiveRobot:
         return WorkRun(work_words(title, text, node, self._link.name or ""))
 
     def _tap(self) -> None:
-        """Open the buses of the robot as it is now, or close them if frames are not shown."""
+        """Close the buses, then open the robot's current buses if frames are shown."""
         for tap in self.taps:
             tap.close()
         owner, networks = self._link.name or "", self._networks if self._listening else []
@@ -588,10 +588,10 @@ class BusSource:
         self.taps = [self._tap]
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Do nothing, since `tick` opens the bus."""
+        """Do nothing, because `tick` opens the bus."""
 
     def listen(self, on: bool) -> None:
-        """Do nothing, since this source always listens."""
+        """Do nothing, because this source always listens."""
 
     def close(self) -> None:
         self._tap.close()
@@ -600,7 +600,7 @@ class BusSource:
         self._tap.tick(time.monotonic_ns())
 
     def choose(self, node: str) -> None:  # noqa: ARG002 - as in every source
-        """Return None, since reading objects would require sending."""
+        """Return None, because reading objects would require sending."""
         return
 
     def content(self) -> MonitorContent:
@@ -618,13 +618,13 @@ class BusSource:
         return self._table.emergencies()
 
     def command(self, request: Request[Any]) -> None:
-        """Raise RemoteError, since this source never sends."""
+        """Raise RemoteError, because this source never sends."""
         raise RemoteError(
             "LocalProtocolError", f"{ROBOT.of(type(request)).name}: this monitor only listens on {self.network.channel}"
         )
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:  # noqa: ARG002 - as in every source
-        """Raise ConfigError, since this source never sends."""
+        """Raise ConfigError, because this source never sends."""
         raise ConfigError(f"{title}: this monitor only listens on {self.network.channel}")
 
     def _take(self, decoded: DecodedFrame) -> None:

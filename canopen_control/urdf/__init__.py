@@ -1,1 +1,1 @@
-"""Readers of robot descriptions (URDF and xacro), including <ros2_control> tags, links, joints, meshes and packages."""
+"""Readers of robot descriptions (URDF and xacro): <ros2_control> tags, links, joints, meshes and packages."""

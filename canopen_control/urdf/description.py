@@ -1,4 +1,4 @@
-"""Reader of robot descriptions from URDF or xacro files: links, joints and the hardware of the joints.
+"""Reader of robot descriptions from URDF or xacro files: links, joints, and the hardware that moves the joints.
 
 Xacro itself is used, but only for files that need it. All errors are reported at once, with file and line (for a xacro
 file the probable line, because its result has no line numbers). A description that ros2_control refuses is refused here
@@ -62,7 +62,7 @@ class XacroLimits:
 
 
 class XacroRun:
-    """Xacro process for the file `path`, started at once and ended by `close`.
+    """Xacro process for the file `path`, which starts at once and is ended by `close`.
 
     `mappings` are the xacro arguments. An argument that the file does not use is refused, unless its name ends in `?`.
     """
@@ -114,7 +114,7 @@ class XacroRun:
         os.close(self._answer)
 
     def result(self) -> str:
-        """Wait for the process and return the URDF text; raise RobotConfigError if xacro failed."""
+        """Wait for the end of the process and return the URDF text; raise RobotConfigError if xacro failed."""
         answer = self._read()
         if answer[:1] == xacro_child.URDF:
             return answer[1:].decode("utf-8")
@@ -122,14 +122,14 @@ class XacroRun:
         raise RobotConfigError(f"{self._path}: xacro: {reason}" if reason else self._ended(self._process.wait() or 0))
 
     def _read(self) -> bytes:
-        """Return the output of the process, which the kernel ends at its limits."""
+        """Return the whole output of the process, which the kernel ends when it reaches a limit."""
         answer = bytearray()
         while part := os.read(self._answer, 1 << 20):
             answer += part
         return bytes(answer)
 
     def _ended(self, code: int) -> str:
-        """Return an error text for a process that ended without a result."""
+        """Return the error text for a process that ended with exit code `code` and without a result."""
         if code in (-signal.SIGXCPU, -signal.SIGKILL):  # the kernel sends the second if both limits are equal
             return f"{self._path}: xacro took more than {self._limits.processor_s} s of processor time; {_HINT}"
         if code == -signal.SIGALRM:
@@ -139,7 +139,7 @@ class XacroRun:
 
 @dataclass(frozen=True)
 class GazeboPlugin:
-    """Tag `<plugin>` of a `<gazebo>` tag."""
+    """Tag `<plugin>` in a `<gazebo>` tag."""
 
     name: str
     filename: str
@@ -148,9 +148,9 @@ class GazeboPlugin:
 
 @dataclass(frozen=True)
 class UrdfDescription:
-    """Robot description with its URDF text (the output of xacro), links, joints and hardware components.
+    """Robot description: its URDF text (the output of xacro), links, joints and hardware components.
 
-    `ros1` means that the hardware was derived from ROS 1's <transmission> tags, because there is no <ros2_control> tag.
+    `ros1` is True if the hardware was derived from ROS 1's <transmission> tags, because there is no <ros2_control> tag.
     """
 
     path: str
@@ -176,7 +176,7 @@ class UrdfDescription:
 
 
 def read_description(path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> UrdfDescription:
-    """Read a .urdf or .xacro file; RobotConfigError lists all errors in it.
+    """Read a .urdf or .xacro file; raise RobotConfigError with all errors in it.
 
     `mappings` are the xacro arguments; the file need not use an argument whose name ends in `?`.
     """
@@ -185,9 +185,9 @@ def read_description(path: str | os.PathLike[str], *, mappings: Mapping[str, str
 
 
 class DescriptionReader:
-    """Reader of a .urdf or .xacro file, which starts xacro in a separate process when created.
+    """Reader of a .urdf or .xacro file; creating it starts xacro in a separate process if the file needs xacro.
 
-    The end of the `with` block ends the process. Creation and `result` raise RobotConfigError.
+    The end of the `with` block ends the process. The constructor and `result` raise RobotConfigError.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> None:
@@ -211,16 +211,16 @@ class DescriptionReader:
             self._xacro.close()
 
     def result(self) -> UrdfDescription:
-        """Return the description; RobotConfigError lists all errors in it."""
+        """Return the description; raise RobotConfigError with all errors in it."""
         if self._xacro is None:
             return parse_description(self._source, self._path)
         return parse_description(self._xacro.result(), self._path, source=self._source)
 
 
 def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = None) -> UrdfDescription:
-    """Parse a URDF text to a description; RobotConfigError lists all errors in it.
+    """Parse a URDF text; raise RobotConfigError with all errors in it.
 
-    `source` is the xacro text from which the URDF was generated, for line numbers.
+    `source` is the xacro text from which the URDF was generated; it is used to find line numbers.
     """
     document = read_document(urdf, path, source)
     model = model_of(document)

@@ -1,4 +1,4 @@
-"""XML elements with their positions in the file, and the collection of errors at these positions.
+"""XML elements with their positions in the file, and a collection of errors at these positions.
 
 An invalid number or a missing name is recorded with its position and replaced by a default, so that all errors are
 reported at once. Lines and columns count from 1.
@@ -39,7 +39,7 @@ class Placed(Protocol):
 
 
 class Element:
-    """XML element with its position; `text` is the text directly inside the element, stripped."""
+    """XML element with its position; `text` is the stripped text directly inside the element."""
 
     __slots__ = ("attributes", "children", "place", "tag", "text")
 
@@ -49,7 +49,7 @@ class Element:
         self.text = ""
 
     def child(self, tag: str) -> Element | None:
-        """Return the first child with a tag, or None."""
+        """Return the first child with the tag `tag`, or None."""
         return next((child for child in self.children if child.tag == tag), None)
 
     def parameters(self) -> dict[str, str]:
@@ -58,7 +58,7 @@ class Element:
 
 
 class UrdfDocument:
-    """Root element of a description, with helpers that convert values and collect errors."""
+    """Root element of a description, with methods that convert values and collect errors."""
 
     def __init__(self, root: Element, path: str) -> None:
         self.root, self._path = root, path
@@ -75,13 +75,13 @@ class UrdfDocument:
             raise RobotConfigError("\n".join(f"{self._path}:{p.line}:{p.column}: {message}" for p, message in problems))
 
     def name(self, element: Element) -> str:
-        """Return the name of an element; a missing name is an error."""
+        """Return the name of an element; if it is missing, record an error and return ""."""
         if not element.attributes.get("name"):
             self.error(element, f"<{element.tag}> has no name")
         return element.attributes.get("name", "")
 
     def by_name(self, pairs: Iterable[tuple[Element, T]]) -> dict[str, T]:
-        """Return the objects by the name of their elements; a duplicate name is an error."""
+        """Return the objects by the names of their elements; record an error for a duplicate name."""
         firsts: dict[str, Element] = {}
         named: dict[str, T] = {}
         for element, read in pairs:
@@ -99,11 +99,11 @@ class UrdfDocument:
         return f"first at {self._path}:{first.place.line}:{first.place.column}; rename one"
 
     def number(self, element: Element, attribute: str, default: float) -> float:
-        """Return the number in an attribute, else the default; text, infinity and nan are errors."""
+        """Return the number in an attribute, or the default; record an error if the text is not a finite number."""
         return self.decimal(element, element.attributes, attribute, default)
 
     def decimal(self, element: Element, values: Mapping[str, str], key: str, default: float) -> float:
-        """Return the number of `key` in a mapping that belongs to an element, else the default; see `number`."""
+        """Return the number under `key` in a mapping that belongs to an element, or the default, like `number`."""
         text = values.get(key)
         if text is None:
             return default
@@ -115,7 +115,7 @@ class UrdfDocument:
     def vector(
         self, element: Element | None, attribute: str, default: tuple[float, float, float]
     ) -> tuple[float, float, float]:
-        """Return the three numbers in an attribute, else the default; other texts are errors."""
+        """Return the three numbers in an attribute, or the default; record an error for any other text."""
         if element is None or attribute not in element.attributes:
             return default
         numbers = [finite_number(word) for word in element.attributes[attribute].split()]
@@ -137,7 +137,7 @@ def finite_number(text: str) -> float | None:
 
 
 class _Builder:
-    """Builder of an element tree with positions from the callbacks of the expat parser."""
+    """Builder of a tree of elements with positions, from the callbacks of the expat parser."""
 
     def __init__(self, source: _XacroLines | None) -> None:
         self._parser = xml.parsers.expat.ParserCreate()
@@ -175,9 +175,9 @@ class _Builder:
 
 
 class _XacroLines:
-    """Estimate of the position in a xacro file from which an element of the result was generated.
+    """Estimator of the position in a xacro file from which an element of the result was generated.
 
-    An expression `${...}` or `$(...)` in a name of the xacro file matches any text.
+    An expression `${...}` or `$(...)` in a name in the xacro file matches any text.
     """
 
     def __init__(self, source: str) -> None:
@@ -189,7 +189,7 @@ class _XacroLines:
             self._places.append((match[1], match[2], place))
 
     def place(self, tag: str, name: str) -> ElementPlace:
-        """Return the position of the next element with this tag and name, else of the start of the file."""
+        """Return the position of the next element with this tag and name, or the start of the file if there is none."""
         count = self._lines.get((tag, name), 0)
         self._lines[tag, name] = count + 1
         places = [place for its_tag, its_name, place in self._places if its_tag == tag and its_name == name]
@@ -210,7 +210,7 @@ def _fits(written: str, name: str) -> bool:
 def read_document(text: str, path: str, source: str | None = None) -> UrdfDocument:
     """Parse an XML text to elements; raise RobotConfigError with the position if it is not valid XML.
 
-    `source` is the xacro text from which the XML was generated, in which positions are searched.
+    `source` is the xacro text from which the XML was generated; positions refer to it.
     """
     builder = _Builder(None if source is None else _XacroLines(source))
     try:

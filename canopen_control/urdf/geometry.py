@@ -28,24 +28,24 @@ def about(axis: Vector, angle: float) -> Quaternion:
 
 
 def along(axis: Vector, length: float) -> Vector:
-    """Return the vector of length `length` along an axis of any length; the zero vector for a zero axis."""
+    """Return the vector of length `length` along an axis of any length, or the zero vector for a zero axis."""
     factor = length / (math.hypot(*axis) or 1.0)
     return axis[0] * factor, axis[1] * factor, axis[2] * factor
 
 
 def from_yaw(yaw: float) -> Quaternion:
-    """Return the rotation by `yaw` rad about z, the heading of a mobile base."""
+    """Return the rotation by `yaw` rad about z, which is the heading of a mobile base."""
     return about((0.0, 0.0, 1.0), yaw)
 
 
 def from_rpy(rpy: Vector) -> Quaternion:
-    """Return the rotation of URDF's `rpy`: roll, pitch and yaw in rad."""
+    """Return the rotation for URDF's `rpy`: roll, pitch and yaw in rad."""
     roll, pitch, yaw = (about(axis, angle) for axis, angle in zip(((1, 0, 0), (0, 1, 0), (0, 0, 1)), rpy, strict=True))
     return multiply(multiply(yaw, pitch), roll)
 
 
 def multiply(first: Quaternion, second: Quaternion) -> Quaternion:
-    """Return the rotation `first` followed by `second`, which is relative to the rotated frame."""
+    """Return the rotation `first` followed by `second`, where `second` is relative to the frame rotated by `first`."""
     a, b, c, d = first
     e, f, g, h = second
     return (
@@ -75,7 +75,7 @@ class Pose(NamedTuple):
         return self.position[0] + x, self.position[1] + y, self.position[2] + z
 
     def then(self, child: Pose) -> Pose:
-        """Return the pose of a child frame in the parent frame; `child` is its pose in this frame."""
+        """Return the pose of a child frame in the parent frame; `child` is the pose of the child in this frame."""
         return Pose(self.of(child.position), multiply(self.rotation, child.rotation))
 
 

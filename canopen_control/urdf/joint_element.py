@@ -32,9 +32,9 @@ ACCELERATION: Final = "acceleration"
 
 @dataclass(frozen=True)
 class InterfaceInfo:
-    """Tag <command_interface> or <state_interface>: bounds and initial value in SI units.
+    """Tag <command_interface> or <state_interface> with its bounds and initial value in SI units.
 
-    Absent bounds are infinite, an absent initial value is nan. `limited` is False with `<limits enable="false"/>` in
+    Absent bounds are infinite, an absent initial value is nan. `limited` is False if `<limits enable="false"/>` is in
     the tag or in its joint.
     """
 
@@ -75,7 +75,7 @@ _TURNING: Final = ("revolute", "continuous")
 
 @dataclass(frozen=True)
 class UrdfLimits:
-    """Tag <limit> of a joint, in rad or m, rad/s or m/s, and Nm or N; limits are infinite if absent."""
+    """Tag <limit> of a joint, in rad or m, rad/s or m/s, and Nm or N; absent limits are infinite."""
 
     lower: float = -math.inf
     upper: float = math.inf
@@ -84,13 +84,13 @@ class UrdfLimits:
 
     @property
     def speed(self) -> float:
-        """Maximum velocity; infinite if it is 0, which exporters write for an unknown limit."""
+        """Maximum velocity; infinite if the limit is 0, which exporters write for an unknown limit."""
         return abs(self.velocity) or math.inf
 
 
 @dataclass(frozen=True, slots=True)
 class HardLimits:
-    """All limits of a joint in SI units of rad, s and Nm (m and N if prismatic); infinite if unlimited."""
+    """All limits of a joint in SI units, with rad, s and Nm (m and N if prismatic); infinite if unlimited."""
 
     min_position: float = -math.inf
     max_position: float = math.inf
@@ -129,7 +129,7 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class Mimic:
-    """Tag <mimic> of a joint, whose position is `multiplier` times that of `joint`, plus `offset`."""
+    """Tag <mimic> of a joint, whose position is `multiplier` times the position of `joint`, plus `offset`."""
 
     joint: str
     multiplier: float = 1.0
@@ -165,7 +165,7 @@ class Joint:
         return self.type == "fixed"
 
     def range_of(self, interface: str) -> tuple[float, float]:
-        """Return the minimum and maximum of an interface by the URDF limits; infinite if unlimited."""
+        """Return the minimum and maximum of an interface according to the URDF limits; infinite if unlimited."""
         limits = self.limits
         if interface == POSITION:
             return (-math.inf, math.inf) if self.type == "continuous" else (limits.lower, limits.upper)
@@ -173,9 +173,9 @@ class Joint:
         return -most, most
 
     def position_in(self, positions: Mapping[str, float | None]) -> float:
-        """Return the position of the joint in rad or m, from known positions by joint name; nan if unknown.
+        """Return the position of the joint in rad or m, or nan if unknown; `positions` maps joint names to positions.
 
-        The position of a mimic joint is derived from that of the other joint.
+        The position of a mimic joint is derived from that of the joint it mimics.
         """
         position = positions.get(self.mimic.joint if self.mimic is not None else self.name)
         if position is None:
@@ -183,7 +183,7 @@ class Joint:
         return position if self.mimic is None else self.mimic.multiplier * position + self.mimic.offset
 
     def pose(self, position: float) -> Pose:
-        """Return the pose of the child link in the parent frame at `position`, in rad or m."""
+        """Return the pose of the child link in the parent link's frame when the joint is at `position`, in rad or m."""
         if self.type in _TURNING:
             return self.origin.then(Pose(rotation=about(self.axis, position)))
         if self.type == "prismatic":
@@ -191,9 +191,9 @@ class Joint:
         return self.origin
 
     def transform(self, positions: Mapping[str, float | None]) -> Transform | None:
-        """Return the transform from the parent link to the child link.
+        """Return the transform from the parent link to the child link, or None if unknown.
 
-        None if the position is unknown or the joint is planar or floating.
+        It is unknown if the position is unknown, or if the joint is planar or floating.
         """
         position = 0.0 if self.fixed else self.position_in(positions)
         if not math.isfinite(position) or not (self.fixed or self.type in _TURNING or self.type == "prismatic"):
@@ -202,7 +202,7 @@ class Joint:
 
 
 def read_joint(document: UrdfDocument, element: Element) -> Joint:
-    """Return the joint of a <joint> tag; errors are added to the document."""
+    """Return the joint of a <joint> tag; record errors in the document."""
     name = document.name(element)
     kind = element.attributes.get("type", "")
     if kind not in _TYPES:

@@ -60,7 +60,7 @@ def obj_triangles(content: bytes) -> list[Triangle]:
 
 
 def dae_triangles(content: bytes) -> list[Triangle]:
-    """Return the faces of a COLLADA file as placed by its scenes, in m with z up, without colours.
+    """Return the faces of a COLLADA file as placed by its scenes, in m, with z up and without colours.
 
     Raise ValueError, KeyError or IndexError if the file is invalid.
     """
@@ -149,7 +149,7 @@ MAX_BYTES: Final = 50_000_000  # maximum file size; a larger file would stall a 
 def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None = None) -> Path:
     """Return the path of a mesh by its URI: `package://NAME/...`, `file://...`, or a path relative to the description.
 
-    Raise ConfigError if the file does not exist. A package is searched near the description, in ROS_PACKAGE_PATH, and
+    Raise ConfigError if the file does not exist. Packages are searched near the description, in ROS_PACKAGE_PATH, and
     in share/ of AMENT_PREFIX_PATH.
     """
     parts = urlsplit(uri)
@@ -177,7 +177,7 @@ class Mesh:
 
 
 def read_mesh(file: Path) -> Mesh:
-    """Read a mesh file and convert it to binary STL, except GLB; raise ConfigError if it cannot be read."""
+    """Read a mesh file, and convert it to binary STL unless it is GLB; raise ConfigError if it cannot be read."""
     suffix = file.suffix.lower()
     if suffix not in _READERS:
         raise ConfigError(f"mesh {file}: {suffix or 'no suffix'} is not supported; use {', '.join(_READERS)}")
@@ -209,7 +209,7 @@ def _read_glb(content: bytes) -> Mesh:
 
 
 def _as_stl(triangles: Sequence[Triangle]) -> Mesh:
-    """Convert triangles to binary STL with computed normals; raise ValueError if there are none."""
+    """Convert triangles to binary STL with computed normals; raise ValueError if there are no triangles."""
     if not triangles:
         raise ValueError("the file has no faces")
     rows = bytearray(80) + len(triangles).to_bytes(4, "little")

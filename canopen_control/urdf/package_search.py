@@ -25,7 +25,7 @@ _MOST = 5_000  # maximum number of folders searched below a path of ROS_PACKAGE_
 
 
 def find_package(package: str, file: str, environment: Mapping[str, str] | None = None) -> str:
-    """Return the folder of a package mentioned in `file`; raise LookupError without a match."""
+    """Return the folder of a package named in `file`; raise LookupError if it is not found."""
     for folder in package_folders(package, Path(file), environment):
         return str(folder)
     raise LookupError(
@@ -35,7 +35,7 @@ def find_package(package: str, file: str, environment: Mapping[str, str] | None 
 
 
 def package_folders(package: str, file: Path, environment: Mapping[str, str] | None = None) -> Iterator[Path]:
-    """Yield the folders of a package, near `file` first, then installed folders."""
+    """Yield the folders of a package: first those near `file`, then installed ones."""
     if _NAME.fullmatch(package):
         yield from _around(package, Path(os.path.realpath(file)))
     yield from installed_packages(package, environment)
@@ -60,9 +60,9 @@ def installed_packages(package: str, environment: Mapping[str, str] | None = Non
 
 
 def installed_file(package: Path, name: Path) -> Path:
-    """Return where an installed file is in the source tree; CMake's install(DIRECTORY ...) may have renamed folders.
+    """Return the path in the source tree of an installed file; CMake's install(DIRECTORY ...) may have renamed folders.
 
-    `name` is the path relative to the package. This path is returned if it exists, or if no rule installs it.
+    `name` is the path relative to the package. The result is `package / name` if it exists, or if no rule installs it.
     """
     plain = package / name
     if plain.exists():
@@ -72,7 +72,7 @@ def installed_file(package: Path, name: Path) -> Path:
 
 
 def _installed_from(package: Path, name: Path) -> Iterator[Path]:
-    """Yield the source paths that the CMakeLists.txt of a package installs as share/PACKAGE/name."""
+    """Yield the source paths that a package's CMakeLists.txt would install as share/PACKAGE/name."""
     try:
         text = (package / "CMakeLists.txt").read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -95,7 +95,7 @@ def _installed_from(package: Path, name: Path) -> Iterator[Path]:
 
 
 def _around(package: str, file: Path) -> Iterator[Path]:
-    """Yield the folders of a package among the folders above a file and their direct subfolders, nearest first."""
+    """Yield the folders of a package among the folders above a file and their subfolders, nearest first."""
     for distance, folder in enumerate(file.parents):
         for candidate in (folder, folder / package):
             if _names(candidate, package) or (candidate.name == package and candidate.is_dir()):
@@ -109,7 +109,7 @@ def _around(package: str, file: Path) -> Iterator[Path]:
 
 
 def _below(package: str, folder: Path, depth: int) -> Iterator[Path]:
-    """Yield the folders of a package below a folder, excluding folders inside another package."""
+    """Yield the folders below `folder` that contain the package; do not search inside packages."""
     remaining, level = _MOST, [folder]
     for _ in range(depth):
         deeper = list[Path]()
@@ -131,7 +131,7 @@ def _folders(folder: Path) -> list[Path]:
 
 
 def _names(folder: Path, package: str) -> bool:
-    """Whether the package.xml in a folder has the name of the package."""
+    """Whether the package.xml in a folder contains the name of the package."""
     try:
         return f"<name>{package}</name>" in (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
     except OSError:

@@ -1,6 +1,6 @@
-"""Tree of the links and joints of a robot description: `<link>` elements with their shapes, and the wheel geometry.
+"""Tree of the links and joints of a robot description: `<link>` elements with their shapes, and wheel geometry.
 
-A shape that cannot be drawn is not an error, because joints can move without shapes: it is omitted and listed in the
+A shape that cannot be drawn is not an error, because joints can move without it: it is omitted and listed in the
 notes.
 """
 
@@ -33,7 +33,7 @@ class Visual:
     """Visual shape of a link, with its pose in the frame of the link; lengths are in m.
 
     `size` is x, y, z of a box; radius and length of a cylinder along z; radius of a sphere; the scale of a mesh, whose
-    `file` is the URI in the URDF. `color` is red, green and blue from 0 to 255, `opacity` is 0 to 1.
+    `file` is the URI in the URDF. `color` is red, green and blue from 0 to 255, `opacity` is from 0 to 1.
     """
 
     shape: str
@@ -46,10 +46,10 @@ class Visual:
 
 @dataclass(frozen=True, slots=True)
 class UrdfLink:
-    """Link of the robot, with its visual shapes; `place` is the line and column of the tag.
+    """Link of the robot with its visual shapes; `place` is the line and column of the tag.
 
-    `radius` in m is that of the only cylinder or sphere in <collision>, else in <visual>; None if there is not exactly
-    one.
+    `radius` in m is that of the only cylinder or sphere in <collision>, or else in <visual>; None if neither has
+    exactly one.
     """
 
     name: str
@@ -59,7 +59,7 @@ class UrdfLink:
 
 
 def read_links(document: UrdfDocument, notes: list[str]) -> dict[str, UrdfLink]:
-    """Return the links of a `<robot>` by name, and add texts about shapes that cannot be drawn to `notes`."""
+    """Return the links of a `<robot>` by name; append to `notes` a text for each shape that cannot be drawn."""
     children = document.root.children
     materials = {
         child.attributes.get("name", ""): color
@@ -138,7 +138,7 @@ def _lengths(element: Element, *keys: str) -> tuple[float, ...] | None:
 
 
 def _numbers(element: Element | None, key: str) -> list[float] | None:
-    """Return the numbers in an attribute, or None if it is missing or a number is invalid."""
+    """Return the numbers in an attribute, or None if the attribute is missing or a number is invalid."""
     try:
         values = [float(word) for word in element.attributes[key].split()] if element is not None else None
     except (KeyError, ValueError):
@@ -167,9 +167,9 @@ class WheelGeometry:
         self._above = {joint.child: joint for joint in model.joints.values()}
 
     def separation(self, left: Sequence[str], right: Sequence[str]) -> float | None:
-        """Return the distance in m between the left and right wheels, or None if unknown.
+        """Return the distance in m between the left and right wheels, or None if it is unknown.
 
-        The distance is that of the mean positions of the wheel joints of both sides, in the xy plane.
+        It is the distance in the xy plane between the mean positions of the wheel joints on each side.
         """
         sides = [[self.place(name) for name in side] for side in (left, right)]
         if not all(sides) or any(place is None for side in sides for place in side):
@@ -181,7 +181,7 @@ class WheelGeometry:
         return math.dist(means[0], means[1])
 
     def radius(self, wheels: Sequence[str]) -> float | None:
-        """Return the common radius of the wheels, named by their joints, or None if unknown or not equal."""
+        """Return the common radius of the wheels of these joints, or None if it is unknown or they differ."""
         radii = {self._radius(name) for name in wheels}
         return radii.pop() if len(radii) == 1 else None
 
@@ -191,7 +191,7 @@ class WheelGeometry:
         return None if link is None else link.radius
 
     def place(self, joint: str) -> tuple[str, Vector] | None:
-        """Return the topmost link rigidly connected to a joint's parent, and the joint's position in it."""
+        """Return the topmost link rigidly connected to a joint's parent, with the joint's position in it; or None."""
         element = self._joints.get(joint)
         if element is None:
             return None
@@ -210,7 +210,7 @@ class WheelGeometry:
 
 @dataclass(frozen=True)
 class RobotModel:
-    """Links and joints of a robot by name, in the order of the file; `notes` are about shapes that are not drawn."""
+    """Links and joints of a robot by name, in the order of the file; `notes` describe shapes that are not drawn."""
 
     name: str
     links: dict[str, UrdfLink] = field(default_factory=dict)
@@ -219,19 +219,19 @@ class RobotModel:
 
     @property
     def root(self) -> str:
-        """First link without a parent joint; the first link of the file if all links have one."""
+        """First link without a parent joint, or the first link of the file if all links have a parent joint."""
         children = {joint.child for joint in self.joints.values()}
         free = (link for link in self.links if link not in children)
         return next(free, next(iter(self.links), "base"))
 
     @cached_property
     def from_root(self) -> tuple[Joint, ...]:
-        """Joints connected to the root, each after the joint of its parent link."""
+        """Joints connected to the root, each listed after the joint of its parent link."""
         return tuple(_parents_first(self.root, list(self.joints.values())))
 
 
 def read_model(urdf: str, path: str = "<urdf>") -> RobotModel:
-    """Return the links and joints of a URDF text; RobotConfigError lists all errors in it."""
+    """Return the links and joints of a URDF text; raise RobotConfigError with all errors in it."""
     document = read_document(urdf, path)
     model = model_of(document)
     document.raise_if_any()
@@ -239,7 +239,7 @@ def read_model(urdf: str, path: str = "<urdf>") -> RobotModel:
 
 
 def model_of(document: UrdfDocument) -> RobotModel:
-    """Return the links and joints of a document; errors are added to the document."""
+    """Return the links and joints of a document; record errors in the document."""
     root, notes = document.root, list[str]()
     if root.tag != "robot":
         document.error(root, f"the root element is <{root.tag}>; a description starts with <robot name=...>")

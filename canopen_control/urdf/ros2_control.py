@@ -36,7 +36,7 @@ HARDWARE_INTERFACES: Final = {
 class Transmission:
     """Simple transmission: the actuator turns `reduction` times as far as the joint; `offset` is in rad or m.
 
-    `interfaces` are the command interfaces of a ROS 1 tag; "" stands for a joint that is only read.
+    `interfaces` are the command interfaces in a ROS 1 tag; "" stands for a joint that is only read.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Transmission:
 def read_transmissions(
     document: UrdfDocument, elements: Iterable[Element], joints: Mapping[str, Joint]
 ) -> tuple[Transmission, ...]:
-    """Return the transmissions of <transmission> tags, one per joint; errors are added to the document."""
+    """Return the transmissions in <transmission> tags, one per joint; record errors in the document."""
     transmissions: dict[str, Transmission] = {}
     for element in elements:
         part = _transmission(document, element)
@@ -115,7 +115,7 @@ _REDUCTIONS: Final = ("mechanicalReduction", "mechanical_reduction")
 def _transmission_interfaces(
     document: UrdfDocument, name: str, joint: Element | None, actuator: Element | None
 ) -> tuple[str, ...]:
-    """Return the command interfaces of the <hardwareInterface> tags, which older files have below <actuator>."""
+    """Return the command interfaces in the <hardwareInterface> tags of the joint or, in older files, the actuator."""
     interfaces: list[str] = []
     for place in (joint, actuator):
         for child in place.children if place is not None else ():
@@ -162,7 +162,7 @@ class Ros2ControlSystem:
 
 
 def read_system(document: UrdfDocument, element: Element, joints: Mapping[str, Joint]) -> Ros2ControlSystem:
-    """Return the hardware component of a <ros2_control> tag; errors are added to the document."""
+    """Return the hardware component of a <ros2_control> tag; record errors in the document."""
     name, kind = document.name(element), element.attributes.get("type", "")
     if kind not in KINDS:
         document.error(element, f"<ros2_control name={name!r}>: type {kind!r}{nearest(kind, KINDS)}")
@@ -208,7 +208,7 @@ def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint])
 
 
 def check_ranges(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem], joints: Mapping[str, Joint]) -> None:
-    """Report ranges without a value: reversed bounds in a tag, or two ranges of a position that do not overlap."""
+    """Report empty ranges: reversed bounds, or bounds of a position that do not overlap the joint's <limit>."""
     for part in (part for system in hardware for part in (*system.joints, *system.gpios)):
         joint = joints.get(part.name)
         low, high = (-math.inf, math.inf) if joint is None else joint.range_of(POSITION)
@@ -229,7 +229,7 @@ def check_ranges(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem], 
 
 
 def check_owners(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem]) -> None:
-    """Report interfaces that are exported twice, and duplicate names of <ros2_control> tags and their parts."""
+    """Report interfaces that are exported twice, and duplicate names of <ros2_control> tags or of their parts."""
     names: set[str] = set()
     owners: dict[str, str] = {}
     exported: dict[tuple[str, str], str] = {}
@@ -248,9 +248,9 @@ def check_owners(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem]) 
 
 
 def _interfaces(part: ControlJoint) -> Iterator[tuple[str, str]]:
-    """Yield the interfaces of a part, as pairs of kind and name.
+    """Yield the interfaces of a part as pairs of kind and name.
 
-    Kind and name are compared, because a joint may be in two tags, of an actuator and of a sensor (ros2_control).
+    Both are compared, because a joint may be in two tags, one for an actuator and one for a sensor (ros2_control).
     """
     yield from (("command", name) for name in part.command_interfaces)
     yield from (("state", name) for name in part.state_interfaces)
@@ -262,7 +262,7 @@ ROS1_HARDWARE: Final = "canopen_control/CanopenSystem"
 
 
 def system_of_ros1(name: str, transmissions: tuple[Transmission, ...], *, simulated: bool) -> Ros2ControlSystem:
-    """Return the <ros2_control> system equivalent to ROS 1 transmissions."""
+    """Return a <ros2_control> system that is equivalent to the ROS 1 transmissions."""
     parts = tuple(
         ControlJoint(
             transmission.joint,

@@ -1,6 +1,6 @@
 """Program of the xacro process: writes the URDF of a xacro file, or an error, to standard output.
 
-Xacro evaluates expressions of the file, which may need unlimited time or memory. Therefore limits are set first, and
+Xacro evaluates expressions in the file, which may need unlimited time or memory. Therefore limits are set first and
 enforced by the kernel. The first byte of the answer is its kind: `URDF`, or `REFUSED` with a reason in UTF-8. `$(find
 package)` is answered by `package_search`.
 
@@ -31,7 +31,7 @@ LARGEST = 64 << 20  # maximum size of a URDF in bytes; a robot with five hundred
 
 
 def main(arguments: list[str]) -> int:
-    """Run xacro within limits and write the result to standard output; the exit code is 0.
+    """Run xacro within limits and write the result to standard output; return the exit code 0.
 
     `arguments` are the descriptor of a pipe that the parent process holds open, the folders to import from (one per
     line), the file, processor time in s, elapsed time in s, memory in bytes, and KEY:=VALUE for each xacro argument;
@@ -51,7 +51,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _end_with_parent(lifeline: int) -> None:
-    """Let the kernel end this process when the pipe `lifeline` is closed, as by the end of the parent."""
+    """Make the kernel end this process when the pipe `lifeline` is closed, for example because the parent has ended."""
     with contextlib.suppress(AttributeError, OSError):  # systems without it use the time limit
         signal.signal(signal.SIGIO, signal.SIG_DFL)
         fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
@@ -61,7 +61,7 @@ def _end_with_parent(lifeline: int) -> None:
 
 
 def _limit(processor_s: int, wall_s: int, memory: int) -> None:
-    """Set kernel limits of time and memory, which apply even after the end of the parent process."""
+    """Set kernel limits for time and memory, which apply even after the parent process has ended."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(wall_s)
     limits = {resource.RLIMIT_CPU: processor_s, resource.RLIMIT_AS: memory, resource.RLIMIT_CORE: 0}
@@ -87,7 +87,7 @@ class _Arguments(dict[str, str]):
         return super().__getitem__(name)
 
     def unknown(self) -> str:
-        """Return an error text for required arguments that the file does not use and xacro ignores, else ""."""
+        """Return an error text for required arguments that the file does not use (xacro ignores them), else ""."""
         unused = [name for name in self._required if name not in self.declared]
         return "; ".join(f"no argument {name!r}{_hint(name, self.declared)}" for name in unused)
 
@@ -129,13 +129,13 @@ _TOO_MUCH = {
 def _has_cause(error: BaseException, kind: type[BaseException]) -> bool:
     """Whether an exception or one of its causes is an instance of `kind`.
 
-    The causes count because xacro replaces an exception by another one about the expression.
+    The causes count, because xacro replaces an exception with another one about the expression.
     """
     return any(isinstance(cause, kind) for cause in _causes(error))
 
 
 def _absent_package(error: BaseException) -> str:
-    """Return the message of `find_package` if a package was missing, else ""."""
+    """Return the message of `find_package` if a package was not found, else ""."""
     return next((str(cause) for cause in _causes(error) if type(cause) is LookupError), "")
 
 
@@ -150,7 +150,7 @@ _LONGEST_STACK = 5  # lines of a macro stack that are shown; an endless recursio
 
 
 def _where(output: str) -> str:
-    """Return the macro stack in xacro's error output as one line, shortened to `_LONGEST_STACK` entries."""
+    """Return the macro stack in xacro's error output as one line with at most `_LONGEST_STACK` entries, or ""."""
     lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in output.splitlines()]
     stack = [line for line in lines if line]
     more = ["..."] if len(stack) > _LONGEST_STACK else []
@@ -159,7 +159,7 @@ def _where(output: str) -> str:
 
 @contextlib.contextmanager
 def _source_lookup(path: str) -> Iterator[None]:
-    """Context in which xacro finds packages with `find_package`, and missing installed files in their sources."""
+    """Context in which xacro finds packages with `find_package`, and missing installed files in the sources."""
     import xacro
     from xacro import substitution_args  # after the limits
 
