@@ -207,7 +207,10 @@ class DriveRequest:
         self._stop_exit.evaluate(statusword)
 
     def lost_enable(self, previous: State, drive_state: State) -> bool:
-        """Whether a drive that should be enabled fell from the state `previous` to `drive_state` without a command."""
+        """Whether a drive that should be enabled fell from the state `previous` to `drive_state` without a command.
+
+        Two such falls are tolerated while the drive is being enabled.
+        """
         # CiA 402-2, table 22, transitions 8 to 12: a drive may leave the states of the ladder without a command
         if self.goal is not DriveGoal.ENABLED or LADDER[drive_state] >= LADDER[previous]:
             return False
@@ -404,7 +407,7 @@ class DriveMachine:
             self.next_update = _AT_ONCE
 
     def hold_in_switched_on(self, on: bool = True) -> None:
-        """Keep the drive in SWITCHED_ON until a call with False, so that several axes are enabled in one cycle."""
+        """Keep the drive in SWITCHED_ON until a call with False, so that several axes can be enabled in one cycle."""
         if on is not self.held_in_switched_on:
             self.held_in_switched_on = on
             self.next_update = _AT_ONCE

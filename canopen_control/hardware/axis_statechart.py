@@ -215,7 +215,7 @@ class AxisStatechart:
 
     `following` is True only in FOLLOWING, and equals `enabled` of the command interfaces. `watched` means that the
     drive must be checked in every cycle. `since` is the time at which the state was entered (SETTLING keeps that of
-    BRAKING), `deadline` the timeout of the state. `observer` is informed of applied rows.
+    BRAKING), `deadline` the timeout of the state. `observer` is notified of applied rows.
     """
 
     def __init__(

@@ -4,8 +4,8 @@ One table maps the events of the drive's state machine to a kind, a level and wh
 the statusword is reported when it begins, not while it lasts. An active limit forbids motion in the direction in which
 the axis moved and leaves the other direction open; an axis that moves together with others stops with them at the
 limit, and again when it is commanded beyond the limit. An axis that turns against its command is distinguished from one
-that lags: both values are large in `WRONG_CHECKS` consecutive checks. If a drive has no error code (0x603F), its EMCY
-message is the only report.
+that lags: target and speed are large and opposite in `WRONG_CHECKS` consecutive checks. If a drive has no error
+code (0x603F), its EMCY message is the only report.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ returns whether the target is at standstill. An unchanged target costs only a co
 Only one motion interface is commanded at a time, except for those that feed a position forward (`feed_forward`). Before
 an enabled drive changes its mode, all targets are at standstill for one cycle, because the new mode uses its target at
 once; targets of other modes are held at the actual position, without velocity and effort. CSP, IP and CSV have no ramp
-in the drive, so the master ramps, also to a stop; PP and PV leave the ramp to the drive. A target that is more than
+in the drive, so the master computes their stop ramps; PP and PV leave the ramp to the drive. A target that is more than
 half the range of the counter away, or does not fit its object, is not sent: the axis stops, and `out_of_range` of the
 axis is this target.
 """
@@ -281,7 +281,7 @@ class ModeTarget(metaclass=ABCMeta):
         """Send a target in SI units (nan: no target); `now` is in ns, `period` in s."""
 
     def ramp(self, velocity: float, slope: float) -> None:
-        """Set the maximum speed and acceleration in device units; only a position that the master ramps uses them."""
+        """Set the maximum speed and acceleration in device units, if the master computes a position profile."""
         del velocity, slope
 
     @abstractmethod
@@ -370,7 +370,7 @@ class VelocityTarget(_ScaledTarget):
         return self._axis.scale.vel_to_dev
 
     def ramp_down(self, period: float) -> bool:
-        """Ramp to zero with the drive's deceleration; command zero at once if the drive ramps."""
+        """Ramp to zero with the drive's deceleration; command zero at once if the drive computes the ramp."""
         raw: int = self.output.value
         self.value = _NAN
         if not self.ramped or raw == 0:
@@ -487,7 +487,7 @@ class _PositionTarget(ModeTarget):
 
 
 class PositionTarget(_PositionTarget):
-    """Target of mode CSP: one position per SYNC within the velocity limit; the master ramps a stop."""
+    """Target of mode CSP: one position per SYNC within the velocity limit; the master computes the stop ramp."""
 
     interface = POSITION
     tracks = True

@@ -89,7 +89,7 @@ def step_words(moved_ns: int) -> str:
 
 
 class StepRequest(Protocol):
-    """Request for simulation steps; notified when the steps are complete."""
+    """Request for simulation steps; notified when the steps are complete or cancelled."""
 
     def settle(self, error: str | None) -> None:
         """Handle the completion of the steps, or their failure for the reason `error`."""

@@ -149,7 +149,7 @@ class Supervisor:
         """Start a client as `python -m ARGUMENTS`; with `restarts`, the client is restarted after its end.
 
         If `answers`, the client must send liveness reports repeatedly, and is killed if they stop. `prepared` is the
-        process of this client if it was started before, and waits at its gate.
+        process of this client if it has already been started and waits at its gate.
         """
         if prepared is None:
             child = self._start_module(arguments, name, ros=ros, inherit_stdout=inherit_stdout, reports=answers)
