@@ -49,7 +49,7 @@ def fault_words(node: NodeSession) -> str:
 
 
 def error_history(node: NodeSession) -> list[str]:
-    """Read the error history (0x1003) as texts, newest first; raise ConfigError if the node has none."""
+    """Return the error history (0x1003) as texts, newest first; raise ConfigError if the node has none."""
     count = node.number(_HISTORY[0], 0, DataType.UNSIGNED8)
     if count is None:
         raise ConfigError(f"{node} has no error history (0x1003)")
@@ -100,7 +100,7 @@ class JogDrive:
 
 
 def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
-    """Return the drive of an axis; raise ConfigError, with advice, if no controller takes targets for it alone."""
+    """Return the drive of an axis; raise ConfigError with advice if no controller takes targets for its joint alone."""
     places = client.ask(GetNodes()).nodes
     place = next((place for place in places if node in (place.name, str(place.node_id))), None)
     if place is None:

@@ -55,7 +55,10 @@ class JobOption:
         return isinstance(self.default, bool)
 
     def value_of(self, text: str) -> Any:  # noqa: ANN401 - of the option's own type
-        """Parse a text, or return the default value for an empty text; raise ConfigError if the text is invalid."""
+        """Parse a text; raise ConfigError if it is invalid.
+
+        An empty text means the default. An option that `repeats` takes a comma-separated list instead.
+        """
         if self.repeats:
             return [part.strip() for part in text.split(",") if part.strip()]
         text = text.strip()
@@ -94,7 +97,7 @@ class NoOptions:
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """Command-line options that reach a node (`--can`, `--name`), and whether `--include-protected` is set."""
+    """Options that select the bus or robot of a node (`--can`, `--name`), and whether `--include-protected` is set."""
 
     channel: str = ""
     robot: str = ""
@@ -127,7 +130,7 @@ class ProgramDate:
         return (midnight + datetime.timedelta(milliseconds=self.milliseconds)).isoformat(" ", "seconds")
 
     def fits(self, other: ProgramDate | None) -> bool:
-        """Whether two dates are equal; if a time is unknown, only the days are compared."""
+        """Whether another date equals this date; if this date has no time, only the days are compared."""
         if other is None or other.day != self.day:
             return False
         return self.milliseconds is None or self.milliseconds == other.milliseconds

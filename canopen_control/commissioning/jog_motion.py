@@ -72,7 +72,7 @@ _MAX_TRAVEL: Final = 10.0 * math.tau  # default in rad
 
 
 def limits_of(options: MotionOptions, scale: JogScale, speed: float = MAX_SPEED) -> JogLimits:
-    """Return the limits of a motion; raise ConfigError for a unit whose scale is unknown.
+    """Return the limits of a motion; raise ConfigError for a unit that needs an unknown scale.
 
     `speed` is the default speed in rad/s.
     """
@@ -185,7 +185,10 @@ class JogMotion:
         return min(deadlines, default=None)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Record measured values (None if unknown); end the jog at a limit of current or travel, or if not enabled."""
+        """Record measured values; end the jog at a limit of current or travel, or if the drive is not enabled.
+
+        Values are in rad, rad/s and per mille; unknown values are None.
+        """
         if not enabled:
             self.end(JogEnd.STATE)
         if current is not None and abs(current) > self.limits.current:

@@ -288,7 +288,7 @@ class RobotTransfers(Transfers):
         return progress_read.done, progress_read.total
 
     def cancel(self) -> None:
-        """Request the cancellation on a separate connection; ignored if the robot does not answer."""
+        """Request the cancellation on a separate connection; do nothing if the robot does not answer."""
         with contextlib.suppress(CanopenError), RobotClient.connect(self._robot.robot, _WATCH_S) as robot:
             robot.ask(CancelSdo(node=str(self._node_id), session=self._session))
 

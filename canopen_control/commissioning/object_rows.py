@@ -79,7 +79,7 @@ _IN_REVOLUTIONS: Final = {VELOCITY: "rpm"}
 
 
 def unit_of(od: ObjectDictionary, index: int, subindex: int) -> str:
-    """Return the unit of an object, or "" if unknown; 0x60A9 decides between rpm and counts for velocities."""
+    """Return the unit of an object, or "" if unknown; for velocities, 0x60A9 decides between rpm and counts."""
     base, axis = objects.axis_of(index)
     unit = _UNITS.get(base, "")
     if subindex == 0 and (index, 1) in od:
@@ -123,7 +123,7 @@ _SHOWN_BYTES = 64
 
 
 def parse_type(text: str) -> DataType:
-    """Return the data type with a name such as `i32` or `INTEGER32`; raise ConfigError, with all names, for another."""
+    """Return the data type with a name such as `i32` or `INTEGER32`; raise ConfigError, with all names, if unknown."""
     data_type = _ALIASES.get(text.casefold()) or DataType.__members__.get(text.upper())
     if data_type is None:
         raise ConfigError(
@@ -524,7 +524,7 @@ class EditHistory:
     edits: list[Edit] = field(default_factory=list)
 
     def write(self, session: NodeSession, entry: Entry, text: str) -> Edit:
-        """Write a value and read it back; raise ConfigError for an invalid value, DriveError if another results."""
+        """Write a value and read it back; raise ConfigError if it is invalid, DriveError if another value is read."""
         value = parsed_value(entry, text)
         before = session.read_value(entry) if entry.readable else None
         session.write_value(entry, value)
@@ -543,7 +543,7 @@ class EditHistory:
         return next((edit for edit in reversed(self.edits) if edit.before is not None), None)
 
     def undo(self, session: NodeSession) -> Edit:
-        """Undo the latest edit; raise ConfigError if there is none, DriveError if the value has changed after it."""
+        """Undo the latest edit; raise ConfigError if there is none, DriveError if the object was written after it."""
         edit = self.last
         if edit is None or edit.before is None:
             raise ConfigError(f"{session}: no edit to undo")

@@ -70,7 +70,7 @@ class DifferentParameter:
 
 @dataclass(frozen=True, slots=True)
 class DiffReport:
-    """Result of a comparison: number of compared parameters, and the differences of identities and parameters."""
+    """Result of a comparison: number of compared parameters, and the differences in identity and parameters."""
 
     a: str
     b: str
@@ -103,7 +103,7 @@ def compared(a: ParameterSet, b: ParameterSet) -> DiffReport:
 
 
 def run_diff(session: NodeSession, run: JobRun, file: ParameterSet) -> str:
-    """Compare the parameters of a file with the node, by address."""
+    """Compare the parameters of a file with those of the node, by address."""
     run.part(f"reading {session}", "objects")
     node, left_out = read_same(session, file, run.at)
     result = compared(file, node)
@@ -140,7 +140,7 @@ def run_clone(
 
 
 def like_file(session: NodeSession, file: ParameterSet) -> NodeSession:
-    """Return the session; if its node has no EDS, set its object dictionary to that of the DCF."""
+    """Give a session without an EDS the object dictionary of the DCF; return the session."""
     if session.od is None:
         session.od = file.od.for_node(session.node_id)
     return session

@@ -285,7 +285,7 @@ def _is_set(entry: Entry) -> bool:
 
 
 def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str, list[str]]:
-    """Return the DCF of a backup, and the names of parameters that a DCF cannot represent."""
+    """Return the DCF of a backup, and a text for each parameter that a DCF cannot represent."""
     info = next((lines for title, lines in parameters.od.sections.items() if title.lower() == "fileinfo"), {})
     eds_name = next((value for key, value in info.items() if key.lower() == "filename"), "")
     text = backup_text(parameters, eds_name=eds_name, node_name=node_name)
@@ -461,7 +461,7 @@ def read_parameters(
 def read_same(
     session: NodeSession, file: ParameterSet, progress: ProgressCallback | None = None
 ) -> tuple[ParameterSet, list[LeftOut]]:
-    """Read the parameters of a file from a node with the file's data types; a session without an EDS keeps these."""
+    """Read the parameters of a file from a node with the file's data types; a session without an EDS adopts them."""
     od = file.od.for_node(session.node_id)
     if session.od is None:
         session.od = od

@@ -198,7 +198,7 @@ def _read_present(number: int, progress: DownloadProgress) -> Sequence:
 
 
 def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -> Sequence:
-    """Stop and clear the program; raise DriveError if 0x1F51 does not confirm this."""
+    """Stop and clear the program; raise DriveError if 0x1F51 or 0x1F57 does not confirm this."""
     progress.step = DownloadStep.STOPPING
     status = yield from _number(CONTROL, number)
     if status != STOP:

@@ -404,7 +404,7 @@ _FOLDER: Final = "restores"
 
 
 class RestoreJournal:
-    """Journal of a restore to a session's node; `reached` has the command-line options that reach the node."""
+    """Journal of a restore to a session's node; `reached` has the options for suggested commands."""
 
     def __init__(self, session: NodeSession, identity: DeviceIdentity, reached: Reached) -> None:
         self._session, self._reached = session, reached

@@ -88,7 +88,7 @@ def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: Kep
 
 
 def revert_gains(session: NodeSession, stored: KeptParameters) -> list[GainChange]:
-    """Restore the gains from before `set_gains`; raise DriveError if none are stored, or if enabled or refused."""
+    """Restore the gains stored by `set_gains`; raise DriveError if none are stored, or the drive refuses."""
     target = stored.read()
     if not target:
         raise DriveError(f"{session}: no gains of this drive were set from this computer, so nothing can be reverted")
@@ -383,14 +383,14 @@ class GainPlace:
 
 
 def applied(session: NodeSession, gains: CascadeGains, units_per_rad: float, place: GainPlace) -> Iterator[str]:
-    """Set the gains of an axis; yield a text for each change, and whether the drive has stored the gains."""
+    """Set the gains of an axis; yield a text for each change, and one on whether the drive has stored the gains."""
     objects = settable_gains(session, place.axis, place.named, units_per_rad)
     values = gain_values(session.dictionary, objects, gains, units_per_rad)
     yield from _change_lines(session, set_gains(session, values, _stored_gains(session, place)), place)
 
 
 def reverted(session: NodeSession, place: GainPlace) -> Iterator[str]:
-    """Revert the gains of an axis; yield a text for each change, and whether the drive has stored the gains."""
+    """Revert the gains of an axis; yield a text for each change, and one on whether the drive has stored the gains."""
     yield from _change_lines(session, revert_gains(session, _stored_gains(session, place)), place)
 
 

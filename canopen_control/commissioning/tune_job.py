@@ -201,6 +201,6 @@ def apply_gains(
 
 
 def revert(session: NodeSession, run: JobRun, *, axis: int = 0, stores: bool) -> str:
-    """Restore the gains of an axis from before the first change."""
+    """Restore the gains that an axis had before the first change."""
     run.lines += reverted(session, GainPlace(axis, stores=stores))
     return f"{session.name}: previous gains restored"

@@ -144,7 +144,7 @@ def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Pa
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Results of a test for programs, in rad/s, s, Hz, dB, degrees and per mille of torque, or None.
+    """Machine-readable results of a test in rad/s, s, Hz, dB, degrees and per mille of torque; None for other tests.
 
     `no_gains` is the reason why no gains are proposed; `velocity_i` belongs to `gains`, `bandwidth` to `bode`.
     """
@@ -163,7 +163,7 @@ class Findings:
 
 
 def findings(record: TuneRecord, request: TuneRequest, scale: JogScale) -> Findings:
-    """Return the results for programs; raise DriveError if the record is unusable."""
+    """Return the machine-readable results of a test; raise DriveError if the record is unusable."""
     result = Findings(request.test.name.lower(), record.period, len(record.samples), record.lost)
     if request.test is TuneTest.STEP:
         return replace(result, step=step_of(record, request.height(scale)))

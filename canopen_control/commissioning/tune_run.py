@@ -130,7 +130,7 @@ class TuneMotion:
         return self._travelled
 
     def tick(self, now: int) -> None:
-        """Advance the time; ends the run when the excitation is over."""
+        """Advance the time; end the run when the excitation is over."""
         self._now = now
         if now - self._begin >= self._excitation.seconds * 1e9:
             self.end(JogEnd.OVER)

@@ -47,7 +47,7 @@ class Check:
 
 
 class CheckList(list[Check]):
-    """Checks of one document, in the order in which they run."""
+    """Checks of one document, in the order of their declaration."""
 
     def __init__(self, group: str) -> None:
         self.group = group

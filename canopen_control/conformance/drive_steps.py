@@ -124,7 +124,7 @@ def _wait_until_left(node: CheckedNode, state: State | None) -> None:
 
 
 def set_mode(node: CheckedNode, mode: int) -> None:
-    """Select a mode of operation and wait for it in 0x6061; raise NotApplicable if 0x6502 does not list the mode."""
+    """Select a mode, and wait up to `LIMIT_S` until 0x6061 shows it; raise NotApplicable if 0x6502 does not list it."""
     if not node.number(o.SUPPORTED_DRIVE_MODES) >> (mode - 1) & 1:
         raise NotApplicable(f"0x6502 does not list mode {mode}")
     node.put(o.MODES_OF_OPERATION, 0, mode, 1)

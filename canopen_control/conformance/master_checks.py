@@ -151,7 +151,7 @@ class MasterFindings:
         self.log.append(f"{seconds:.6f} {direction} {frame.can_id & 0x1FFFFFFF:03X} {frame.data.hex(' ').upper()}")
 
     def expect(self, good: bool, check_id: str, observed: str) -> None:
-        """Record the outcome of a check; the first failure keeps a copy of the log."""
+        """Record the outcome of a check; at the first failure, keep a copy of the log."""
         finding = self._by_id[check_id]
         finding.occasions += 1
         if good:
@@ -199,7 +199,7 @@ class MasterObserver:
         """Detect overdue frames; called periodically."""
 
     def finish(self) -> None:
-        """Check the rules about the whole run."""
+        """Check the rules that concern the whole run."""
 
 
 def present(node: VirtualNode, index: int) -> int:

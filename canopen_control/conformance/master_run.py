@@ -48,7 +48,7 @@ _OF_STAGE = {
 
 
 class _HeldAnswers:
-    """Holds back one SDO response until the master's next request.
+    """Delay of one SDO response until the master's next request.
 
     The answer to that request follows `_BEHIND_NS` later. A master that mistakes the late answer for the answer to its
     next request continues before the right answer arrives.

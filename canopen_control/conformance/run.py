@@ -99,7 +99,7 @@ class ConformanceReport:
 
 
 def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
-    """Return the checks of a document (`level`; "all" for every document) that `allowed` permits, in order."""
+    """Return the checks of a document (`level`; "all": every document) that `allowed` permits, in running order."""
     chosen = [check for check in CHECKS if level in ("all", check.group) and check.touch in allowed]
     return sorted(chosen, key=lambda check: ORDER.index(check.touch))
 
@@ -107,9 +107,9 @@ def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
 def run_checks(
     node: CheckedNode, checks: Sequence[Check], progress: Callable[[int, int], object] = lambda _done, _total: None
 ) -> ConformanceReport:
-    """Run `checks` and return the report; raise ConfigError if the node does not respond, BusError if the bus is lost.
+    """Run `checks` and return the report; raise ConfigError if the node is silent, not unique, or not that of its EDS.
 
-    `progress` is called with the number of completed checks and the number of all checks.
+    Raise BusError if the bus is lost. `progress` is called with the number of completed checks and the total.
     """
     identity = _identity(node)
     _refuse_confusion(node)
@@ -290,7 +290,7 @@ def _parameters(node: CheckedNode) -> dict[Address, bytes]:
 
 
 def _compare(node: CheckedNode, before: Mapping[Address, bytes], *, restore: bool) -> CheckResult:
-    """Compare the parameters with their values before the run; with `restore`, write the old values back."""
+    """Compare the parameters with their values before the run; with `restore`, write changed ones back."""
     node.begin()
     check = Check(
         "Z01", "301", "7.4", "the parameters of the device are unchanged", CheckLevel.MUST, CheckTouch.READ, _nothing

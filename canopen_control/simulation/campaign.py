@@ -137,7 +137,7 @@ def targeted_schedule(
 
 
 def _commands(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]:
-    """Return commands before and after the fault; empty if no active controller moves joints."""
+    """Return commands before and after the fault; empty if no controller that starts active moves joints."""
     motion = next((candidate for candidate in motions if candidate.starts), None)
     if motion is None:
         return []

@@ -114,7 +114,7 @@ class ServedSimulation:
         player.robot.reports_virtual_time = player.robot.core.in_virtual_time = True
 
     def start_bridge(self, arguments: Sequence[str]) -> None:
-        """Start the ROS bridge as a client of the robot, until `close`."""
+        """Start the ROS bridge as a client of the robot; `close` ends it."""
         robot = self._player.robot
         supervisor = Supervisor(robot.setup.name, self._front, lambda event: robot.core.report(event))
         self._held.callback(supervisor.end)

@@ -71,7 +71,7 @@ class _ServerEnd:
         return data
 
     def send(self, data: bytes) -> int:
-        """Send what the client accepts, return its length; raise BlockingIOError for 0, BrokenPipeError if it left."""
+        """Send what the client accepts, return its length; raise BlockingIOError for 0, BrokenPipeError at the end."""
         if not self._client.here:
             raise BrokenPipeError
         accepted = self._client.take(data)

@@ -190,7 +190,7 @@ class StatusInvariants:
         self._judge_jumps(status.events)
 
     def true_place(self, joint: str) -> tuple[float, float] | None:
-        """Return the lowest and highest joint position of the last cycles in SI units, or None if unknown."""
+        """Return the lowest and the highest joint position in the last cycles in SI units, or None if unknown."""
         for shaft in self._shafts:
             if shaft.joint == joint and shaft.truth and shaft.offset is not None and self._calm.get(shaft.view.node_id):
                 places = [truth[_POSITION] for truth in shaft.truth]
@@ -513,7 +513,7 @@ class GoalInvariants:
         return max(times, default=0.0)
 
     def _deviations(self, goal: _Open) -> dict[str, tuple[float, float]]:
-        """Return the largest and smallest recent error of each joint minus its tolerance.
+        """Return the largest and the smallest recent error of each joint, both minus the joint's tolerance.
 
         The result is empty if the position of a joint is unknown.
         """

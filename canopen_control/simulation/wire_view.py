@@ -277,7 +277,7 @@ class DisturbedNodes:
         return max(self._last[view.node_id], view.booted_at, self._robot.started_ns) < now - _CALM_NS
 
     def on_event(self, now: int, act: ScenarioEvent) -> None:
-        """Record the start of an event if it is a fault or sets values of the plant."""
+        """Record the start of an event that disturbs nodes: a fault, foreign frames, or new values of the plant."""
         if act.kind in _OF_ALL:
             self._disturb_all(now)
             if act.kind != "frame":
