@@ -175,7 +175,7 @@ class QuickStopExit:
         self.stage = StopStage.WAIT if self.stage is StopStage.ENABLE else StopStage.DISABLE
 
     def evaluate(self, statusword: int) -> None:
-        """In QUICK_STOP_ACTIVE, remember that bit 10 of the statusword was 0, which means that the motor was moving."""
+        """In QUICK_STOP_ACTIVE, record whether bit 10 of the statusword has been 0, so that the motor has moved."""
         # CiA 402-2, 0x6041 in QUICK STOP ACTIVE: bit 10 is 0 while the drive stops
         if not statusword & TARGET_REACHED:
             self._moved = True

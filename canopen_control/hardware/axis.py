@@ -448,7 +448,7 @@ def configured_scale(node: RemoteNode, axis: int) -> Scale:
 
 
 def _position_span(node: RemoteNode, index: int) -> int:
-    """Return the number of counts after which a drive's position wraps: from 0x607B in bus.yml or EDS, else 2**32.
+    """Return the number of counts after which a drive's position wraps: from 0x607B in bus.yml or the EDS, else 2**32.
 
     CiA 402-2, 0x607B: a position beyond one end of the range continues at the other end, as on a rotary table. Targets
     stay relative to the position, and the drive wraps them.
