@@ -233,7 +233,7 @@ def open_lock(path: Path) -> int:
 def claim(path: Path, timeout: float = 0.0) -> int:
     """Lock a file until this process ends, write the process id into it, and return its descriptor.
 
-    If another process still holds the lock after `timeout` s, SocketInUse with its process id is raised.
+    Raise SocketInUse with its process id if another process still holds the lock after `timeout` s.
     Closing the returned descriptor releases the lock.
     """
     fd = open_lock(path)

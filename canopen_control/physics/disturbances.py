@@ -74,7 +74,7 @@ class Disturbances:
                           for robot, links in own.items()}  # fmt: skip
 
     def problems(self) -> Iterator[str]:
-        """Yield an error with a line number for every missing link or joint in the steps of the world file."""
+        """Yield an error with a line number for every step of the world file with an invalid disturbance."""
         for step in self._steps:
             try:
                 for act in step.acts():
@@ -122,7 +122,7 @@ class Disturbances:
         return acted
 
     def act(self, world_act: WorldAct, now: int, robot: str = "") -> None:
-        """Apply a disturbance to a robot or the floor; raise ConfigError for a missing link or joint."""
+        """Apply a disturbance to a robot or the floor; raise ConfigError for an invalid disturbance."""
         self._check(world_act, robot)
         if isinstance(world_act, AddPayload):
             self._load(self._link(world_act.on, robot), world_act.mass, np.array(world_act.position))

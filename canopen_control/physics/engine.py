@@ -136,7 +136,7 @@ def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: lis
 def _world(
     robots: Mapping[str, WorldRobot], world: WorldDescription, floor: FloorContact, path: Path, notes: tuple[str, ...]
 ) -> PhysicsWorld:
-    """Build the world with these robots; raise PhysicsError if a disturbance names a missing link or joint."""
+    """Build the world with these robots; raise PhysicsError for invalid disturbances in the world file."""
     from canopen_control.physics.disturbances import Disturbances
     from canopen_control.physics.physics_world import PhysicsWorld
 

@@ -51,7 +51,7 @@ class AxisSettings:
 
     `scale_pos_to_dev` is the number of counts of the drive per rad, as in bus.yml, negative if the motor is mounted
     mirrored. `encoder` is the number of counts per motor revolution (per m for a linear motor), `rotor_inertia` the
-    mirrored. `encoder` is the number of counts per motor revolution (per m for a linear motor), `rotor_inertia` the
+    inertia of the motor before the `gear`. `inertia` is the inertia for which the velocity loop was tuned, with
     `bandwidth` in rad/s. A `brake` holds the joint without power. The `roller` of a mecanum wheel is the angle, in
     degrees from ahead to the left, of the axle of the roller on the ground. None stands for an estimated value, or for
     an absent part.

@@ -407,7 +407,7 @@ class DriverlessRobot:
         self._read_states()
 
     def problems(self) -> Iterator[str]:
-        """Yield an error with a line number for every missing link or joint in the steps of the world file."""
+        """Yield an error with a line number for every step of the world file with an invalid disturbance."""
         return self._disturbances.problems()
 
     def motor(self, joint: str) -> JointMotor | None:

@@ -36,7 +36,7 @@ _LONGEST_S: Final = 1.0  # maximum pause between two samples: gaps in a recordin
 class ReplayedRobot:
     """Server that replays the `samples` and `events` of a recording; `speed` multiplies the rate.
 
-    `over` is True after the last sample.
+    `over` is True after the last sample. Raise ConfigError without samples.
     """
 
     def __init__(

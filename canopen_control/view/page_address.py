@@ -141,8 +141,8 @@ _WAIT_S: Final = 0.5  # in which another process may hold the lock to read the f
 class PageAddress:
     """Locked file with the address and token of the page of `robot` on `host` and `port`.
 
-    `token` is the token of a killed view on the same host and port, or None. The port must already
-    be bound. If two views have the same host and port (in two network namespaces), only the first has a file.
+    `token` is the token of a killed view on the same host and port, or None. The port must already be bound. If two
+    views have the same host and port (in two network namespaces), only the first has a file.
     """
 
     def __init__(self, robot: str, host: str, port: int) -> None:

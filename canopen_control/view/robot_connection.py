@@ -168,7 +168,7 @@ def joint_motion(
 ) -> TeleopCommands:
     """Return the motion of joints with the command `values`; on release the `resting` values are sent.
 
-    `interface` is the kind of the values; the robot refuses them if the controller takes another kind by then.
+    `interface` is the kind of the values; the robot refuses them if the controller then takes another kind.
     """
     moved, rested = (
         CommandController(

@@ -89,7 +89,7 @@ class ActiveFaults(msgspec.Struct, frozen=True):
 
 @DRIVE.method("fault", Effect.CHANGES)
 class SwitchFault(Request[ActiveFaults], frozen=True, kw_only=True):
-    """Inject a fault into the node, or clear the fault with `on` false."""
+    """Inject a fault into the node; with `on` false, clear it."""
 
     name: str
     on: bool = True
@@ -201,7 +201,7 @@ class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
     """True pose of a simulated base in the world frame, in m and rad; `time_ns` is monotonic time.
 
     `heading` is not wrapped, `z` is the height above the floor at the start, `roll` and `pitch` are as in REP 103:
-    roll is positive to the right side, pitch to the front down.
+    `roll` is positive to the right side, `pitch` to the front down.
     """
 
     x: float
@@ -319,7 +319,7 @@ class AddPayload(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("push", Effect.CHANGES)
 class PushRobot(Request[Done], frozen=True, kw_only=True):
-    """Push a link at its centre of mass with `force` in N in the world frame; if `on` is "", the heaviest link."""
+    """Push the link `on` ("": the heaviest link) at its centre of mass with `force` in N in the world frame."""
 
     force: tuple[float, float, float]
     on: str = ""
@@ -328,7 +328,7 @@ class PushRobot(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("block", Effect.CHANGES)
 class BlockJoint(Request[Done], frozen=True, kw_only=True):
-    """Block a joint that a drive moves, or release it with `on` false."""
+    """Block a joint that a drive moves; with `on` false, release it."""
 
     joint: str
     on: bool = True

@@ -119,7 +119,7 @@ class SendErrorFrame(Request[Done], frozen=True, kw_only=True):
 
 @HUB.method("drop", Effect.CHANGES)
 class DropFrames(Request[Done], frozen=True, kw_only=True):
-    """Drop every `every`-th frame of a member (or all) with an identifier (or any), `count` frames in total."""
+    """Drop every `every`-th frame of a member (or of all) with `can_id` (or with any), `count` frames in total."""
 
     label: str = ""
     can_id: Identifier | None = None

@@ -151,7 +151,7 @@ class CancelSdo(Request[Done], frozen=True, kw_only=True):
 
 
 class SdoPiece(Request[Done], frozen=True, kw_only=True):
-    """Send a part of the data of this connection's next `sdo_write`; a request is limited to 64 KiB."""
+    """Send a part of the data of this connection's next `sdo_write`, because a request is limited to 64 KiB."""
 
     data: bytes
 
@@ -329,7 +329,7 @@ ROBOT.declare(GRIPPER_METHODS)
 
 @ROBOT.method("stop", Effect.STOPS)
 class Stop(Request[Done], frozen=True, kw_only=True):
-    """Ramp all joints down to a standstill and disable the drives; answered once nothing moves.
+    """Ramp all joints down to a standstill and disable the drives; answered when everything has stopped.
 
     With `latch` true the stop is latched: nothing moves before `release`, for any client.
     """

@@ -88,7 +88,7 @@ class GpioSample(Sample, frozen=True, kw_only=True, tag="gpio"):
 
 
 class JointDiagnosis(msgspec.Struct, frozen=True):
-    """Diagnosis of a joint; `level` is as in diagnostic_msgs, `values` are the values behind the diagnosis."""
+    """Diagnosis of a joint; `level` is as in diagnostic_msgs, the diagnosis is based on `values`."""
 
     name: str
     level: int

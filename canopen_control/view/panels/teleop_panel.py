@@ -173,7 +173,7 @@ class TeleopPanel:
     def _trajectory(
         self, controller: ControllerReading, positions: Sequence[float], percent: float
     ) -> TeleopCommands | None:
-        """Return the trajectory to the sliders' positions, within the joints' limits; None if a position is unknown.
+        """Return the trajectory to the sliders' positions within the velocity limits; None if a position is unknown.
 
         On a cubic from standstill to standstill, velocity peaks at 1.5 times its mean, acceleration at 6 d/T^2.
         """
