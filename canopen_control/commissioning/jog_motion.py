@@ -1,8 +1,9 @@
 """Command of a jog by held keys or with a defined end, within limits on speed, travel and current.
 
-Sans-IO; times are monotonic nanoseconds. The drive moves only while a key is held, or until the end of the motion. Any
-other key, a limit, or a drive that is not enabled any more ends the jog; `ended` is the reason. Positions are angles of
-the shaft since the start of the jog.
+Sans-IO; times are monotonic nanoseconds. The drive moves only while a key is held, or until the end of the motion. The
+current limit, or a drive that is not enabled any more, ends the jog; `ended` is the reason. A motion with a defined end
+is also ended by any key, and a motion with a duration by the travel limit, at which a jog by keys can only turn back.
+Positions are angles of the shaft since the start of the jog.
 """
 
 from __future__ import annotations
@@ -185,9 +186,9 @@ class JogMotion:
         return min(deadlines, default=None)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Record measured values; end the jog at a limit of current or travel, or if the drive is not enabled.
+        """Record measured values; end the jog above the current limit, at the target, or if the drive is not enabled.
 
-        Values are in rad, rad/s and per mille; unknown values are None.
+        Values are in rad, rad/s and per mille; unknown values are None. The travel limit ends a motion with a duration.
         """
         if not enabled:
             self.end(JogEnd.STATE)

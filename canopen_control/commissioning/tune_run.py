@@ -92,9 +92,9 @@ class TuneRecord:
 
 
 class TuneMotion:
-    """Motion of an excitation by velocity or torque, selected by `kind`.
+    """Motion of a shaft by an excitation; `kind` determines whether a velocity or a torque is commanded.
 
-    The drive stops with `deceleration` in rad/s^2; 0 means a stop without distance.
+    The drive stops with `deceleration` in rad/s^2; 0 means that the stopping distance is neglected.
     """
 
     def __init__(
@@ -202,7 +202,7 @@ def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
 class TuneRun:
     """Execution of one excitation on a drive; `run` returns the record.
 
-    `progress` is called repeatedly with the elapsed seconds; if it raises, the drive is stopped and the error passed
+    `progress` is called repeatedly with the elapsed seconds; if it raises, the drive is stopped and the error is passed
     on. `effort_unit` converts the joint's effort to per mille of the rated torque. If it is None, the torque is taken
     from the object `torque_index`, if a TPDO contains that object.
     """

@@ -1,7 +1,7 @@
 """Steps of drive checks: reading, power state machine, modes, option codes, bounded motions (CiA 402-2).
 
 Every motion is bounded. The speed is given by `--speed`, or is one per cent of 0x607F; the distance is given by
-`--distance`, or is half a revolution by 0x6092 and 0x608F. A motion that goes further than `_BEYOND` times the
+`--distance`, or is half a revolution by 0x6092 or 0x608F. A motion that goes further than `_BEYOND` times the
 distance fails its check, which disables the drive. At the end of a check the shaft returns to its start position.
 """
 

@@ -1,10 +1,10 @@
 """Invariants of commands: an accepted command moves its axis, or the robot reports why it does not move.
 
 An axis has a motion command if its target on the bus requests motion, or if a client's velocity or position was
-accepted. It must then move within 2 s plus the delay of its brake (quirk `brake_delay`). Otherwise an error, or a
-warning of certain kinds, must concern its node, or a stop must name its joint. The same reports excuse a drive that
-does not follow its targets because of a quirk: `unless_reported` delays a breach for that time. Disturbed nodes, axes
-at a limit, and robots on a floor are not checked. Times are in ns.
+accepted. It must then move within 2 s plus the delay of its brake (quirk `brake_delay`). Otherwise the robot must
+report an error or a certain kind of warning about its node, or a stop that names its joint. The same reports excuse a
+drive that does not follow its targets because of a quirk: `unless_reported` delays a breach for that time. Disturbed
+nodes, axes at a limit, and robots on a floor are not checked. Times are in ns.
 """
 
 from __future__ import annotations

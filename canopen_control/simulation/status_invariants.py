@@ -58,8 +58,8 @@ class _Shaft:
 
     A drive that boots counts from 0, and the robot continues from the last position it received: `offset` is the
     difference, None until the next reported position. Only a boot or a changed count changes the offset; `origin`
-    identifies them. If the drive's count wraps at 32 bits, both continue. The description may define a `transmission`
-    between shaft and joint.
+    identifies the latest of them. If the drive's count wraps at 32 bits, both continue. The description may define a
+    `transmission` between shaft and joint.
     """
 
     def __init__(

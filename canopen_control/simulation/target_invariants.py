@@ -295,7 +295,7 @@ class TargetInvariants:
     ) -> None:
         """Report a position or speed outside its bounds; `unit` converts the targets for the text.
 
-        A drive whose set-points do not count yet, or come from elsewhere, is healthy: the robot has to report that.
+        A drive that ignores set-points, or takes them from elsewhere, is healthy, but the robot must report this.
         """
         low, high = bounds
         slack = _LEAST + _SLACK * max(abs(low), abs(high))

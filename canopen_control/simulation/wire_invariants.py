@@ -1,6 +1,6 @@
 """Invariants of the bus: timing of the master, bus load, order of SDO requests, configuration of the drives.
 
-A stalled, killed or disconnected master has no timing; it is checked again one second later. Times are in ns.
+The timing of a stalled, killed or disconnected master is checked only from some time after its return. Times are in ns.
 """
 
 from __future__ import annotations

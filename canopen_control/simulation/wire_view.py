@@ -249,7 +249,7 @@ class DisturbedNodes:
     """Times of the last disturbance of each node.
 
     `hidden_at` is the last time at which any node could not receive or answer, because of a bus, foreign frames, or the
-    robot; `deaf_at` is the same without foreign frames. `moved(node_id)` is the last time at which a shaft may have
+    robot; `deaf_at` does not count foreign frames. `moved(node_id)` is the last time at which a shaft may have
     moved without a command of its drive.
     """
 
