@@ -167,7 +167,7 @@ class Rhythm:
 
 
 def _fired_once(fd: int) -> bool:
-    """Read a periodic timer; False if it has not fired exactly once, so that it must be set again."""
+    """Read a periodic timer; return False unless it has fired exactly once; it must then be set again."""
     try:
         return os.read(fd, 8) == _ONCE
     except BlockingIOError:

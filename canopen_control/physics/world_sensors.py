@@ -69,7 +69,7 @@ class WorldSensor:
         return tuple(f"{self.name} {number}" for number in range(len(_PARTS[self.kind])))
 
     def of_scene(self) -> tuple[str, ...]:
-        """Return the names of the sensor's parts in an MJCF scene, with mujoco_ros2_control's suffixes if any."""
+        """Return the names of the sensor's parts in an MJCF scene, with mujoco_ros2_control's suffixes, or ()."""
         return tuple(f"{self.scene}{ending}" for ending in _ENDINGS[self.kind]) if self.scene else ()
 
 

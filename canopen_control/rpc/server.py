@@ -39,7 +39,7 @@ class Call(Generic[R_co]):
 
     @property
     def client(self) -> str:
-        """Name and process id of the client, for messages."""
+        """Name and process id of the client, for events and errors."""
         return f"client {self.connection.name} (pid {self.connection.pid})"
 
     def sender(self, source: str | None) -> str:

@@ -92,7 +92,7 @@ class FaultClient:
         return [name for name, node in self._nodes.items() if drive_name(node.channel, node.node_id) in alive]
 
     def faults(self, drive: str) -> tuple[FaultListing, ...]:
-        """Return all faults that a virtual drive supports; raise RemoteError if the drive is not running."""
+        """Return all faults that a virtual drive supports; raise RemoteError if the drive is unknown or not running."""
         with self._connect(drive) as client:
             return client.ask(ListFaults())
 
@@ -102,7 +102,7 @@ class FaultClient:
             return client.ask(SwitchFault(name=fault, on=on)).active
 
     def quirks(self, drive: str) -> tuple[QuirkListing, ...]:
-        """Return all quirks that a virtual drive supports; raise RemoteError if the drive is not running."""
+        """Return all quirks that a virtual drive supports; raise RemoteError if the drive is unknown or not running."""
         with self._connect(drive) as client:
             return client.ask(ListQuirks())
 
@@ -114,7 +114,7 @@ class FaultClient:
     def set_signals(self, drive: str, values: dict[str, float]) -> None:
         """Set inputs of a virtual device by name.
 
-        Raise RemoteError if an input is unknown or the device is not running.
+        Raise RemoteError if the input or the device is unknown, or the device is not running.
         """
         with self._connect(drive) as client:
             client.ask(SetSignals(values=values))

@@ -103,7 +103,7 @@ def place_text(loaded: LoadedTrajectory, number: int) -> str:
 def preview_table(
     loaded: LoadedTrajectory, number: int, now: Mapping[str, float | None], linear: frozenset[str]
 ) -> str:
-    """Return a table with the previewed and the current positions of the joints as HTML."""
+    """Return an HTML table with the previewed and the current positions of the joints."""
     positions = loaded.positions(number)
     if not positions:
         return "<p class='cc-note'>This point has no positions.</p>"

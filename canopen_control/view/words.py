@@ -172,7 +172,7 @@ def _table_lines(rows: Iterable[AxisRow]) -> Iterator[str]:
 
 
 def joint_table(joints: Mapping[str, JointReading], linear: frozenset[str], commanded: Mapping[str, str]) -> str:
-    """Return the table of joints as HTML; `linear` joints are in m, `commanded` maps joints to command interfaces."""
+    """Return the table of joints as HTML; `linear` joints are in m, `commanded` maps joints to commanded interfaces."""
     if not joints:
         return "<p class='cc-note'>No joints.</p>"
     lines = []
@@ -197,7 +197,7 @@ _JOINT_TITLES: Final = ("joint", "position", "velocity", "effort", "command")
 
 
 def _tracking(reading: TrackingReading, unit: str) -> str:
-    """Return a joint's maximum and RMS tracking error, and the repeated and skipped set-points, as HTML."""
+    """Return, as HTML, the maximum and RMS tracking error of a joint, and its repeated and skipped set-points."""
     per = "" if reading.interface == "position" else "/s"
     odd = [
         f"{count} {title}" for count, title in ((reading.repeated, "repeated"), (reading.skipped, "skipped")) if count
@@ -213,7 +213,7 @@ def _number(value: float | None) -> str:
 
 
 def facts(state: StateSample) -> str:
-    """Return a line about the cycle, the buses and the active controllers as HTML."""
+    """Return, as HTML, a line about the cycle, the buses and the active controllers."""
     return f"<div class='cc-facts'>{' · '.join(_facts(state))}</div>"
 
 

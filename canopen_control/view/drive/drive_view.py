@@ -226,7 +226,7 @@ class StatusTab:
 
 
 def facts_table(reading: NodeReading) -> str:
-    """Return a table of a node's state as HTML."""
+    """Return an HTML table with the state of a node."""
     lines = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in _facts(reading))
     return f"<table class='cc-table cc-known'>{lines}</table>"
 

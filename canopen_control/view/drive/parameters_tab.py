@@ -314,7 +314,7 @@ def _file_words(file: ParameterSet) -> str:
 
 
 def program_of(data: bytes, name: str) -> bytes:
-    """Return the bytes of an uploaded program; raise ConfigError if the file is empty, or is an EDS or DCF."""
+    """Return the bytes of an uploaded program; raise ConfigError if the file is empty, or if it is an EDS or DCF."""
     refuse_no_program(data, name)
     return data
 
