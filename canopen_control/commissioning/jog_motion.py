@@ -1,9 +1,9 @@
 """Command of a jog by held keys or with a defined end, within limits on speed, travel and current.
 
-Sans-IO; times are monotonic nanoseconds. The drive moves only while a key is held, or until the end of the motion. The
-current limit, or a drive that is not enabled any more, ends the jog; `ended` is the reason. A motion with a defined end
-is also ended by any key, and a motion with a duration by the travel limit, at which a jog by keys can only turn back.
-Positions are angles of the shaft since the start of the jog.
+Sans-IO; times are monotonic nanoseconds. The drive moves only while a key is held, or until the end of the motion.
+Ctrl-C, the current limit, or a drive that is not enabled any more ends the jog; `ended` is the reason. A motion with a
+defined end is also ended by any key, and a motion with a duration by the travel limit, at which a jog by keys can only
+turn back. Positions are angles of the shaft since the start of the jog.
 """
 
 from __future__ import annotations

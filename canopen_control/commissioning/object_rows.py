@@ -205,7 +205,7 @@ def _show_bytes(data: bytes) -> str:
 
 
 def _text_of(data: bytes) -> str:
-    """Return printable ASCII as text, without padding zeros, or "" for other bytes."""
+    """Return printable ASCII as text, without padding zeros, or "" for other, very short or very long data."""
     body = data.rstrip(b"\0")
     if len(body) < _TEXT_BYTES or len(data) > _SHOWN_BYTES * 4 or not all(32 <= byte < 127 for byte in body):
         return ""

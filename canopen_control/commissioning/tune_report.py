@@ -213,7 +213,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _pairs(record: TuneRecord) -> tuple[list[float], list[float]]:
-    """Return commanded and measured velocities of all cycles, with linear interpolation of missing cycles."""
+    """Return the commanded and the measured velocities of all cycles, with missing cycles interpolated linearly."""
     cycles = [sample.cycle for sample in record.samples]
     commands, speeds = [sample.command for sample in record.samples], list(map(_speed, record.samples))
     return filled(cycles, commands), filled(cycles, speeds)

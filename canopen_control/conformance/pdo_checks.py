@@ -105,7 +105,7 @@ def present_values(node: CheckedNode, record: PdoRecord) -> bytes:
 def reconfigured(
     node: CheckedNode, record: PdoRecord, values: dict[int, int], *, cob_id: int | None = None
 ) -> Iterator[None]:
-    """Context with an enabled PDO whose communication parameters are replaced by `values` (by subindex)."""
+    """Context with an enabled PDO whose communication parameters are replaced by `values`, by subindex, until exit."""
     index = record.index
     with node.kept(index, 1):
         node.put(index, 1, record.cob_id | _OFF, 4)
