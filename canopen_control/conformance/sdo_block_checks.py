@@ -58,7 +58,7 @@ def _abort(node: CheckedNode, index: int) -> None:
 
 
 def _start_upload(node: CheckedNode, index: int, block_size: int) -> tuple[int, bool]:
-    """Initiate a block upload; return the announced size, and whether the server computes a CRC."""
+    """Initiate a block upload or raise NotApplicable; return the announced size, and whether the server uses a CRC."""
     answer = node.ask(bytes((BLOCK_UPLOAD | CRC_FLAG, *mux(index), block_size, 0, 0, 0)))
     if answer is None or answer[0] & COMMAND_MASK != BLOCK_UPLOAD_ANSWER:
         if answer is not None and answer[0] != ABORT:
@@ -171,7 +171,7 @@ def _has_blocks(node: CheckedNode) -> None:
 
 
 def _start_download(node: CheckedNode, size: int, *, crc: bool) -> bool:
-    """Initiate a block download to 0x1017; return whether the server accepts a CRC."""
+    """Initiate a block download to 0x1017 or raise NotApplicable; return whether the server accepts a CRC."""
     command = BLOCK_DOWNLOAD | SIZED_FLAG | (CRC_FLAG if crc else 0)
     answer = node.ask(bytes((command, *mux(_HEARTBEAT), *size.to_bytes(4, "little"))))
     if answer is not None and answer[0] == ABORT:

@@ -104,7 +104,7 @@ class BusHistory:
             (receptions.boots if data[:1] == b"\0" else receptions.alive).append(now)
 
     def acts(self) -> Iterator[ScenarioEvent]:
-        """Yield the fault events; `at_ns` is Unix time."""
+        """Yield the events of faults, and of NMT commands that stop nodes; `at_ns` is Unix time."""
         yield from self._of_master()
         for now, command, node in self._nmt:
             if command in (_NMT_STOP, _NMT_PRE_OPERATIONAL):
@@ -206,7 +206,7 @@ class RecordedRobot:
 
 
 def scenario_of_recording(recorded: RecordedRobot, setup: RobotSetup) -> Scenario:
-    """Convert a recording to a scenario; raise ConfigError if a bus of the robot has no frames."""
+    """Convert a recording to a scenario; raise ConfigError if it has no frames of the robot's buses."""
     known = [item for item in recorded.frames if item[1] in setup.buses]
     if not known:
         buses = ", ".join(sorted({bus for _, bus, _ in recorded.frames})) or "no bus"
@@ -247,7 +247,7 @@ def _origin(recorded: RecordedRobot, first: int) -> tuple[int, bool]:
 
 
 def _initial(recorded: RecordedRobot, setup: RobotSetup, origin: int) -> Iterator[ScenarioEvent]:
-    """Yield events that activate the controllers that were active at the start of the recording."""
+    """Yield activations of controllers that were active at the start of the recording, but are not by default."""
     for name in recorded.active:
         config = setup.controllers.controllers.get(name)
         if config is not None and name not in setup.to_activate and "broadcaster" not in config.type.lower():
