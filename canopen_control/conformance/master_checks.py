@@ -184,7 +184,7 @@ class MasterFindings:
 
 
 class MasterObserver:
-    """Passive observer of the frames between a master and a virtual device."""
+    """Base class of passive observers of the frames between a master and a virtual device."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings) -> None:
         self.node, self.findings = node, findings

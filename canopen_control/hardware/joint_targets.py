@@ -640,7 +640,7 @@ class SetPointTarget(_PositionTarget):
         return self._handshake.events()
 
     def _brake(self, target: int) -> None:
-        """Stop with a set-point at the end of the drive's braking ramp, but not beyond `target`."""
+        """Stop by moving the set-point to where the drive's braking ramp ends, but not beyond `target`."""
         self._sent = None
         axis, here = self._axis, self._axis.raw_position
         if not self._handshake.busy:

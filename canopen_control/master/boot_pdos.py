@@ -387,7 +387,7 @@ def _restore_own(
 def _enable(
     plan: NodePlan, writes: Sequence[PlannedWrite], device: _DevicePdo, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, _DevicePdo]:
-    """Make a PDO valid with the node's own mapping, at the planned COB-ID or else the node's own.
+    """Make a PDO valid with the mapping in the node, at the planned COB-ID or, if refused, at the COB-ID it had.
 
     Return the PDO as read back; raise BootError J if the node accepts neither COB-ID.
     """

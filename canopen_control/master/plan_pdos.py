@@ -175,7 +175,7 @@ def _with(keys: SignalKeys, signal: Signal) -> Signal:
 
 
 def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
-    """Plan the values that outputs take when the master is lost; warn about outputs that would keep theirs."""
+    """Plan the values of outputs when the master is lost; warn about outputs that would keep their current values."""
     live = _mapped_signals(builder, "rpdo")
     outputs = [safe_output for safe_output in safe_outputs(signals, builder.od) if safe_output.output in live]
     keeping = [output for output in outputs if not _plan_safe(builder, output)]

@@ -111,7 +111,7 @@ def real_bits(value: float, data_type: DataType) -> str:
 
 
 def _parse(text: str) -> Number:
-    """Parse an integer; results are cached, since most lines of most files repeat a few texts."""
+    """Parse an integer; short texts are cached, since the same few values recur in most files."""
     return _parse_short(text) if len(text) <= _MAX_DIGITS else _parse_any(text)
 
 

@@ -197,7 +197,7 @@ class JointPlant:
         self._world.reach(end_ns, self)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Ignore the feed-forward; the loops already use the demanded velocity."""
+        """Ignore the velocity and torque offsets; the loops use the demanded velocity."""
 
     # -- external actions
 

@@ -60,7 +60,7 @@ class SyncPhase:
         self._first = self._second = _NONE
 
     def receive_sync(self, tick: int, edge: int) -> int:
-        """Process a SYNC received at `tick`; return by how much to shift the next edge, otherwise due at `edge`."""
+        """Process a SYNC received at `tick`; return the shift in ns of the next edge, due until now at `edge`."""
         period = self.period_ns
         if not self.locked:
             self.locked = True

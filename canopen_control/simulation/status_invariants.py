@@ -292,7 +292,7 @@ class StatusInvariants:
     # -- mandatory events
 
     def _judge_supply(self, name: str, reading: NodeReading, events: list[RobotEvent], now: int) -> None:
-        """Check that a node without supply is soon reported as not ready, and that an event reports the loss."""
+        """Check that a node without power is soon reported as not ready, and that an event reports its loss."""
         view = self._nodes[name]
         if self._robot.drives[view.node_id].device is not None:
             self._lost.pop(name, None)

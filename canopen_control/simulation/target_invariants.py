@@ -85,7 +85,7 @@ class _Followed:
         return self._limits
 
     def rest(self) -> None:
-        """Reset the check, which starts anew at the next sample at which the axis can be checked."""
+        """Reset the check; it restarts at the next sample in which the axis can be checked."""
         self.at, self.reported = 0, False
 
     def ramp(self, low: float, high: float, slope: float, now: int, speed: float) -> None:

@@ -109,7 +109,7 @@ def _around(package: str, file: Path) -> Iterator[Path]:
 
 
 def _below(package: str, folder: Path, depth: int) -> Iterator[Path]:
-    """Yield the folders below `folder` that contain the package; do not search inside packages."""
+    """Yield `folder`, or the folders below it, that contain the package; do not search inside packages."""
     remaining, level = _MOST, [folder]
     for _ in range(depth):
         deeper = list[Path]()
