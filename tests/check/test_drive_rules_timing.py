@@ -35,7 +35,7 @@ def test_set_points_that_act_on_arrival_are_told_where_the_type_stands(tmp_path,
     told = warnings(arm(tmp_path, bus=(RPDO_TYPE, f"      transmission: {kind}\n")))
     assert len(told) == 1, "it stands once, in `defaults`"
     assert re.match(
-        r".*bus\.yml:45:21: warning: RPDO 1 of joint_1_drive and of 5 more carries 0x607A, the set-point of joint_1 in "
+        r".*bus\.yml:44:21: warning: RPDO 1 of joint_1_drive and of 5 more carries 0x607A, the set-point of joint_1 in "
         rf"CSP, with transmission {kind}: it takes effect on reception, not with SYNC; set rpdo: 1: transmission: 1, "
         r"otherwise the motor follows the computer's jitter",
         told[0],
@@ -72,7 +72,7 @@ def test_feedback_that_an_inhibit_time_holds_back_is_told_where_it_stands(tmp_pa
     slow = TPDO_2.replace("0x01", "255") + "      inhibit_time: 300\n"
     told = [each for each in warnings(arm(tmp_path, bus=(TPDO_2, slow))) if "inhibit" in each]
     assert len(told) == 1, told
-    assert "bus.yml:36:21: warning: TPDO 2 of joint_1_drive and of 5 more is sent every 30 ms at most" in told[0]
+    assert "bus.yml:35:21: warning: TPDO 2 of joint_1_drive and of 5 more is sent every 30 ms at most" in told[0]
     assert "feedback is older than a period; set tpdo: 2: transmission: 1, or inhibit_time: 0" in told[0]
     quick = TPDO_2.replace("0x01", "255") + "      inhibit_time: 200\n"
     assert not any("is sent every" in each for each in warnings(arm(tmp_path / "2", bus=(TPDO_2, quick))))
@@ -80,14 +80,14 @@ def test_feedback_that_an_inhibit_time_holds_back_is_told_where_it_stands(tmp_pa
 
 def test_an_interpolation_period_that_is_not_syncs_is_told_where_it_stands(tmp_path):
     told = warnings(arm(tmp_path, bus=("sub_index: 1, value: 20} ", "sub_index: 1, value: 10} ")))
-    assert "bus.yml:21:7: warning: defaults.sdo[1]: 0x60C2 is 10 * 10^-3 s, but the SYNC period 0.02 s" in told[0]
+    assert "bus.yml:20:7: warning: defaults.sdo[1]: 0x60C2 is 10 * 10^-3 s, but the SYNC period 0.02 s" in told[0]
 
 
 @pytest.mark.parametrize(
     ("key", "told"),
     [
-        ("event_deadline: 39", "bus.yml:45:23: warning: RPDO 1 of joint_1_drive and of 5 more has a deadline of 39 ms"),
-        ("event_timer: 10", "bus.yml:45:20: warning: RPDO 1 of joint_1_drive and of 5 more has a deadline of 10 ms"),
+        ("event_deadline: 39", "bus.yml:44:23: warning: RPDO 1 of joint_1_drive and of 5 more has a deadline of 39 ms"),
+        ("event_timer: 10", "bus.yml:44:20: warning: RPDO 1 of joint_1_drive and of 5 more has a deadline of 10 ms"),
         ("event_deadline: 40", ""),
         ("event_deadline: 0", ""),
     ],

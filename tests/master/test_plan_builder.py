@@ -98,7 +98,7 @@ def test_another_time_than_syncs_is_told_where_it_stands(tmp_path, asked):
     _, warnings = read_of_plan_interpolation(tmp_path, 20000, asked)
     assert len(warnings) == 1
     assert "remove 0x60C2, the boot writes the SYNC period" in warnings[0]
-    assert "bus.yml:21:7: defaults.sdo[1]" in warnings[0]
+    assert "bus.yml:20:7: defaults.sdo[1]" in warnings[0]
 
 
 MODE = "        - {index: 0x6060, sub_index: 0}   # mode of operation\n"

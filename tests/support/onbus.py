@@ -12,6 +12,7 @@ from canopen_control.bus.channel import open_port
 from canopen_control.data_files import data_path
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import Reactor
+from canopen_control.version import PURE, build
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.node_host import NodeHost
 
@@ -27,7 +28,7 @@ class OnBus:
 
     `plant` makes the plant of an axis. `seen` holds every frame that reached the cores. The constructor has opened the
     port: whoever joins afterwards is heard. `nodes` are the virtual devices by node-ID. The memory bus is in
-    virtual time, with all that the test itself waits for, unless `real_time` is set.
+    virtual time, with all that the test itself waits for, unless `real_time` is set or the package is compiled.
     """
 
     def __init__(
@@ -41,7 +42,7 @@ class OnBus:
     ) -> None:
         self.channel = channel
         self._time = contextlib.ExitStack()
-        if channel.startswith("memory:") and not real_time:
+        if channel.startswith("memory:") and not real_time and build() == PURE:  # a compiled reactor waits by itself
             self._time.enter_context(lockstep())
         self.reactor = Reactor()
         self.errors: list[BaseException] = []
