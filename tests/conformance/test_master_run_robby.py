@@ -48,6 +48,7 @@ def test_robby_passes_in_virtual_time(monkeypatch):
         operator.act()
         assert robot.errors == []
     run.close()
+    actor.reactor.close()
     report = run.report()
     robot.close()
     assert {result.id: result.observed for result in report.results if result.verdict == "failed"} == {}

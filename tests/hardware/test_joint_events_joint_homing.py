@@ -118,6 +118,7 @@ def test_a_lost_node_ends_it(servo):
     assert servo.joint(2).homing is None
 
 
+@pytest.mark.sources  # a property is replaced
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_drive_without_bit_10_is_homed_once_it_stands_still(robot, monkeypatch, moving):
     made = robot("csp")
