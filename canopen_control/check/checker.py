@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.check import rules as rules
 from canopen_control.check.drive_rules import check_timing, cycle_ns
 from canopen_control.check.finding import Finding, sorted_findings
-from canopen_control.check.stop_times import STOP_TIME_S, axis_facts, command_timeouts, stop_time
+from canopen_control.check.stop_times import axis_facts, command_timeouts, stop_time
 from canopen_control.controllers.controllers_file import read_controllers
+from canopen_control.controllers.limiters import LONGEST_STOP_S
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.hardware.axis_parameters import add_plugin_interfaces
 from canopen_control.host.reactor import Reactor
@@ -236,7 +237,7 @@ def _slow_stops(buses: dict[str, BusConfig], stops: tuple[StopTime, ...]) -> Ite
         place = config.place(facts.node, "sdo")
         text = (
             f"{facts.node}: {_subject(facts)} needs {case.ramp_s:.0f} s to brake from {facts.speed:.0f} units/s "
-            f"({case.by}); a stop that takes longer than {STOP_TIME_S:.0f} s becomes a quick stop"
+            f"({case.by}); a stop that takes longer than {LONGEST_STOP_S:.0f} s becomes a quick stop"
         )
         fix = "write a faster ramp to the drive under `sdo`, or lower the joint's velocity limit"
         severity = Severity.WARNING if case.ramp_s > _SLOW_RAMP_S else Severity.NOTE

@@ -16,6 +16,7 @@ from canopen_control.cia301.heartbeat import parse_consumer_entry
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.objects import ABORT_CONNECTION, DEFAULTS, OPTION_CODES, Reaction
 from canopen_control.cia402.state import Command, State
+from canopen_control.controllers.limiters import LONGEST_STOP_S
 from canopen_control.errors import CanopenError
 from canopen_control.master.cycle import CYCLIC_SYNCHRONOUS
 from canopen_control.master.plan import CONSUMER, GUARD_TIME, LIFE_TIME
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-STOP_TIME_S: Final = 10.0  # of a controlled stop, as in `hardware.axis_statechart`
 DEFAULT_RAMP_S: Final = 0.5  # master's ramp for a drive without 0x6084, as in `hardware.joint_targets`
 _RAMPS: Final = {Reaction.SLOW_DOWN_RAMP: o.PROFILE_DECELERATION, Reaction.QUICK_STOP_RAMP: o.QUICK_STOP_DECELERATION}
 
@@ -99,8 +99,8 @@ class StopTime:
 
     @property
     def slow_ramp(self) -> StopCase | None:
-        """Case with the longest finite ramp, or None unless it is longer than `STOP_TIME_S`."""
-        slow = [case for case in self.cases if case.bound and STOP_TIME_S < case.ramp_s < math.inf]
+        """Case with the longest finite ramp, or None unless it is longer than `LONGEST_STOP_S`."""
+        slow = [case for case in self.cases if case.bound and LONGEST_STOP_S < case.ramp_s < math.inf]
         return max(slow, key=lambda case: case.ramp_s, default=None)
 
     @property

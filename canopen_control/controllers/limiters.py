@@ -64,8 +64,10 @@ def _or(value: float, default: float) -> float:
     return default if math.isnan(value) else value
 
 
-def slow_stop(name: str, seconds: float, key: str) -> str:
-    """Return a warning that `name` takes `seconds` s to stop because of its deceleration limit `key`."""
+def slow_stop(name: str, seconds: float, key: str) -> str | None:
+    """Return a warning about a deceleration limit with which a stop takes too long, or None up to `LONGEST_STOP_S`."""
+    if seconds <= LONGEST_STOP_S:
+        return None
     return f"{name} needs {seconds:.0f} s to stop from its velocity limit; raise the magnitude of {key}"
 
 

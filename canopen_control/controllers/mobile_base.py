@@ -23,7 +23,6 @@ from canopen_control.controllers.base import Controller, ControllerState, zero_t
 from canopen_control.controllers.base_params import BaseParams
 from canopen_control.controllers.command_timeout import UNLIMITED, timeout_warning
 from canopen_control.controllers.limiters import (
-    LONGEST_STOP_S,
     SLOW_STOP,
     RateLaw,
     RateLimiter,
@@ -268,8 +267,8 @@ class MobileBase(Controller):
             if limit.freezes:
                 self.report("parameter", f"{axis}.max_jerk is 0, which keeps the speed constant; remove it")
             law = RateLaw(limit.limits())
-            if law.brake_s > LONGEST_STOP_S:
-                self.report(SLOW_STOP, slow_stop(axis, law.brake_s, f"{axis}.{law.longest_brake}"))
+            if (text := slow_stop(axis, law.brake_s, f"{axis}.{law.longest_brake}")) is not None:
+                self.report(SLOW_STOP, text)
         self.command_timeout.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
         if self._once:
             self.report(

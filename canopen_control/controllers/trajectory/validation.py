@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import TYPE_CHECKING, Final, Protocol
 
-from canopen_control.controllers.limiters import LONGEST_STOP_S, PointLimiter, slow_stop
+from canopen_control.controllers.limiters import PointLimiter, slow_stop
 from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.controllers.trajectory.point import Point, Points, shortest_angular_distance, whole_turns
 from canopen_control.errors import ControlError, nearest
@@ -612,15 +612,15 @@ class Acceptance:
     def slow_brake(self) -> str | None:
         """Return a warning about the joint that stops slowest after a cancelled goal, or None if none is too slow."""
         params = self._params
+        if not params.decelerate_on_cancel:
+            return None
         stops = {
             joint: self.limits[joint].velocity / constraints.max_deceleration_on_cancel
             for joint, constraints in zip(params.joints, params.constraints, strict=True)
             if constraints.max_deceleration_on_cancel and math.isfinite(self.limits[joint].velocity)
         }
         joint = max(stops, key=stops.__getitem__, default="")
-        if not params.decelerate_on_cancel or not joint or stops[joint] <= LONGEST_STOP_S:
-            return None
-        return slow_stop(joint, stops[joint], f"constraints.{joint}.max_deceleration_on_cancel")
+        return slow_stop(joint, stops.get(joint, 0.0), f"constraints.{joint}.max_deceleration_on_cancel")
 
     def point_limiter(self) -> PointLimiter | None:
         """Return a new limiter of the commanded points, or None if no limiter is configured."""
