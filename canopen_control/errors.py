@@ -369,7 +369,7 @@ _OPPOSITES = ({"left", "right"}, {"front", "rear"}, {"front", "back"}, {"upper",
 
 
 def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
-    """Return `, did you mean 'x'?` for a similar known name, else a list of the known names if `listed`, else "".
+    """Return ` (did you mean 'x'?)` for a similar known name, else a list of the known names if `listed`, else "".
 
     The words of a name may be in another order; a name with the opposite meaning (left, right) is not suggested.
     """
@@ -387,7 +387,7 @@ def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
 
     best = max(names, key=ratio, default="")
     if best and ratio(best) >= _MIN_RATIO:
-        return f", did you mean {best!r}?"
+        return f" (did you mean {best!r}?)"
     return f"; known: {', '.join(names)}" if names and listed else ""
 
 

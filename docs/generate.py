@@ -372,7 +372,7 @@ def axis_power() -> str:
     from canopen_control.hardware.axis_statechart import LIMITS_NS, TABLE, AxisPhase, PhaseTrigger
 
     lasts = {state: f"{limit / 1e9:g} s" for state, limit in LIMITS_NS.items()}
-    lasts[AxisPhase.SETTLING] = "the rest of BRAKING's time"
+    lasts[AxisPhase.AWAITING_STANDSTILL] = "the rest of RAMPING_DOWN's time"
     commands = {
         (state, trigger): (row.state, "; ".join(command.value for command in row.commands))
         for state, rows in TABLE.items()

@@ -98,20 +98,20 @@ def test_the_field_values_stay_readable():
 
 
 def test_the_nearest_name_is_offered_and_otherwise_what_there_is():
-    assert errors.nearest("velocty", ["velocity", "position"]) == ", did you mean 'velocity'?"
+    assert errors.nearest("velocty", ["velocity", "position"]) == " (did you mean 'velocity'?)"
     assert errors.nearest("zzz", ["velocity", "position"]) == "; known: velocity, position"
     assert errors.nearest("zzz", []) == ""
 
 
 def test_the_nearest_name_has_the_same_words_in_any_order_and_no_opposite_one():
     wheels = ["left_wheel_joint", "right_wheel_joint"]
-    assert errors.nearest("wheel_right_joint", wheels) == ", did you mean 'right_wheel_joint'?"
-    assert errors.nearest("wheel_left_joint", wheels) == ", did you mean 'left_wheel_joint'?"
-    assert errors.nearest("rigth_wheel_joint", wheels) == ", did you mean 'right_wheel_joint'?"
+    assert errors.nearest("wheel_right_joint", wheels) == " (did you mean 'right_wheel_joint'?)"
+    assert errors.nearest("wheel_left_joint", wheels) == " (did you mean 'left_wheel_joint'?)"
+    assert errors.nearest("rigth_wheel_joint", wheels) == " (did you mean 'right_wheel_joint'?)"
     assert errors.nearest("left_wheel_joint", ["right_wheel_joint"]) == "; known: right_wheel_joint"
     assert (
         errors.nearest("front_left_wheel", ["rear_left_wheel", "front_left_whel"])
-        == ", did you mean 'front_left_whel'?"
+        == " (did you mean 'front_left_whel'?)"
     )
 
 

@@ -69,7 +69,7 @@ def test_which_personality_fits_an_identity(vendor, product, name):
 
 def test_a_name_that_is_none_says_which_there_are():
     with pytest.raises(
-        PersonalityError, match=r"^no personality 'elm', did you mean 'elmo'\?; available: copley, delta"
+        PersonalityError, match=r"^no personality 'elm' \(did you mean 'elmo'\?\); available: copley, delta"
     ):
         read_personality("elm")
 

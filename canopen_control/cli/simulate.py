@@ -352,6 +352,8 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Scenar
         if args.scenario is not None and args.recording is not None:
             raise ConfigError("--scenario and --recording both define the events; give only one of them")
         scenario = _recorded(args, setup) if args.scenario is None else read_scenario_steps(Path(args.scenario), setup)
+        for warning in scenario.warnings:
+            print(f"canopen-control: warning: {warning}", file=sys.stderr)
         seed = args.seed if args.seed is not None else scenario.seed or 0
         last = max((act.at_ns + (act.for_ns or 0) for act in scenario.acts), default=0)
         return scenario.acts, seed, args.length or scenario.duration_ns or last + DEFAULT_NS // 6

@@ -40,22 +40,24 @@ class Action(enum.Enum):
 class AxisPhase(enum.Enum):
     """State of an axis in the statechart; each value is a description in words."""
 
-    OFF = "disabled"
-    RISING = "being enabled; waits in SWITCHED_ON until the whole group is ready"
-    RELEASED = "being enabled; the group has permitted OPERATION_ENABLED"
+    DISABLED = "disabled"
+    SWITCHING_ON = "being enabled; waits in SWITCHED_ON until the whole group is ready"
+    ENABLING = "being enabled; the group has permitted OPERATION_ENABLED"
     ENABLED = "enabled; targets are at standstill until the whole group is enabled"
     READY = "enabled with the whole group; targets are at standstill until the drive may move in the requested mode"
     FOLLOWING = "enabled; the controller's targets are sent to the drive"
     HOMING = "enabled; homing"
     HALTED = "enabled; stopped by the halt bit until the next enable"
-    BRAKING = "controlled stop: the target velocity ramps to zero"
-    SETTLING = "controlled stop: the target is at standstill; waits for standstill of the axis and of the group"
+    RAMPING_DOWN = "controlled stop: the target velocity ramps to zero"
+    AWAITING_STANDSTILL = (
+        "controlled stop: the target is at standstill; waits for standstill of the axis and of the group"
+    )
     DISABLING = "commanded to disable by the drive's own ramp; not confirmed yet"
     QUICK_STOPPING = "commanded to quick stop by a user; not confirmed yet"
     QUICK_STOPPED = "stopped by a quick stop; the drive's 0x605A decides whether it has power"
-    ESCALATED = "the stop took too long: quick stop commanded"
-    VOLTAGE_OFF = "the quick stop took too long: voltage disabled, so a turning motor coasts"
-    UNSTOPPED = "no stop command had a visible effect"
+    FORCED_QUICK_STOP = "the stop took too long: quick stop commanded"
+    VOLTAGE_DISABLED = "the quick stop took too long: voltage disabled, so a turning motor coasts"
+    STOP_FAILED = "no stop command had a visible effect"
 
 
 class PhaseTrigger(enum.Enum):
@@ -66,22 +68,22 @@ class PhaseTrigger(enum.Enum):
     QUICK_STOP = "quick stop requested"
     HALT = "halt requested"
     FAULT_RESET = "fault reset requested"
-    GROUP_MAY_RISE = "every joint of the group that is being enabled is ready for OPERATION_ENABLED"
-    GROUP_RISES = "a joint of the group is being enabled"
+    GROUP_READY = "every joint of the group that is being enabled is ready for OPERATION_ENABLED"
+    GROUP_ENABLING = "a joint of the group is being enabled"
     GROUP_ENABLED = "no joint of the group is being enabled"
-    GROUP_RESTS = "every joint of the group that is being stopped is at standstill"
+    GROUP_AT_STANDSTILL = "every joint of the group that is being stopped is at standstill"
     DRIVE_ENABLED = "the drive has entered OPERATION_ENABLED"
-    DRIVE_OFF = "the drive is in a state without torque"
-    DRIVE_LEFT = "the drive has left OPERATION_ENABLED by itself, or does not enter it"
+    DRIVE_DISABLED = "the drive is in a state without torque"
+    DRIVE_LOST_ENABLE = "the drive has left OPERATION_ENABLED by itself, or does not enter it"
     NODE_LOST = "the node was lost"
-    MAY_MOVE = "the drive may move in the requested mode"
-    MUST_REST = "the drive may not move, or homing or a mode change needs standstill"
-    HOMING_RUNS = "homing has started"
+    MOTION_PERMITTED = "the drive may move in the requested mode"
+    STANDSTILL_REQUIRED = "the drive may not move, or homing or a mode change needs standstill"
+    HOMING_STARTED = "homing has started"
     HOMING_ENDED = "homing has ended"
     TARGET_AT_STANDSTILL = "the target has reached zero"
-    AT_REST = "the drive has left OPERATION_ENABLED and is at standstill"
-    OVERDUE = "the timeout of the state has elapsed"
-    OVERDUE_LOADED = "the timeout of the state has elapsed, and the axis holds a load that would fall"
+    AT_STANDSTILL = "the drive has left OPERATION_ENABLED and is at standstill"
+    TIMEOUT = "the timeout of the state has elapsed"
+    TIMEOUT_LOADED = "the timeout of the state has elapsed, and the axis holds a load that would fall"
 
 
 class DriveCommand(enum.Enum):
@@ -105,28 +107,31 @@ class Row(NamedTuple):
 
 
 _S, _T, _O = AxisPhase, PhaseTrigger, DriveCommand
-ENABLED_STATES: Final = (_S.RISING, _S.RELEASED, _S.ENABLED, _S.READY, _S.FOLLOWING, _S.HOMING, _S.HALTED)
+ENABLED_STATES: Final = (_S.SWITCHING_ON, _S.ENABLING, _S.ENABLED, _S.READY, _S.FOLLOWING, _S.HOMING, _S.HALTED)
 """States of an axis that is enabled or being enabled."""
-ENABLING: Final = (_S.RISING, _S.RELEASED)
-STOPPING: Final = (_S.BRAKING, _S.SETTLING)
-STOPPED: Final = (_S.OFF, _S.QUICK_STOPPED)
+ENABLING: Final = (_S.SWITCHING_ON, _S.ENABLING)
+STOPPING: Final = (_S.RAMPING_DOWN, _S.AWAITING_STANDSTILL)
+STOPPED: Final = (_S.DISABLED, _S.QUICK_STOPPED)
 
 LIMITS_NS: Final[Mapping[AxisPhase, int]] = MappingProxyType(
     {
-        _S.BRAKING: 10 * _SECOND,  # includes SETTLING, which keeps this deadline
+        _S.RAMPING_DOWN: 10 * _SECOND,  # includes AWAITING_STANDSTILL, which keeps this deadline
         _S.DISABLING: 10 * _SECOND,
         _S.QUICK_STOPPING: 10 * _SECOND,
-        _S.ESCALATED: 3 * _SECOND,
-        _S.VOLTAGE_OFF: 1 * _SECOND,
+        _S.FORCED_QUICK_STOP: 3 * _SECOND,
+        _S.VOLTAGE_DISABLED: 1 * _SECOND,
     }
 )
-"""Timeouts of states in ns, after which OVERDUE is fired; other states have no timeout."""
+"""Timeouts of states in ns, after which TIMEOUT is fired; other states have no timeout."""
 
-_ALWAYS: Final = {_T.QUICK_STOP: Row(_S.QUICK_STOPPING, (_O.QUICK_STOP,)), _T.NODE_LOST: Row(_S.OFF, (_O.DISABLE,))}
-_LEAVE: Final = {**_ALWAYS, _T.DRIVE_LEFT: Row(_S.DISABLING, (_O.DISABLE,))}
-_ENABLE: Final = {_T.ENABLE: Row(_S.RISING, (_O.PREPARE,))}
+_ALWAYS: Final = {
+    _T.QUICK_STOP: Row(_S.QUICK_STOPPING, (_O.QUICK_STOP,)),
+    _T.NODE_LOST: Row(_S.DISABLED, (_O.DISABLE,)),
+}
+_LEAVE: Final = {**_ALWAYS, _T.DRIVE_LOST_ENABLE: Row(_S.DISABLING, (_O.DISABLE,))}
+_ENABLE: Final = {_T.ENABLE: Row(_S.SWITCHING_ON, (_O.PREPARE,))}
 _RESUME: Final = {_T.ENABLE: Row(_S.ENABLED, (_O.RESUME,))}  # not FOLLOWING at once: a new command is needed
-_ENABLED: Final = {**_LEAVE, **_RESUME, _T.STOP: Row(_S.BRAKING), _T.HALT: Row(_S.HALTED, (_O.HALT,))}
+_ENABLED: Final = {**_LEAVE, **_RESUME, _T.STOP: Row(_S.RAMPING_DOWN), _T.HALT: Row(_S.HALTED, (_O.HALT,))}
 _ENABLING: Final = {
     **_LEAVE,
     **_ENABLE,
@@ -134,55 +139,63 @@ _ENABLING: Final = {
     _T.DRIVE_ENABLED: Row(_S.ENABLED, (_O.RELEASE,)),
 }
 _ESCALATE: Final = {
-    _T.OVERDUE: Row(_S.ESCALATED, (_O.QUICK_STOP,)),
-    _T.OVERDUE_LOADED: Row(_S.ESCALATED, (_O.QUICK_STOP,)),
+    _T.TIMEOUT: Row(_S.FORCED_QUICK_STOP, (_O.QUICK_STOP,)),
+    _T.TIMEOUT_LOADED: Row(_S.FORCED_QUICK_STOP, (_O.QUICK_STOP,)),
 }
-_STOPPING: Final = {**_LEAVE, **_RESUME, **_ESCALATE, _T.GROUP_RESTS: Row(_S.DISABLING, (_O.DISABLE,))}
-_CUT: Final = {_T.OVERDUE: Row(_S.VOLTAGE_OFF, (_O.CUT,)), _T.OVERDUE_LOADED: Row(_S.UNSTOPPED)}
-_SEEN_OFF: Final = {_T.DRIVE_OFF: Row(_S.OFF, (_O.DISABLE,)), _T.AT_REST: Row(_S.DISABLING, (_O.DISABLE,))}
-_LOST: Final = {_T.NODE_LOST: Row(_S.OFF, (_O.DISABLE,))}
+_STOPPING: Final = {**_LEAVE, **_RESUME, **_ESCALATE, _T.GROUP_AT_STANDSTILL: Row(_S.DISABLING, (_O.DISABLE,))}
+_CUT: Final = {_T.TIMEOUT: Row(_S.VOLTAGE_DISABLED, (_O.CUT,)), _T.TIMEOUT_LOADED: Row(_S.STOP_FAILED)}
+_SEEN_OFF: Final = {
+    _T.DRIVE_DISABLED: Row(_S.DISABLED, (_O.DISABLE,)),
+    _T.AT_STANDSTILL: Row(_S.DISABLING, (_O.DISABLE,)),
+}
+_LOST: Final = {_T.NODE_LOST: Row(_S.DISABLED, (_O.DISABLE,))}
 
 _ROWS: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = {
-    _S.OFF: {**_ALWAYS, **_ENABLE, _T.STOP: Row(_S.OFF, (_O.DISABLE,))},
-    _S.RISING: {**_ENABLING, _T.GROUP_MAY_RISE: Row(_S.RELEASED, (_O.RELEASE,))},
-    _S.RELEASED: _ENABLING,
+    _S.DISABLED: {**_ALWAYS, **_ENABLE, _T.STOP: Row(_S.DISABLED, (_O.DISABLE,))},
+    _S.SWITCHING_ON: {**_ENABLING, _T.GROUP_READY: Row(_S.ENABLING, (_O.RELEASE,))},
+    _S.ENABLING: _ENABLING,
     _S.ENABLED: {**_ENABLED, _T.GROUP_ENABLED: Row(_S.READY)},
     _S.READY: {
         **_ENABLED,
-        _T.GROUP_RISES: Row(_S.ENABLED),
-        _T.MAY_MOVE: Row(_S.FOLLOWING),
-        _T.HOMING_RUNS: Row(_S.HOMING),
+        _T.GROUP_ENABLING: Row(_S.ENABLED),
+        _T.MOTION_PERMITTED: Row(_S.FOLLOWING),
+        _T.HOMING_STARTED: Row(_S.HOMING),
     },
-    _S.FOLLOWING: {**_ENABLED, _T.GROUP_RISES: Row(_S.ENABLED), _T.MUST_REST: Row(_S.READY)},
+    _S.FOLLOWING: {**_ENABLED, _T.GROUP_ENABLING: Row(_S.ENABLED), _T.STANDSTILL_REQUIRED: Row(_S.READY)},
     _S.HOMING: {**_ENABLED, _T.ENABLE: Row(_S.HOMING, (_O.RESUME,)), _T.HOMING_ENDED: Row(_S.READY)},
     _S.HALTED: _ENABLED,
-    _S.BRAKING: {**_STOPPING, _T.TARGET_AT_STANDSTILL: Row(_S.SETTLING)},
-    _S.SETTLING: _STOPPING,
+    _S.RAMPING_DOWN: {**_STOPPING, _T.TARGET_AT_STANDSTILL: Row(_S.AWAITING_STANDSTILL)},
+    _S.AWAITING_STANDSTILL: _STOPPING,
     _S.DISABLING: {
         **_ALWAYS,
         **_ENABLE,
         **_ESCALATE,
         _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)),
-        _T.DRIVE_OFF: Row(_S.OFF),
+        _T.DRIVE_DISABLED: Row(_S.DISABLED),
     },
     _S.QUICK_STOPPING: {
         **_LOST,
         **_ENABLE,
         **_CUT,
         _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)),
-        _T.DRIVE_OFF: Row(_S.OFF),
-        _T.AT_REST: Row(_S.QUICK_STOPPED),
+        _T.DRIVE_DISABLED: Row(_S.DISABLED),
+        _T.AT_STANDSTILL: Row(_S.QUICK_STOPPED),
     },
-    _S.QUICK_STOPPED: {**_LOST, **_ENABLE, _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)), _T.DRIVE_OFF: Row(_S.OFF)},
-    _S.ESCALATED: {**_LOST, **_ENABLE, **_CUT, **_SEEN_OFF},
-    _S.VOLTAGE_OFF: {
+    _S.QUICK_STOPPED: {
         **_LOST,
         **_ENABLE,
-        _T.DRIVE_OFF: Row(_S.OFF),
-        _T.OVERDUE: Row(_S.UNSTOPPED),
-        _T.OVERDUE_LOADED: Row(_S.UNSTOPPED),
+        _T.STOP: Row(_S.DISABLING, (_O.DISABLE,)),
+        _T.DRIVE_DISABLED: Row(_S.DISABLED),
     },
-    _S.UNSTOPPED: {**_ALWAYS, **_ENABLE, **_SEEN_OFF},
+    _S.FORCED_QUICK_STOP: {**_LOST, **_ENABLE, **_CUT, **_SEEN_OFF},
+    _S.VOLTAGE_DISABLED: {
+        **_LOST,
+        **_ENABLE,
+        _T.DRIVE_DISABLED: Row(_S.DISABLED),
+        _T.TIMEOUT: Row(_S.STOP_FAILED),
+        _T.TIMEOUT_LOADED: Row(_S.STOP_FAILED),
+    },
+    _S.STOP_FAILED: {**_ALWAYS, **_ENABLE, **_SEEN_OFF},
 }
 
 
@@ -200,7 +213,7 @@ TABLE: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = MappingProxyType(
 )
 """Transition for each state and trigger; other triggers have no effect."""
 
-_WATCHED: Final = (*ENABLING, *LIMITS_NS, _S.SETTLING, _S.QUICK_STOPPED, _S.UNSTOPPED)
+_WATCHED: Final = (*ENABLING, *LIMITS_NS, _S.AWAITING_STANDSTILL, _S.QUICK_STOPPED, _S.STOP_FAILED)
 
 
 class PhaseObserver(Protocol):
@@ -214,14 +227,14 @@ class AxisStatechart:
     """State of one axis in the statechart; changed only by `fire` and `overdue`.
 
     `following` is True only in FOLLOWING, and equals `enabled` of the command interfaces. `watched` means that the
-    drive must be checked in every cycle. `since` is the time at which the state was entered (SETTLING keeps that of
-    BRAKING), `deadline` the timeout of the state. `observer` is notified of applied rows.
+    drive must be checked in every cycle. `since` is the time at which the state was entered (AWAITING_STANDSTILL keeps
+    that of RAMPING_DOWN), `deadline` the timeout of the state. `observer` is notified of applied rows.
     """
 
     def __init__(
         self, machine: DriveMachine, commands: Sequence[CommandInterface] = (), *, holds_load: bool = False
     ) -> None:
-        self.state = AxisPhase.OFF
+        self.state = AxisPhase.DISABLED
         self.following = False
         self.watched = False
         self.since = 0
@@ -265,10 +278,10 @@ class AxisStatechart:
         """Fire the timeout trigger if the state's deadline has passed; return whether the state has changed."""
         if now <= self.deadline:
             return False
-        return self.fire(PhaseTrigger.OVERDUE_LOADED if self.holds_load else PhaseTrigger.OVERDUE, now)
+        return self.fire(PhaseTrigger.TIMEOUT_LOADED if self.holds_load else PhaseTrigger.TIMEOUT, now)
 
     def _enter(self, state: AxisPhase, now: int) -> None:
-        if state is not AxisPhase.SETTLING:
+        if state is not AxisPhase.AWAITING_STANDSTILL:
             self.since = now
             self.deadline = now + LIMITS_NS[state] if state in LIMITS_NS else _NEVER
         self.state = state
@@ -361,14 +374,14 @@ class StopGroup(Generic[J]):
 
     def coordinate(self, now: int) -> None:
         """Fire the group triggers in the statecharts of the joints; call once per cycle while `busy`."""
-        waiting = [joint for joint in self.joints if joint.statechart.state is AxisPhase.RISING]
+        waiting = [joint for joint in self.joints if joint.statechart.state is AxisPhase.SWITCHING_ON]
         if waiting and all(joint.is_enabled_or_ready for joint in waiting):
-            self._fire(PhaseTrigger.GROUP_MAY_RISE, now)
+            self._fire(PhaseTrigger.GROUP_READY, now)
         rising = any(joint.statechart.rising for joint in self.joints)
-        self._fire(PhaseTrigger.GROUP_RISES if rising else PhaseTrigger.GROUP_ENABLED, now)
+        self._fire(PhaseTrigger.GROUP_ENABLING if rising else PhaseTrigger.GROUP_ENABLED, now)
         falling = [joint for joint in self.joints if joint.statechart.falling]
         if falling and all(joint.has_settled(now) for joint in falling):
-            self._fire(PhaseTrigger.GROUP_RESTS, now)
+            self._fire(PhaseTrigger.GROUP_AT_STANDSTILL, now)
         self.busy = rising or any(joint.statechart.falling for joint in falling)
 
     def _fire(self, trigger: PhaseTrigger, now: int) -> None:

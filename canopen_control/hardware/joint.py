@@ -157,7 +157,7 @@ class JointStatus:
             return True
         if self.axis.is_stale:
             return now - self.statechart.since > self._blind_stop_ns
-        return self.statechart.state is AxisPhase.SETTLING and self.feedback.at_standstill
+        return self.statechart.state is AxisPhase.AWAITING_STANDSTILL and self.feedback.at_standstill
 
     def events(self) -> list[JointEvent]:
         events = self._events.copy()
@@ -187,9 +187,9 @@ _FOLLOWING: Final = AxisPhase.FOLLOWING  # faster than the enum member, see `har
 
 _MAY_HOME: Final = (AxisPhase.READY, AxisPhase.HOMING)
 _OVERDUE_TEXTS: Final = {
-    AxisPhase.ESCALATED: "has not stopped in time; quick stop commanded",
-    AxisPhase.VOLTAGE_OFF: "its quick stop did not end in time; its voltage is disabled, so a turning motor coasts",
-    AxisPhase.UNSTOPPED: "no stop command had a visible effect, so it may have power; switch its supply off if it "
+    AxisPhase.FORCED_QUICK_STOP: "has not stopped in time; quick stop commanded",
+    AxisPhase.VOLTAGE_DISABLED: "its quick stop did not end in time; voltage is disabled, so a turning motor coasts",
+    AxisPhase.STOP_FAILED: "no stop command had a visible effect, so it may have power; switch its supply off if it "
     "moves",
 }
 _LATE_TEXT: Final = (
@@ -281,7 +281,7 @@ class JointDrive(JointStatus):
             self._blind_stop_ns = self.feedback.ramp_ns(BLIND_STOP_NS)
         self._abort_homing("stopped")
         if self.statechart.falling and not self.machine.enabled:
-            self._fire(PhaseTrigger.DRIVE_LEFT)
+            self._fire(PhaseTrigger.DRIVE_LOST_ENABLE)
 
     @property
     def stopped(self) -> bool:
@@ -304,7 +304,7 @@ class JointDrive(JointStatus):
 
     def give_up(self) -> None:
         """Treat the axis as disabled after the drive has left OPERATION_ENABLED or its node was lost."""
-        self._fire(PhaseTrigger.DRIVE_LEFT if self.node.ready else PhaseTrigger.NODE_LOST)
+        self._fire(PhaseTrigger.DRIVE_LOST_ENABLE if self.node.ready else PhaseTrigger.NODE_LOST)
         self._abort_homing("the drive left operation")
 
     def home(self, method: int | None) -> None:
@@ -312,7 +312,7 @@ class JointDrive(JointStatus):
         # CiA 402-2, 0x6502 bit 5: mode HM
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
         self.home_position.begin(method, was_enabled=self.enable_requested)
-        self._fire(PhaseTrigger.MUST_REST)
+        self._fire(PhaseTrigger.STANDSTILL_REQUIRED)
 
     # ------------------------------------------------------------------------------------------- cycle
 
@@ -374,7 +374,7 @@ class JointDrive(JointStatus):
         if machine.evaluations != self._evaluations or word != before:
             self._evaluations = machine.evaluations
             if self.statechart.following and not machine.may_move:
-                self._fire(PhaseTrigger.MUST_REST)
+                self._fire(PhaseTrigger.STANDSTILL_REQUIRED)
             if word is not None and word != before:
                 self._events += self._watch.check(word, machine.mode, current, self._stops_at_limits)
             self._take_events()
@@ -387,7 +387,7 @@ class JointDrive(JointStatus):
         if targets.pending is not None:
             targets.change()
             if targets.claimed == TARGET:
-                self._fire(PhaseTrigger.MUST_REST)  # the old command was for the previous mode
+                self._fire(PhaseTrigger.STANDSTILL_REQUIRED)  # the old command was for the previous mode
         elif self.home_position.homing is not None:
             targets.hold()
             self._step_homing(self.home_position.homing, now)
@@ -396,7 +396,7 @@ class JointDrive(JointStatus):
             if (command := targets.tracked) is not None:
                 self.tracking.step(command.value, self._measured[command.quantity].value)
         elif statechart.state is AxisPhase.READY and self.machine.may_move and now >= self._settled_at:
-            self._fire(PhaseTrigger.MAY_MOVE)
+            self._fire(PhaseTrigger.MOTION_PERMITTED)
             self.tracking.restart()
             targets.follow(now, period)
         elif statechart.falling:
@@ -469,9 +469,9 @@ class JointDrive(JointStatus):
             self._fire(PhaseTrigger.NODE_LOST)
         # CiA 402-2, 6.3: only in these states the motor may have torque
         elif state is not None and state not in POWERED_STATES:
-            self._fire(PhaseTrigger.DRIVE_OFF)
+            self._fire(PhaseTrigger.DRIVE_DISABLED)
         elif state is not None and state is not State.OPERATION_ENABLED and self.feedback.at_standstill:
-            self._fire(PhaseTrigger.AT_REST)
+            self._fire(PhaseTrigger.AT_STANDSTILL)
         if not (statechart.falling and self.has_settled(now)) and statechart.overdue(now):
             self._events.append(JointEvent("stop_overdue", _OVERDUE_TEXTS[statechart.state], Level.ERROR))
 
@@ -508,7 +508,7 @@ class JointDrive(JointStatus):
         self.parameters.load()
 
     def _node_lost(self, now: int) -> None:
-        self._fire(PhaseTrigger.MUST_REST)
+        self._fire(PhaseTrigger.STANDSTILL_REQUIRED)
         self._status.node_lost(now)
         self.feedback.node_lost()
         self.parameters.forget()
@@ -538,7 +538,7 @@ class JointDrive(JointStatus):
         standing = self.at_standstill and position is not None and position.fresh
         self.machine.mode_bits = run.step(self.enable_requested, ready, now, standing=standing)
         if run.phase is HomingPhase.RUN:
-            self._fire(PhaseTrigger.HOMING_RUNS)
+            self._fire(PhaseTrigger.HOMING_STARTED)
         if run.over:
             self._leave_homing(run)
 

@@ -58,7 +58,7 @@ def tolerated(
         elif (close := difflib.get_close_matches(key, [*keys, *unused], 1, 0.6)) and _addable(
             close[0], section, unused
         ):
-            place.error(f"unknown key {key!r}, did you mean {close[0]!r}?")
+            place.error(f"unknown key {key!r} (did you mean {close[0]!r}?)")
         else:
             place.warning(f"unknown key {key!r} has no effect, neither here nor in ros2_canopen; remove it")
     return tolerated_keys

@@ -81,15 +81,15 @@ _MENDED_NS: Final = 4_000 * _MS
 
 _UP: Final = ("disable", _BACK_NS)
 _WAYS: Final[Mapping[tuple[str, str], tuple[str, int]]] = {
-    (POWER, "OFF"): ("disable", _LEAD_NS),
-    (POWER, "RISING"): _UP,
-    (POWER, "RELEASED"): _UP,
+    (POWER, "DISABLED"): ("disable", _LEAD_NS),
+    (POWER, "SWITCHING_ON"): _UP,
+    (POWER, "ENABLING"): _UP,
     (POWER, "ENABLED"): _UP,
     (POWER, "READY"): _UP,
     (POWER, "FOLLOWING"): ("", _LEAD_NS),
     (POWER, "HALTED"): ("halt", _LEAD_NS),
-    (POWER, "BRAKING"): ("stop", _LEAD_NS),
-    (POWER, "SETTLING"): ("stop", _LEAD_NS),
+    (POWER, "RAMPING_DOWN"): ("stop", _LEAD_NS),
+    (POWER, "AWAITING_STANDSTILL"): ("stop", _LEAD_NS),
     (POWER, "DISABLING"): ("stop", _LEAD_NS),
     (POWER, "QUICK_STOPPING"): ("quick-stop", _LEAD_NS),
     (POWER, "QUICK_STOPPED"): ("quick-stop", _LEAD_NS),

@@ -91,7 +91,7 @@ class EventPlayer:
         if act.for_ns is not None:
             self._later(act.for_ns, lambda: self._switch(act, on=False))
 
-    def heal(self, act: ScenarioEvent) -> None:
+    def fault_off(self, act: ScenarioEvent) -> None:
         self._switch(act, on=False)
 
     def _switch(self, act: ScenarioEvent, *, on: bool) -> None:
@@ -330,7 +330,7 @@ def _ignore(_reason: str | None) -> None:
 
 _PLAY: Final[dict[str, Callable[[EventPlayer, ScenarioEvent], None]]] = {
     "fault": EventPlayer.fault,
-    "heal": EventPlayer.heal,
+    "fault_off": EventPlayer.fault_off,
     "quirk": EventPlayer.quirk,
     "quirk_off": EventPlayer.quirk_off,
     "plant": EventPlayer.plant,

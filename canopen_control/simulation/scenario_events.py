@@ -31,7 +31,7 @@ KINDS: Final = {
     "fault": EventKind(
         "node", "switches a fault of a virtual drive on, and off again after `for`", lasts=True, breaks=True
     ),
-    "heal": EventKind("node", "switches a fault of a virtual drive off"),
+    "fault_off": EventKind("node", "switches a fault of a virtual drive off"),
     "quirk": EventKind(
         "node", "switches a quirk of a virtual drive on, `NAME=VALUE@AXIS`, and off again after `for`", lasts=True
     ),
@@ -106,7 +106,7 @@ class ScenarioEvent:
     `kind` is a key of KINDS. `target` is a node-ID, `master`, or a controller; `name` is the name of a fault, a quirk
     or an action, `world` a disturbance of the physics world. `times` are the times in s of the points of a trajectory,
     whose values are concatenated; empty for one point. `when` is a state machine and a state, such as "axis power
-    BRAKING": the event waits until its node, or any node, is in this state.
+    RAMPING_DOWN": the event waits until its node, or any node, is in this state.
     """
 
     at_ns: int

@@ -11,7 +11,7 @@
 
 `for` is the simulated time; `seed` determines wake-up delays of processes and frequency errors of oscillators. `do` is
 one of the kinds of `scenario_events`, `target` its node-ID, `master` or controller. A step with `when`, such as `when:
-axis power BRAKING`, waits from its time on until its node, or any node, is in this state. Scenarios of `drive` are
+axis power RAMPING_DOWN`, waits from its time on until its node, or any node, is in this state. Scenarios of `drive` are
 valid too.
 """
 
@@ -19,13 +19,14 @@ from __future__ import annotations
 
 import contextlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.duration import nanoseconds_of
 from canopen_control.errors import ConfigError, nearest
+from canopen_control.hardware.axis_statechart import AxisPhase
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
-from canopen_control.simulation.fault_coverage import STATES
+from canopen_control.simulation.fault_coverage import POWER, STATES
 from canopen_control.simulation.robot_under_test import MASTER
 from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
 from canopen_control.virtual.quirks import parse_quirk
@@ -39,17 +40,32 @@ from canopen_control.virtual.scenario import (
 from canopen_control.yamlfile.reader import load
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.yamlfile.node import Problems
+    from canopen_control.yamlfile.node import Problem, Problems
 
 
 ACTIONS: Final = ("enable", "disable", "halt", "quick-stop", "fault-reset")
 _ACTION_KEYS: Final = "do, fault, quirk and plant (with --physics also payload, push, block and friction)"
 _MOMENTS: Final = [f"{machine} {state}" for machine, states in STATES.items() for state in states]
+# Names up to version 0.2, accepted with a warning: values of `do`, and states in `when`
+_FORMER_KINDS: Final = {"heal": "fault_off"}
+_FORMER_MOMENTS: Final = {
+    f"{POWER} {former}": f"{POWER} {phase.name}"
+    for former, phase in (
+        ("OFF", AxisPhase.DISABLED),
+        ("RISING", AxisPhase.SWITCHING_ON),
+        ("RELEASED", AxisPhase.ENABLING),
+        ("BRAKING", AxisPhase.RAMPING_DOWN),
+        ("SETTLING", AxisPhase.AWAITING_STANDSTILL),
+        ("ESCALATED", AxisPhase.FORCED_QUICK_STOP),
+        ("VOLTAGE_OFF", AxisPhase.VOLTAGE_DISABLED),
+        ("UNSTOPPED", AxisPhase.STOP_FAILED),
+    )
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +75,7 @@ class Scenario:
     acts: tuple[ScenarioEvent, ...]
     duration_ns: int | None = None
     seed: int | None = None
+    warnings: tuple[str, ...] = ()
 
 
 def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
@@ -78,8 +95,9 @@ def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
             _check_ends(file, length)
         scenarios.append(Scenario(tuple(sorted(acts, key=lambda act: act.at_ns)), length, file.seed))
 
-    load(path, ScenarioFile, error=ScenarioError, check=check)
-    return scenarios[0]
+    warnings: list[Problem] = []
+    load(path, ScenarioFile, error=ScenarioError, check=check, warnings=warnings)
+    return replace(scenarios[0], warnings=tuple(map(str, warnings)))
 
 
 def _check_ends(file: ScenarioFile, length: int) -> None:
@@ -91,12 +109,12 @@ def _check_ends(file: ScenarioFile, length: int) -> None:
 
 
 def _kind_of(step: ScenarioStep) -> str:
-    """Return the event kind of a step without `do`: plant, quirk, quirk_off, fault or heal."""
+    """Return the event kind of a step without `do`: plant, quirk, quirk_off, fault or fault_off."""
     if step.plant:
         return "plant"
     if step.quirk:
         return "quirk" if step.state else "quirk_off"
-    return "fault" if step.state else "heal"
+    return "fault" if step.state else "fault_off"
 
 
 class _Checked:
@@ -114,7 +132,7 @@ class _Checked:
         if step.do == "world" or not (step.do or step.fault or step.quirk or step.plant):
             step.here.error(f"a step needs one of {_ACTION_KEYS}")
             return
-        kind = step.do or _kind_of(step)
+        kind = self._current("do", step.do, _FORMER_KINDS) or _kind_of(step)
         target = str(step.target if step.node is None else step.node)
         name = step.fault or step.quirk or step.name
         if kind not in KINDS:
@@ -134,10 +152,22 @@ class _Checked:
             self._check_times(kind)
         if kind == "plant":
             self._check_axis(step.axis)
-        if step.when and step.when not in _MOMENTS:
-            step.here.error(f"when: {step.when!r} is not a state{nearest(step.when, _MOMENTS)}")
+        when = self._state_awaited()
         numbers, plant, times = tuple(values), tuple(step.plant.items()), tuple(step.times)
-        yield ScenarioEvent(step.at_ns, kind, target, name, numbers, lasts, plant, step.axis, times, step.when)
+        yield ScenarioEvent(step.at_ns, kind, target, name, numbers, lasts, plant, step.axis, times, when)
+
+    def _current(self, key: str, name: str, former: Mapping[str, str]) -> str:
+        """Return the current name for a former name, with a warning; return other names unchanged."""
+        if name in former:
+            self._step.here.warning(f"{key}: {name} is now called {former[name]}; the former name is still accepted")
+        return former.get(name, name)
+
+    def _state_awaited(self) -> str:
+        """Return the state in `when`, and report a name that is not a state."""
+        when = self._current("when", self._step.when, _FORMER_MOMENTS)
+        if when and when not in _MOMENTS:
+            self._step.here.error(f"when: {when!r} is not a state{nearest(when, _MOMENTS)}")
+        return when
 
     def _world(self, happens: Sequence[WorldAct]) -> Iterator[ScenarioEvent]:
         """Yield the physics disturbance of the step and report its errors, including a robot without physics."""
@@ -154,11 +184,10 @@ class _Checked:
         lasts = step.for_ns
         if lasts is not None and not step.block:
             self._no("for", "payload, push and friction")
-        if step.when and step.when not in _MOMENTS:
-            step.here.error(f"when: {step.when!r} is not a state{nearest(step.when, _MOMENTS)}")
+        when = self._state_awaited()
         for world_act in happens:
             self._check_part(world_act)
-            yield ScenarioEvent(step.at_ns, "world", for_ns=lasts, when=step.when, world=world_act)
+            yield ScenarioEvent(step.at_ns, "world", for_ns=lasts, when=when, world=world_act)
 
     def _check_part(self, world_act: WorldAct) -> None:
         """Report a disturbance of a link or joint that the robot does not have."""
@@ -194,7 +223,7 @@ class _Checked:
 
     def _check_name(self, kind: str, name: str) -> None:
         here = self._step.here
-        if kind in ("fault", "heal"):
+        if kind in ("fault", "fault_off"):
             self._step.check_name(name, None)
         elif kind in ("quirk", "quirk_off"):
             self._step.check_name(None, name)

@@ -241,7 +241,7 @@ _JUDGED: Final = (o.CONTROLWORD, o.STATUSWORD, *_TARGETS)
 
 _CALM_NS: Final = 1_000_000_000
 _OF_ALL: Final = ("frame", "kill", "lose", "double", "disturb", "bus_off", "cut", "stall")
-_OF_ONE: Final = ("fault", "heal", "plant", "power")
+_OF_ONE: Final = ("fault", "fault_off", "plant", "power")
 _WRAPS: Final = "position_wrap"  # fault that sets the count near the end of its 32 bits, where it then wraps
 
 

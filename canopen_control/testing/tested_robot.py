@@ -338,7 +338,7 @@ class TestedDrive:
     def clear_fault(self, name: str) -> None:
         """Clear a fault; raise ConfigError for an unknown fault."""
         find_fault(name)
-        self._robot.do("heal", str(self._drive.node_id), name=name)
+        self._robot.do("fault_off", str(self._drive.node_id), name=name)
 
     heal = clear_fault  # name up to version 0.2
 

@@ -97,7 +97,7 @@ def _hint(name: str, known: Iterable[str]) -> str:
 
     near = difflib.get_close_matches(name, known, 1, 0.6)
     names = ", ".join(known)
-    return f", did you mean {near[0]!r}?" if near else f"; it has {names}" if names else "; it has none"
+    return f" (did you mean {near[0]!r}?)" if near else f"; it has {names}" if names else "; it has none"
 
 
 def _run(path: str, mappings: Mapping[str, str]) -> tuple[bytes, str]:

@@ -43,8 +43,8 @@ def test_a_controller_that_the_file_does_not_have(name):
     asked = right.replace("controller", "controler")
     (text,) = found(find_robot(name), controllers=[asked])
     assert re.fullmatch(
-        rf"ros2_controllers\.yaml:\d+: error: --controller {asked}: no controller of this name, did you mean '{right}'"
-        r"\?; use that name, or add the controller",
+        rf"ros2_controllers\.yaml:\d+: error: --controller {asked}: no controller of this name \(did you mean '{right}'"
+        r"\?\); use that name, or add the controller",
         text,
     )
 
@@ -67,8 +67,8 @@ def test_a_joint_that_the_description_does_not_have(name, tmp_path):
     controller = "wheels_velocity_controller" if name == "mobile_base_ros1" else FIRST[name]
     line = line_of(files, "controllers", wrong)
     wanted = (
-        f"ros2_controllers.yaml:{line}: error: {controller}: joint '{wrong}' is not in {files.description.name}, "
-        f"did you mean '{right}'?; use the description's name"
+        f"ros2_controllers.yaml:{line}: error: {controller}: joint '{wrong}' is not in {files.description.name} "
+        f"(did you mean '{right}'?); use the description's name"
     )
     assert texts == [wanted]
 
@@ -98,7 +98,7 @@ def test_a_drive_that_bus_yml_does_not_have(name, tmp_path):
     texts = found(changed(tmp_path, name, description=edits))
     assert len(texts) == count
     assert re.fullmatch(
-        rf".*:\d+: error: joint \w+: {told} is not a node of bus\.yml, did you mean '{right}'\?; "
+        rf".*:\d+: error: joint \w+: {told} is not a node of bus\.yml \(did you mean '{right}'\?\); "
         "use a name under nodes:",
         texts[0],
     )
@@ -261,7 +261,7 @@ def test_a_plugin_that_nobody_has(name, tmp_path):
     old, new = PLUGINS[name]
     (text,) = found(changed(tmp_path, name, description={old: new}))
     assert re.fullmatch(
-        rf".*:\d+: error: no hardware plugin '{new}', did you mean '{old}'\?; use that, or --mock or --real", text
+        rf".*:\d+: error: no hardware plugin '{new}' \(did you mean '{old}'\?\); use that, or --mock or --real", text
     )
 
 
@@ -273,8 +273,8 @@ def test_a_gazebo_plugin_with_a_typing_mistake(name, tmp_path):
     if files.description.suffix == ".xacro":
         line = line_of(files, "description", 'plugin name="control"')
     assert found(files) == [
-        f"{files.description.name}:{line}: error: no Gazebo plugin 'libgazebo_ros_contol.so', did you mean "
-        "'libgazebo_ros_control.so'?; Gazebo runs without controllers"
+        f"{files.description.name}:{line}: error: no Gazebo plugin 'libgazebo_ros_contol.so' (did you mean "
+        "'libgazebo_ros_control.so'?); Gazebo runs without controllers"
     ]
 
 

@@ -48,7 +48,7 @@ def test_an_odometry_frame_that_is_a_link_already_and_a_base_that_is_none(name, 
     line = line_of(files, "controllers", "base_frame_id")
     assert found(files) == [
         f"ros2_controllers.yaml:{line}: warning: {BASES[name][0]}: base_frame_id '{right[:-1]}' is not a link of "
-        f"{links}, did you mean '{right}'?; use a link's name"
+        f"{links} (did you mean '{right}'?); use a link's name"
     ]
 
 

@@ -76,7 +76,7 @@ def test_without_a_robot_it_says_what_to_name(capsys):
     assert main(["check", "no-such-robot"]) == 2
     assert "it is neither a folder nor a bundled robot" in capsys.readouterr().err
     assert main(["check", "robbie"]) == 2
-    assert capsys.readouterr().err.endswith("in ROS_PACKAGE_PATH, did you mean 'robby'?\n")
+    assert capsys.readouterr().err.endswith("in ROS_PACKAGE_PATH (did you mean 'robby'?)\n")
 
 
 def test_one_option_accepts_drives_that_nothing_would_stop_and_tells_which(tmp_path, capsys):
@@ -91,7 +91,7 @@ def test_an_argument_that_the_description_does_not_have_is_an_error_with_the_nea
     assert main(["check", "robby", "--strict", "use_mock_hardware:=true"]) == 0
     assert main(["check", "robby", "use_mok_hardware:=true"]) == 2
     said = capsys.readouterr().out
-    assert "robby.urdf.xacro: error: xacro: no argument 'use_mok_hardware', did you mean 'use_mock_hardware'?" in said
+    assert "robby.urdf.xacro: error: xacro: no argument 'use_mok_hardware' (did you mean 'use_mock_hardware'?)" in said
 
 
 @pytest.mark.rest

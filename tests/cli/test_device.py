@@ -55,7 +55,7 @@ def test_they_are_told_as_json_too(node, capsys):
         (["5", "=1"], "'=1': write SIGNAL=NUMBER"),
         (["5", "ai0=nan"], "'ai0=nan': write SIGNAL=NUMBER"),
         (["5", "di0=1", "on"], "a signal is set with SIGNAL=VALUE alone"),
-        (["5", "di77=1"], "no signal 'di77', did you mean"),
+        (["5", "di77=1"], "no signal 'di77' (did you mean"),
         (["5", "do0=1"], "do0 is an output, which only the master can set"),
         (["6", "di0=1"], "node 6 (TMCM-1270) has no signals, because it is a drive"),
     ],

@@ -314,7 +314,7 @@ def test_drives_of_a_manufacturer_that_is_named_have_the_keys_that_they_need(tmp
     assert "enable_settle_ms" not in (tmp_path / "plain" / "bus.yml").read_text()
     capsys.readouterr()
     assert main(["init", str(tmp_path / "none"), *words, "--like", "emo"]) == 2
-    assert "no personality 'emo', did you mean 'elmo'?" in capsys.readouterr().err
+    assert "no personality 'emo' (did you mean 'elmo'?)" in capsys.readouterr().err
     assert not (tmp_path / "none").exists()
 
 

@@ -90,7 +90,7 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["robby", "--world", "hall.yml"], "--world requires physics"),
         (["robby", "--physics", "--world", "none.sdf"], "none.sdf: cannot be read: No such file or directory"),
         (["robby", "world:=none.sdf"], "world:=none.sdf: file none.sdf does not exist"),
-        (["robby", "--like", "emo"], "no personality 'emo', did you mean 'elmo'?"),
+        (["robby", "--like", "emo"], "no personality 'emo' (did you mean 'elmo'?)"),
         (["robby", "--like", "elmo", "--mock"], "--like is for virtual drives that this program starts"),
         (["robby", "--like", "elmo", "--can", "vcan9", "--no-drives"], "--like is for virtual drives"),
         (["robby", "--physics", "--mock"], "omit --mock"),

@@ -146,9 +146,9 @@ def test_all_drives_behave_as_those_of_a_manufacturer(capsys):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--like", "coply"], "no personality 'coply', did you mean 'copley'?"),
+        (["--like", "coply"], "no personality 'coply' (did you mean 'copley'?)"),
         (["--like", "delta"], "Delta ASDA-A2 has 0x1006, which the EDS of node 3 (TMCM-1270) lacks"),
-        (["--quirk", "sdo_lat"], "no quirk 'sdo_lat', did you mean 'sdo_late'?"),
+        (["--quirk", "sdo_lat"], "no quirk 'sdo_lat' (did you mean 'sdo_late'?)"),
         (["--like", "copley", "--seeds", "2"], "--like is for a single simulation"),
     ],
 )

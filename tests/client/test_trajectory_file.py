@@ -50,7 +50,7 @@ def test_a_goal_in_json_with_the_header_of_ros_is_read_too(tmp_path):
         ("[0, 1]", "[0, .nan]", "wave.yaml:3:21: "),
         ("[0, 1]", "[0, -.inf]", "-.inf is out of range"),
         ("start: 0.5", "start: .nan", ".nan is out of range"),
-        ("velocities", "velocity", "unknown key 'velocity', did you mean 'velocities'"),
+        ("velocities", "velocity", "unknown key 'velocity' (did you mean 'velocities'"),
         ("sec: 1", "second: 1", "unknown key 'second'"),
     ],
 )

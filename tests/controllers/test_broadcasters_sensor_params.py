@@ -31,7 +31,7 @@ def test_the_six_names_of_a_sensor_and_those_that_are_named_one_by_one():
         (RangeParams, {**SENSOR, "field_of_view": -0.1}, "field_of_view"),
         (ForceTorqueParams, {"frame_id": "l"}, "neither 'sensor_name' nor interface_names"),
         (ForceTorqueParams, {**SENSOR, **NAMED}, "both 'sensor_name' and interface_names"),
-        (ForceTorqueParams, {**SENSOR, "offset": {"force": {"w": 1.0}}}, "offset.force.w, did you mean 'force."),
+        (ForceTorqueParams, {**SENSOR, "offset": {"force": {"w": 1.0}}}, "offset.force.w (did you mean 'force."),
         (PoseParams, {"frame_id": "map"}, "neither 'pose_name' nor interface_names"),
         (PoseParams, {"pose_name": "gps"}, "no 'frame_id'; give it"),
         (
@@ -40,7 +40,7 @@ def test_the_six_names_of_a_sensor_and_those_that_are_named_one_by_one():
             "both 'pose",
         ),
         (PoseParams, {"frame_id": "map", "interface_names": {"position": {"x": "a/x"}}}, "position.y is missing"),
-        (PoseParams, {"frame_id": "map", "interface_names": {"position": {"w": "a/x"}}}, "position.w, did you mean"),
+        (PoseParams, {"frame_id": "map", "interface_names": {"position": {"w": "a/x"}}}, "position.w (did you mean"),
         (ForceTorqueParams, {**SENSOR, "multiplier": {"force": {"x": float("inf")}}}, "multiplier.force.x is inf"),
     ],
 )

@@ -59,7 +59,7 @@ def test_a_command_of_all_is_in_the_order_of_the_parameters():
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"io/lamp": 1.0, "io/lam": 1.0}, "has no output 'io/lam', did you mean 'io/lamp'?"),
+        ({"io/lamp": 1.0, "io/lam": 1.0}, "has no output 'io/lam' (did you mean 'io/lamp'?)"),
         ({"io/lamp": 1.0, "io/horn": NAN}, "expects finite numbers, got nan for io/horn; nothing was applied"),
         ({"io/lamp": math.inf}, "expects finite numbers, got inf for io/lamp"),
         ([1.0, 1.0], "expects 3 values (io/lamp, io/horn, valve/open), got 2"),

@@ -38,16 +38,16 @@ def test_a_drive_that_does_not_stop_is_told_to_quick_stop_then_to_disable_voltag
     bench.robot.stop(lambda _error: None)
     bench.until(lambda: bench.standing(RIGHT))
     bench.run(5000)
-    assert joint.statechart.state is AxisPhase.SETTLING
+    assert joint.statechart.state is AxisPhase.AWAITING_STANDSTILL
     assert bench.powered(RIGHT), "its group waits for it"
-    bench.until(lambda: joint.statechart.state is AxisPhase.ESCALATED, ms=7000)
+    bench.until(lambda: joint.statechart.state is AxisPhase.FORCED_QUICK_STOP, ms=7000)
     bench.run(100)
     assert not bench.powered(RIGHT)
     assert joint.axis.controlword.value == 0x02
-    bench.until(lambda: joint.statechart.state is AxisPhase.VOLTAGE_OFF, ms=4000)
+    bench.until(lambda: joint.statechart.state is AxisPhase.VOLTAGE_DISABLED, ms=4000)
     bench.run(40)
     assert joint.axis.controlword.value == 0x00
-    bench.until(lambda: joint.statechart.state is AxisPhase.UNSTOPPED, ms=2000)
+    bench.until(lambda: joint.statechart.state is AxisPhase.STOP_FAILED, ms=2000)
     assert [text.split(": ")[1].split(";")[0] for text in bench.texts("stop_overdue")] == [
         "has not stopped in time",
         "its quick stop did not end in time",
@@ -55,7 +55,7 @@ def test_a_drive_that_does_not_stop_is_told_to_quick_stop_then_to_disable_voltag
     ]
     bench.bus.drop(None)
     bench.run(6000)  # it hears again, coasts, and is seen disabled
-    assert joint.statechart.state is AxisPhase.OFF
+    assert joint.statechart.state is AxisPhase.DISABLED
     bench.goes_on()
 
 
@@ -64,7 +64,7 @@ def test_the_power_of_a_drive_that_holds_a_load_is_never_taken(turning):
     bench = turning(description={DEVICE: DEVICE + '<param name="holds_load">true</param>'})
     joint = deaf(bench)
     bench.robot.stop(lambda _error: None)
-    bench.until(lambda: joint.statechart.state is AxisPhase.UNSTOPPED, ms=14_000)
+    bench.until(lambda: joint.statechart.state is AxisPhase.STOP_FAILED, ms=14_000)
     bench.run(1000)
     assert joint.axis.controlword.value == 0x02
     assert bench.powered(LEFT)

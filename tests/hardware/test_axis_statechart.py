@@ -22,13 +22,13 @@ from canopen_control.hardware.axis_statechart import (
 from canopen_control.hardware.interfaces import CommandInterface
 from canopen_control.runtime.core import STOP_TIMEOUT_NS
 
-ENDS_ENABLE = (PhaseTrigger.STOP, PhaseTrigger.QUICK_STOP, PhaseTrigger.DRIVE_LEFT, PhaseTrigger.NODE_LOST)
+ENDS_ENABLE = (PhaseTrigger.STOP, PhaseTrigger.QUICK_STOP, PhaseTrigger.DRIVE_LOST_ENABLE, PhaseTrigger.NODE_LOST)
 REACHED = [
     PhaseTrigger.ENABLE,
-    PhaseTrigger.GROUP_MAY_RISE,
+    PhaseTrigger.GROUP_READY,
     PhaseTrigger.DRIVE_ENABLED,
     PhaseTrigger.GROUP_ENABLED,
-    PhaseTrigger.MAY_MOVE,
+    PhaseTrigger.MOTION_PERMITTED,
 ]
 MOVING = (AxisPhase.FOLLOWING, AxisPhase.HOMING)
 
@@ -46,7 +46,7 @@ def test_the_actions_are_those_of_the_command_line():
 
 def test_every_state_has_its_rows_and_can_be_reached():
     assert set(TABLE) == set(AxisPhase)
-    reached, seen = {AxisPhase.OFF}, set()
+    reached, seen = {AxisPhase.DISABLED}, set()
     while reached - seen:
         seen |= (new := reached - seen)
         reached |= {row.state for state in new for row in TABLE[state].values()}
@@ -60,7 +60,13 @@ def test_an_enable_leads_to_following_through_the_states_at_rest():
     for trigger in REACHED:
         assert power.fire(trigger, 0)
         states.append(power.state)
-    assert states == [AxisPhase.RISING, AxisPhase.RELEASED, AxisPhase.ENABLED, AxisPhase.READY, AxisPhase.FOLLOWING]
+    assert states == [
+        AxisPhase.SWITCHING_ON,
+        AxisPhase.ENABLING,
+        AxisPhase.ENABLED,
+        AxisPhase.READY,
+        AxisPhase.FOLLOWING,
+    ]
     assert power.following
 
 
@@ -72,7 +78,7 @@ def test_only_an_enable_leads_up_and_never_straight_to_motion(state):
         if trigger is PhaseTrigger.ENABLE and state is not AxisPhase.HOMING:  # which no command moves
             assert row.state not in MOVING
         if {DriveCommand.PREPARE, DriveCommand.RELEASE, DriveCommand.RESUME} & set(row.commands):
-            assert trigger in (PhaseTrigger.ENABLE, PhaseTrigger.GROUP_MAY_RISE, PhaseTrigger.DRIVE_ENABLED)
+            assert trigger in (PhaseTrigger.ENABLE, PhaseTrigger.GROUP_READY, PhaseTrigger.DRIVE_ENABLED)
 
 
 @pytest.mark.parametrize("state", AxisPhase)
@@ -93,8 +99,8 @@ def test_every_reason_to_stop_is_heard_in_every_state_of_an_enabled_axis(state, 
 @pytest.mark.parametrize("state", AxisPhase)
 def test_only_a_stop_that_is_overdue_cuts_the_voltage_and_never_that_of_a_load(state):
     cuts = [trigger for trigger, row in TABLE[state].items() if DriveCommand.CUT in row.commands]
-    assert set(cuts) <= {PhaseTrigger.OVERDUE}
-    assert not cuts or state in (AxisPhase.ESCALATED, AxisPhase.QUICK_STOPPING), "after a quick stop"
+    assert set(cuts) <= {PhaseTrigger.TIMEOUT}
+    assert not cuts or state in (AxisPhase.FORCED_QUICK_STOP, AxisPhase.QUICK_STOPPING), "after a quick stop"
 
 
 @pytest.mark.parametrize("holds_load", [False, True])
@@ -102,20 +108,20 @@ def test_only_a_stop_that_is_overdue_cuts_the_voltage_and_never_that_of_a_load(s
 def test_a_drive_that_does_nothing_it_is_told_is_escalated_to_the_end_in_time(holds_load, moving):
     power, now, states = make(*REACHED[:moving], holds_load=holds_load), 0, []
     power.fire(PhaseTrigger.STOP, now)
-    while power.state is not AxisPhase.UNSTOPPED:
+    while power.state is not AxisPhase.STOP_FAILED:
         now += 100_000_000
         assert now < STOP_TIMEOUT_NS, "within the time that a robot has to stop"
         states += [power.state] if power.overdue(now) else []
-    assert states[0] is AxisPhase.ESCALATED
-    assert (AxisPhase.VOLTAGE_OFF in states) is not holds_load
-    assert power.state is AxisPhase.UNSTOPPED
+    assert states[0] is AxisPhase.FORCED_QUICK_STOP
+    assert (AxisPhase.VOLTAGE_DISABLED in states) is not holds_load
+    assert power.state is AxisPhase.STOP_FAILED
 
 
 def test_a_target_that_stands_gives_a_stop_no_more_time():
     power = make(*REACHED)
     power.fire(PhaseTrigger.STOP, 5)
     power.fire(PhaseTrigger.TARGET_AT_STANDSTILL, 1000)
-    assert power.deadline == 5 + LIMITS_NS[AxisPhase.BRAKING]
+    assert power.deadline == 5 + LIMITS_NS[AxisPhase.RAMPING_DOWN]
     assert power.since == 5
 
 
@@ -134,7 +140,7 @@ def test_whatever_happens_an_axis_moves_only_after_an_enable_and_the_drive_is_to
         assert (machine.goal is DriveGoal.ENABLED) is (power.enable_requested or power.falling)
         if trigger is PhaseTrigger.ENABLE:
             assert not power.following, "a command must be newer"
-        if power.state is AxisPhase.RISING:
+        if power.state is AxisPhase.SWITCHING_ON:
             assert machine.held_in_switched_on
         if power.following:
             assert not machine.halted
@@ -181,13 +187,13 @@ def test_the_joints_of_a_group_are_let_up_together_and_stop_together(cycles):
                 joint.statechart.fire(what, now)
             else:
                 setattr(joint, what, not getattr(joint, what))
-        waiting = [each for each in group.joints if each.statechart.state is AxisPhase.RISING]
+        waiting = [each for each in group.joints if each.statechart.state is AxisPhase.SWITCHING_ON]
         braking = [each for each in group.joints if each.statechart.falling]
         group.coordinate(now)
         states = [each.statechart.state for each in group.joints]
-        if AxisPhase.RISING in states or AxisPhase.RELEASED in states:
+        if AxisPhase.SWITCHING_ON in states or AxisPhase.ENABLING in states:
             assert AxisPhase.FOLLOWING not in states, "none moves while another one is on its way up"
-        let = [each for each in waiting if each.statechart.state is not AxisPhase.RISING]
+        let = [each for each in waiting if each.statechart.state is not AxisPhase.SWITCHING_ON]
         assert let in ([], waiting), "all of them or none"
         assert not let or all(each.is_enabled_or_ready for each in waiting)
         down = [each for each in braking if each.statechart.state is AxisPhase.DISABLING]

@@ -51,10 +51,10 @@ def test_nobody_is_let_through_before_the_last_one_waits():
     first, last = Joint(*UP, ready=True), Joint(*UP)
     group = group_of(first, last)
     group.coordinate(0)
-    assert first.state is AxisPhase.RISING
+    assert first.state is AxisPhase.SWITCHING_ON
     last.is_enabled_or_ready = True
     group.coordinate(0)
-    assert first.state is last.state is AxisPhase.RELEASED
+    assert first.state is last.state is AxisPhase.ENABLING
     first.statechart.fire(PhaseTrigger.DRIVE_ENABLED, 0)
     group.coordinate(0)
     assert first.state is AxisPhase.ENABLED, "until the other is enabled"
@@ -65,7 +65,10 @@ def test_nobody_is_let_through_before_the_last_one_waits():
 
 
 def test_one_that_is_enabled_lets_the_others_rest_until_it_is():
-    first, last = Joint(*UP, PhaseTrigger.DRIVE_ENABLED, PhaseTrigger.GROUP_ENABLED, PhaseTrigger.MAY_MOVE), Joint(*UP)
+    first, last = (
+        Joint(*UP, PhaseTrigger.DRIVE_ENABLED, PhaseTrigger.GROUP_ENABLED, PhaseTrigger.MOTION_PERMITTED),
+        Joint(*UP),
+    )
     group = group_of(first, last)
     assert first.statechart.following
     group.coordinate(0)
@@ -77,7 +80,7 @@ def test_nobody_is_disabled_before_the_last_one_stands():
     first, last = Joint(*DOWN, ready=True), Joint(*DOWN)
     group = group_of(first, last)
     group.coordinate(0)
-    assert first.state is AxisPhase.BRAKING
+    assert first.state is AxisPhase.RAMPING_DOWN
     last.at_rest = True
     group.coordinate(0)
     assert first.state is last.state is AxisPhase.DISABLING
@@ -95,9 +98,9 @@ def test_a_group_is_looked_at_no_longer_than_one_of_it_rises_or_falls():
 def test_one_that_did_not_come_to_rest_in_time_keeps_nobody_any_more():
     first, last = Joint(*DOWN, ready=True), Joint(*DOWN)
     group = group_of(first, last)
-    last.statechart.fire(PhaseTrigger.OVERDUE, 0)
+    last.statechart.fire(PhaseTrigger.TIMEOUT, 0)
     group.coordinate(0)
-    assert (first.state, last.state) == (AxisPhase.DISABLING, AxisPhase.ESCALATED)
+    assert (first.state, last.state) == (AxisPhase.DISABLING, AxisPhase.FORCED_QUICK_STOP)
 
 
 def named(**groups):

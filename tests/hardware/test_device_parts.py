@@ -549,7 +549,7 @@ def test_all_mistakes_of_a_part_are_told_at_once(tmp_path):
     with pytest.raises(RobotConfigError) as caught:
         DeviceBench("device-wrong", config)
     said = str(caught.value)
-    assert "no signal 'di99' of I/O module (CiA 401) io, did you mean 'di9'?" in said
+    assert "no signal 'di99' of I/O module (CiA 401) io (did you mean 'di9'?)" in said
     assert "'di0' of I/O module (CiA 401) io is an input; make it a state_interface" in said
 
 
@@ -581,5 +581,5 @@ def test_an_output_that_cannot_be_mapped_is_not_to_be_mapped(tmp_path):
 
 def test_a_part_of_another_name_says_which_node_it_is(tmp_path):
     wrong = '<param name="device_name">io1</param>'
-    with pytest.raises(RobotConfigError, match=r"'io1' is not a node of bus\.yml, did you mean 'io'"):
+    with pytest.raises(RobotConfigError, match=r"'io1' is not a node of bus\.yml \(did you mean 'io'"):
         DeviceBench("device-named", with_device(tmp_path, EDS, ("di0",), parameters=wrong))

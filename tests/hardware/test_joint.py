@@ -71,7 +71,7 @@ def test_a_node_that_is_not_there_has_no_values(robby):
     joint = robby.joint(LEFT)
     assert math.isnan(joint.states["velocity"].value)
     assert joint.state is None
-    assert joint.statechart.state is AxisPhase.OFF
+    assert joint.statechart.state is AxisPhase.DISABLED
 
 
 def test_the_mode_of_bus_yml_wins_over_what_the_drive_lists(robby, tmp_path):

@@ -24,7 +24,7 @@ def make(count=2):
             state=object(),
             at_standstill=True,
             resume=True,
-            statechart=SimpleNamespace(state=AxisPhase.OFF),
+            statechart=SimpleNamespace(state=AxisPhase.DISABLED),
             group=group,
             enabled=0,
             enable_requested=False,
@@ -64,7 +64,7 @@ def moving(joint):
 
 
 def stopping(joint):
-    joint.statechart.state = AxisPhase.BRAKING
+    joint.statechart.state = AxisPhase.RAMPING_DOWN
 
 
 @pytest.mark.sources  # stand-ins for joints
@@ -155,7 +155,7 @@ def test_deactivating_stops_what_no_controller_moves(robby):
     robby.start()
     robby.hold(10.0, 10.0, ms=500)
     robby.robot.systems[0].deactivate()
-    assert [robby.joint(side).statechart.state for side in (LEFT, RIGHT)] == [AxisPhase.BRAKING] * 2
+    assert [robby.joint(side).statechart.state for side in (LEFT, RIGHT)] == [AxisPhase.RAMPING_DOWN] * 2
     robby.run(2000)
     assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)
     assert not robby.joint(LEFT).machine.enabled
@@ -176,7 +176,7 @@ def test_releasing_the_interfaces_ramps_down_and_disables(robby):
     robby.start()
     robby.hold(10.0, 10.0, ms=500)
     robby.robot.switch([], ["robby_forward_controller"], strict=True)
-    assert all(joint.statechart.state is AxisPhase.BRAKING for joint in robby.robot.joints.values())
+    assert all(joint.statechart.state is AxisPhase.RAMPING_DOWN for joint in robby.robot.joints.values())
     robby.until(lambda: robby.robot.systems[0].stopped)
     assert robby.speed(LEFT) == robby.speed(RIGHT) == 0
     robby.robot.switch(["robby_forward_controller"], [], strict=True)

@@ -18,7 +18,7 @@ def test_several_robots_are_named_and_one_must_be_chosen():
     assert select_robot("b") == "b"
     with pytest.raises(ConfigError, match="no robot 'c' is running; running: a, b"):
         select_robot("c")
-    with pytest.raises(ConfigError, match=r"no robot 'aa' is running, did you mean 'a'\?"):
+    with pytest.raises(ConfigError, match=r"no robot 'aa' is running \(did you mean 'a'\?\)"):
         select_robot("aa")
     with pytest.raises(ConfigError, match="is not a valid name"):
         select_robot("../c")

@@ -275,7 +275,7 @@ TEN_MISTAKES = """\
 def test_ten_different_mistakes_are_ten_messages_with_the_right_lines(tmp_path):
     said = mistakes(tmp_path, TEN_MISTAKES)
     wanted = {
-        1: "unknown key 'heartbeat_multiplyer', did you mean 'heartbeat_multiplier'?",
+        1: "unknown key 'heartbeat_multiplyer' (did you mean 'heartbeat_multiplier'?)",
         4: "expected an integer, got the text '20ms'",
         5: "999 is not one of 10, 20, 50, 125, 250, 500, 800, 1000",
         6: "duplicate key 'node_id' (first at line 3)",
@@ -301,7 +301,7 @@ def test_ten_different_mistakes_are_ten_messages_with_the_right_lines(tmp_path):
 
 def test_an_unknown_section_beside_nodes_is_no_silent_node(tmp_path):
     said = mistakes(tmp_path, NESTED.replace("defaults:", "option: {}\n    defaults:"))
-    assert "unknown key 'option', did you mean 'options'?" in said
+    assert "unknown key 'option' (did you mean 'options'?)" in said
 
 
 @pytest.mark.parametrize("key", ["inhibit_time: 3", "sync_start: 1", "event_timer: 7"])

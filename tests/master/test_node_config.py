@@ -207,7 +207,7 @@ def test_a_key_that_no_other_one_is_like_is_told_and_without_effect(tmp_path, ke
 )
 def test_a_similar_key_is_an_error_only_if_it_could_be_added(tmp_path, keys, is_error):
     if is_error:
-        assert "unknown key 'gearbox_ratio', did you mean 'gear_ratio'?" in mistakes_of_a_node(tmp_path, keys)
+        assert "unknown key 'gearbox_ratio' (did you mean 'gear_ratio'?)" in mistakes_of_a_node(tmp_path, keys)
     else:
         (note,) = [each for each in with_node(tmp_path, keys).notes if "unknown key" in each]
         assert "has no effect, neither here nor in ros2_canopen" in note

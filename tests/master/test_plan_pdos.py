@@ -117,7 +117,7 @@ def test_all_mistakes_are_told_at_once_with_their_places(tmp_path):
         plan(tmp_path, MISTAKES)
     said = str(caught.value)
     for line, text in (
-        (7, "the device profile has no signal 'di99', did you mean 'di9'?; set `object`"),
+        (7, "the device profile has no signal 'di99' (did you mean 'di9'?); set `object`"),
         (8, "'6401x' is not an object; write 0x6401:01, or 0x6000:01.3 for bit 3"),
         (9, "0x6401:09 is not in generic_cia401.eds"),
         (10, "0x6000:01 Digital input 8 bits 1 has only bits 0 to 7"),
@@ -137,7 +137,7 @@ def test_all_mistakes_are_told_at_once_with_their_places(tmp_path):
     [
         ("{name: a, object: 0x6401, type: u7}", "is not one of bool"),
         ("{object: 0x6401}", "missing key 'name'"),
-        ("{name: a, objekt: 0x6401}", "unknown key 'objekt', did you mean 'object'?"),
+        ("{name: a, objekt: 0x6401}", "unknown key 'objekt' (did you mean 'object'?)"),
         ("{name: do0, safe: perhaps}", "keep"),
         ("[1]", "expected a mapping"),
     ],

@@ -106,8 +106,8 @@ def test_a_ramp_is_climbed_and_a_wall_is_not_passed(tmp_path):
 @pytest.mark.parametrize(
     ("step", "words"),
     [
-        ("block: left_weel_joint", "no drive moves a joint 'left_weel_joint', did you mean 'left_wheel_joint'?"),
-        ("payload: {mass: 1, on: bas_link}", "the robot has no link 'bas_link', did you mean 'base_link'?"),
+        ("block: left_weel_joint", "no drive moves a joint 'left_weel_joint' (did you mean 'left_wheel_joint'?)"),
+        ("payload: {mass: 1, on: bas_link}", "the robot has no link 'bas_link' (did you mean 'base_link'?)"),
         ("payload: {mass: .inf}", "finite"),
     ],
 )

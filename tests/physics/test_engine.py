@@ -35,7 +35,7 @@ def test_a_joint_that_is_not_there_is_told_with_its_line_and_the_nearest(tmp_pat
     with pytest.raises(PhysicsError) as caught:
         world_of(tmp_path, ROBBY.replace("joint: left_wheel_joint", "joint: left_weel_joint"))
     assert "physics.yml:5:8: " in str(caught.value)
-    assert "has no joint 'left_weel_joint', did you mean 'left_wheel_joint'?" in str(caught.value)
+    assert "has no joint 'left_weel_joint' (did you mean 'left_wheel_joint'?)" in str(caught.value)
 
 
 def test_a_joint_that_no_drive_moves_is_told(tmp_path):

@@ -45,9 +45,9 @@ def test_link_noise_seed_and_reach_are_parameters():
         ({"seed": "1e300"}, "seed is '1e300'; it must be an integer"),
         ({"seed": "inf"}, "seed is 'inf'"),
         ({"range_max": "0"}, "range_max is 0"),
-        ({"frame_id": "imu_lnk"}, "no link 'imu_lnk' for its frame_id, did you mean 'imu_link'?"),
+        ({"frame_id": "imu_lnk"}, "no link 'imu_lnk' for its frame_id (did you mean 'imu_link'?)"),
         ({"mujoco_type": "sonar"}, "no mujoco_type 'sonar'; known: imu, fts, pose, magnetometer"),
-        ({"mujoco_type": "imo"}, "no mujoco_type 'imo', did you mean 'imu'"),
+        ({"mujoco_type": "imo"}, "no mujoco_type 'imo' (did you mean 'imu'"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_line(parameters, said):

@@ -47,7 +47,7 @@ def test_a_force_torque_sensor_carries_the_weight():
 
 
 def test_a_link_that_is_not_there_is_told():
-    with pytest.raises(PhysicsError, match=r"sensor imu: no link 'tap', did you mean 'tip'\?"):
+    with pytest.raises(PhysicsError, match=r"sensor imu: no link 'tap' \(did you mean 'tip'\?\)"):
         reader(WorldSensor("imu", IMU, "tap"))
 
 

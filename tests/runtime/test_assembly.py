@@ -140,7 +140,7 @@ def test_a_node_of_any_name_has_them(read):
     [
         ("      position: {sholder: {p: 1.0}}\n", "4:18", "no joint 'sholder' in the description's <ros2_control>"),
         ("      position: {wheel: {p: 1.0}}\n", "4:18", "joint wheel has no command interface 'position'; it has vel"),
-        ("      positon: {shoulder: {p: 1.0}}\n", "4:7", "no gains of 'positon' are known, did you mean 'position'?"),
+        ("      positon: {shoulder: {p: 1.0}}\n", "4:7", "no gains of 'positon' are known (did you mean 'position'?)"),
         ("      velocity: {wheel: {P: 1.0}}\n", "4:26", "P"),
         ("      velocity: {wheel: {p: much}}\n", "4:29", "much"),
         ("      velocity: {wheel: {p: .nan}}\n", "4:", "p is nan; give a finite number"),

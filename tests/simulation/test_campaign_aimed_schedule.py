@@ -41,7 +41,7 @@ def test_the_states_that_are_aimed_at_are_states():
 @pytest.mark.parametrize(
     "cell",
     [
-        ("axis power", "RELEASED", "warning"),
+        ("axis power", "ENABLING", "warning"),
         ("axis power", "DISABLING", "lose"),
         ("CiA 402", "FAULT_REACTION_ACTIVE", "cut"),
         ("CiA 402", "SWITCHED_ON", "stall"),

@@ -56,7 +56,7 @@ def test_the_summary_as_a_page_tells_how_much_what_and_in_which_state(totals):
     assert "<tr><th>boot</th><th>WAITING</th><th>BOOTING</th><th>READY</th></tr>" in page
     assert "<tr><td>cut</td><td></td><td>6</td><td></td></tr>" in page
     assert "<td>NMT</td><td>PRE_OPERATIONAL</td><td>OPERATIONAL</td><td>4</td>" in page
-    assert "<td>axis power</td><td>OFF</td><td>ENABLE</td><td>not covered</td>" in page
+    assert "<td>axis power</td><td>DISABLED</td><td>ENABLE</td><td>not covered</td>" in page
 
 
 @pytest.mark.rest

@@ -31,7 +31,7 @@ def test_a_fault_goes_on_and_off(played):
     assert "node_lost" in played.kinds or any("heartbeat" in event.text for event in played.events)
     played.run(0.1)
     assert played.robot.drives[3].device.fault_switches.active == []
-    played.do("fault", 3, name="warning").run(0.1).do("heal", 3, name="warning").run(0.1)
+    played.do("fault", 3, name="warning").run(0.1).do("fault_off", 3, name="warning").run(0.1)
     assert played.robot.drives[3].device.fault_switches.active == []
 
 

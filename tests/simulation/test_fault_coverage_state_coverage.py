@@ -6,7 +6,7 @@ from canopen_control.simulation.wire_view import WireView
 
 
 def test_the_machines_have_the_edges_of_their_tables():
-    assert ("axis power", "OFF", "ENABLE") in EDGES["axis power"]
+    assert ("axis power", "DISABLED", "ENABLE") in EDGES["axis power"]
     assert len(EDGES["CiA 402"]) <= sum(len(row.sources) for row in TRANSITIONS)
     assert ("CiA 402", "SWITCHED_ON", "OPERATION_ENABLED") in EDGES["CiA 402"]
     assert len(EDGES["NMT"]) == 10
@@ -22,12 +22,12 @@ def test_a_robot_that_is_enabled_stopped_and_killed_walks_what_it_does(played: P
     walked = coverage.walked
     assert walked["axis power", "FOLLOWING", "STOP"] == 2  # of two wheels
     assert walked["CiA 402", "OPERATION_ENABLED", "SWITCHED_ON"] == 2
-    assert ("axis power", "OFF", "ENABLE") not in walked
-    assert ("axis power", "OFF", "ENABLE") in left_out(walked)
+    assert ("axis power", "DISABLED", "ENABLE") not in walked
+    assert ("axis power", "DISABLED", "ENABLE") in left_out(walked)
     played.do("kill", seconds=0.5).run(0.55)
     coverage.on_sample()
     played.run(1.0)
-    assert coverage.walked["axis power", "OFF", "ENABLE"] >= 2
+    assert coverage.walked["axis power", "DISABLED", "ENABLE"] >= 2
     assert ("NMT", "PRE_OPERATIONAL", "OPERATIONAL") in coverage.walked
 
 

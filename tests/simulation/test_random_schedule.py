@@ -73,7 +73,7 @@ def test_a_trajectory_is_cancelled_on_its_way_and_nothing_else_of_a_seed_changes
 
 def test_every_kind_of_trouble_and_every_fault_is_drawn_by_some_seed():
     acts = [act for seed in range(300) for act in drawn(seed)]
-    assert {act.kind for act in acts} == KINDS.keys() - {"heal", "plant", "world", "quirk", "quirk_off"}
+    assert {act.kind for act in acts} == KINDS.keys() - {"fault_off", "plant", "world", "quirk", "quirk_off"}
     assert {act.name for act in acts if act.kind == "fault"} == set(known_faults())
 
 

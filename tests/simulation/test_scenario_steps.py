@@ -43,7 +43,7 @@ steps:
         ScenarioEvent(3 * S, "axis", name="enable"),
         ScenarioEvent(4 * S, "stall", "master", for_ns=300_000_000),
         ScenarioEvent(5 * S, "plant", "3", plant=(("position", 4.0),)),
-        ScenarioEvent(6 * S, "heal", "3", "silent"),
+        ScenarioEvent(6 * S, "fault_off", "3", "silent"),
         ScenarioEvent(7 * S, "quirk", "3", "brake_delay=0.5", for_ns=S),
         ScenarioEvent(9 * S, "quirk_off", "2", "remote_never"),
     )
@@ -59,10 +59,10 @@ steps:
             "did you mean 'robby_forward_controller'?",
         ),
         ("{at: 1s, node: 9, fault: silent}", "needs a node of this robot, not 9; available: 3, 2"),
-        ("{at: 1s, node: 3, fault: silnt}", "no fault 'silnt', did you mean 'silent'?"),
+        ("{at: 1s, node: 3, fault: silnt}", "no fault 'silnt' (did you mean 'silent'?)"),
         ("{at: 1s, node: 3, quirk: brake_delay=0.5@7}", "node 3 has no axis 7; it has: 0"),
         ("{at: 1s, node: 3, axis: 1, plant: {load_torque: 0.1}}", "node 3 has no axis 1; it has: 0"),
-        ("{at: 1s, node: 3, quirk: brake_dely}", "no quirk 'brake_dely', did you mean 'brake_delay'?"),
+        ("{at: 1s, node: 3, quirk: brake_dely}", "no quirk 'brake_dely' (did you mean 'brake_delay'?)"),
         ("{at: 1s, node: 3, quirk: brake_delay=99}", "the strength must be a number, 0.001 to 60 s"),
         ("{at: 1s, do: axis, name: fly}", "name: fly is not an action"),
         ("{at: 1s, do: stop, for: 2s}", "for: is not possible with stop"),
@@ -129,13 +129,32 @@ def test_what_is_written_reads_as_the_same(tmp_path_factory, seed):
 
 
 def test_a_step_waits_for_a_state_that_there_is(tmp_path):
-    read_steps = read(tmp_path, "steps:\n  - {at: 1s, do: stall, target: 3, when: axis power BRAKING}\n")
-    assert [act.when for act in read_steps.acts] == ["axis power BRAKING"]
+    read_steps = read(tmp_path, "steps:\n  - {at: 1s, do: stall, target: 3, when: axis power RAMPING_DOWN}\n")
+    assert [act.when for act in read_steps.acts] == ["axis power RAMPING_DOWN"]
     text = scenario_text(read_steps.acts, seed=0, duration_ns=S)
-    assert "when: axis power BRAKING" in text
+    assert "when: axis power RAMPING_DOWN" in text
     assert read(tmp_path, text).acts == read_steps.acts
-    with pytest.raises(ScenarioError, match=r"when: 'NMT STOPED' is not a state, did you mean 'NMT STOPPED'"):
+    with pytest.raises(ScenarioError, match=r"when: 'NMT STOPED' is not a state \(did you mean 'NMT STOPPED'"):
         read(tmp_path, "steps:\n  - {at: 1s, do: kill, when: NMT STOPED}\n")
+
+
+@pytest.mark.parametrize(
+    ("step", "former", "kind", "when"),
+    [
+        ("{at: 1s, do: heal, target: 3, name: silent}", "do: heal is now called fault_off", "fault_off", ""),
+        (
+            "{at: 1s, do: kill, when: axis power SETTLING}",
+            "when: axis power SETTLING is now called axis power AWAITING_STANDSTILL",
+            "kill",
+            "axis power AWAITING_STANDSTILL",
+        ),
+    ],
+)
+def test_former_names_are_accepted_with_a_warning(tmp_path, step, former, kind, when):
+    scenario = read(tmp_path, f"steps:\n  - {step}\n")
+    assert [(act.kind, act.when) for act in scenario.acts] == [(kind, when)]
+    (warning,) = scenario.warnings
+    assert f"{former}; the former name is still accepted" in warning
 
 
 def on_a_floor(folder, steps):
@@ -148,7 +167,7 @@ def test_what_happens_in_the_world_is_written_and_read(tmp_path):
         """
   - {at: 1s, payload: {mass: 8.5, on: base_link, position: [0, 0.5, 1]}}
   - {at: 2s, push: {force: [0, 60, 0], seconds: 0.3}}
-  - {at: 3s, block: left_wheel_joint, for: 2s, when: axis power BRAKING}
+  - {at: 3s, block: left_wheel_joint, for: 2s, when: axis power RAMPING_DOWN}
   - {at: 4s, do: world, friction: 0.3}
 """,
     )
@@ -156,7 +175,7 @@ def test_what_happens_in_the_world_is_written_and_read(tmp_path):
         ScenarioEvent(S, "world", world=AddPayload(mass=8.5, on="base_link", position=(0.0, 0.5, 1.0))),
         ScenarioEvent(2 * S, "world", world=PushRobot(force=(0.0, 60.0, 0.0), seconds=0.3)),
         ScenarioEvent(
-            3 * S, "world", for_ns=2 * S, when="axis power BRAKING", world=BlockJoint(joint="left_wheel_joint")
+            3 * S, "world", for_ns=2 * S, when="axis power RAMPING_DOWN", world=BlockJoint(joint="left_wheel_joint")
         ),
         ScenarioEvent(4 * S, "world", world=SetGrip(friction=0.3)),
     )
@@ -169,9 +188,9 @@ def test_what_happens_in_the_world_is_written_and_read(tmp_path):
     [
         (
             "{at: 1s, payload: {mass: 8, on: base_lnk}}",
-            "on: the robot has no link 'base_lnk', did you mean",
+            "on: the robot has no link 'base_lnk' (did you mean",
         ),
-        ("{at: 1s, block: left_wheel}", "block: no drive moves a joint 'left_wheel', did you mean 'left_wheel_joint'"),
+        ("{at: 1s, block: left_wheel}", "block: no drive moves a joint 'left_wheel' (did you mean 'left_wheel_joint'"),
         ("{at: 1s, push: {force: [0, 9, 0]}, for: 1s}", "for: is not possible with payload, push and friction"),
         ("{at: 1s, friction: 1, block: left_wheel_joint}", "a step can have one of payload, push, block and friction"),
         ("{at: 1s, friction: 1, node: 3}", "a step can have one of payload, push, block and friction"),

@@ -71,15 +71,15 @@ def test_every_mistake_is_told_at_once_with_its_place():
     found = complaints(text)
     assert [line.split(":")[1] for line in found] == sorted([line.split(":")[1] for line in found], key=int)
     expected = [
-        "r.urdf:3:3: joint shoulder: unknown type 'revolut', did you mean 'revolute'?",
+        "r.urdf:3:3: joint shoulder: unknown type 'revolut' (did you mean 'revolute'?)",
         "r.urdf:5:5: xyz='1 2' of <origin> is not three numbers",
         "r.urdf:7:5: velocity='fast' of <limit> is not a number",
         "r.urdf:9:3: joint grip: <child link=...> is missing",
-        "r.urdf:9:3: joint grip: link 'uper' does not exist, did you mean 'upper'?",
-        "r.urdf:18:3: <ros2_control name='arm'>: type 'sistem', did you mean 'system'?",
-        "r.urdf:23:5: <ros2_control> names joint 'sholder', which does not exist, did you mean 'shoulder'?",
+        "r.urdf:9:3: joint grip: link 'uper' does not exist (did you mean 'upper'?)",
+        "r.urdf:18:3: <ros2_control name='arm'>: type 'sistem' (did you mean 'system'?)",
+        "r.urdf:23:5: <ros2_control> names joint 'sholder', which does not exist (did you mean 'shoulder'?)",
         "r.urdf:25:7: min='low' of <command_interface> is not a number",
-        "r.urdf:32:5: <gpoi> is not allowed in <ros2_control>, did you mean 'gpio'?",
+        "r.urdf:32:5: <gpoi> is not allowed in <ros2_control> (did you mean 'gpio'?)",
     ]
     assert found == expected
 
@@ -94,7 +94,7 @@ def test_every_mistake_is_told_at_once_with_its_place():
         ('type="prismatic">\n    <parent link="upper"/><child link="thumb"/>',
          'type="fixed">\n    <parent link="upper"/><child link="thumb"/>', "grip2 is fixed and cannot be driven"),
         ('<child link="thumb"/>', '<child link="finger"/>', "link finger is the child of two joints: grip, grip2"),
-        ('mimic joint="grip"', 'mimic joint="grp"', "mimics 'grp', which does not exist, did you mean 'grip'"),
+        ('mimic joint="grip"', 'mimic joint="grp"', "mimics 'grp', which does not exist (did you mean 'grip'"),
         ('<joint name="grip2"><state', '<joint name="shoulder"><state', "'shoulder' is defined twice"),
         ('<limit lower="-1" upper="2" velocity="3" effort="4"/>', "", "a revolute joint needs <limit"),
         ('<sensor name="force">', "<sensor>", "<sensor> has no name"),
@@ -130,7 +130,7 @@ def test_links_and_joints_of_one_name_are_told_with_both_places_beside_the_other
     assert complaints(text) == [
         "r.urdf:3:24: link 'wheel' is defined twice, first at r.urdf:3:3; rename one",
         "r.urdf:5:3: joint 'left' is defined twice, first at r.urdf:4:3; rename one",
-        "r.urdf:5:3: joint left: unknown type 'revolut', did you mean 'revolute'?",
+        "r.urdf:5:3: joint left: unknown type 'revolut' (did you mean 'revolute'?)",
         "r.urdf:6:3: link 'wheel' is defined twice, first at r.urdf:3:3; rename one",
     ]
 

@@ -43,7 +43,7 @@ def made(folder, given, text=ARGUED):
 
 
 def test_an_argument_that_nothing_asks_for_is_refused_with_the_nearest(tmp_path):
-    assert made(tmp_path, {"prefx": "b"}) == (False, "no argument 'prefx', did you mean 'prefix'?")
+    assert made(tmp_path, {"prefx": "b"}) == (False, "no argument 'prefx' (did you mean 'prefix'?)")
     assert made(tmp_path, {"colour": "b"}) == (False, "no argument 'colour'; it has prefix, use_mock")
     assert made(tmp_path, {"colour": "b"}, '<link name="a"/>') == (False, "no argument 'colour'; it has none")
 
@@ -57,4 +57,4 @@ def test_a_mistyped_argument_is_told_beside_the_one_that_is_missing(tmp_path):
     good, said = made(tmp_path, {"sid": "left"}, '<link name="$(arg side)"/>')
     assert not good
     assert "side" in said
-    assert said.endswith("no argument 'sid', did you mean 'side'?")
+    assert said.endswith("no argument 'sid' (did you mean 'side'?)")

@@ -389,7 +389,7 @@ def test_a_stop_and_a_reset_switch_outputs_off_and_pre_operational_does_not(io, 
 
 
 def test_what_is_no_input_is_refused_and_nothing_is_set(io):
-    with pytest.raises(ConfigError, match="no signal 'di77', did you mean"):
+    with pytest.raises(ConfigError, match=r"no signal 'di77' \(did you mean"):
         put_of_whole(io, di0=1, di77=1)
     with pytest.raises(ConfigError, match="do0 is an output"):
         put_of_whole(io, di0=1, do0=1)

@@ -34,7 +34,7 @@ def test_how_a_quirk_is_written(text, value, axis, written):
     [
         (
             "brake_dely",
-            "no quirk 'brake_dely', did you mean 'brake_delay'?; see: canopen-control quirk list (faults: fault list)",
+            "no quirk 'brake_dely' (did you mean 'brake_delay'?); see: canopen-control quirk list (faults: fault list)",
         ),
         ("brake_delay=100", "quirk 'brake_delay=100': the strength must be a number, 0.001 to 60 s"),
         ("brake_delay=soon", "quirk 'brake_delay=soon': the strength must be a number, 0.001 to 60 s"),

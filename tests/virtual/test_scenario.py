@@ -166,6 +166,6 @@ def test_a_file_of_simulate_that_has_drives_alone_is_played_and_what_needs_a_rob
     path = tmp_path / "s.yml"
     path.write_text("for: 5min\nseed: 7\nsteps:\n  - {at: 1s, node: 3, fault: silent, for: 500ms}\n")
     assert [(step.at_ns, step.on) for step in read_scenario(path, [2, 3])] == [(10**9, True), (15 * 10**8, False)]
-    path.write_text("steps:\n  - {at: 1s, node: 3, do: stall, when: axis power BRAKING}\n")
+    path.write_text("steps:\n  - {at: 1s, node: 3, do: stall, when: axis power RAMPING_DOWN}\n")
     with pytest.raises(ScenarioError, match=r":2:.*do, when: only for a whole robot; .* canopen-control simulate"):
         read_scenario(path, [3])

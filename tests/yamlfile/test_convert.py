@@ -107,7 +107,7 @@ def test_mistakes_in_a_part_are_told_as_those_of_the_whole_and_what_is_derived_i
         parse("left: -1\nnam: b\nsides: {left: 1}\nmade_of: stone", Box, error=RobotConfigError)
     said = str(caught.value)
     assert "1:7: left: -1 is out of range" in said
-    assert "unknown key 'nam', did you mean 'name'?" in said
+    assert "unknown key 'nam' (did you mean 'name'?)" in said
     assert "unknown key 'sides'" in said
     assert "unknown key 'made_of'" in said
     with pytest.raises(RobotConfigError, match="missing key 'left'"):

@@ -97,8 +97,8 @@ def test_every_mistake_is_told_at_once_in_the_order_of_the_lines():
     )
     assert found == [
         "bus.yml:2:19: nodes.left.node_id: 200 is out of range 1..127",
-        "bus.yml:2:24: nodes.left.hartbeat_producer: unknown key 'hartbeat_producer', did you mean "
-        "'heartbeat_producer'?",
+        "bus.yml:2:24: nodes.left.hartbeat_producer: unknown key 'hartbeat_producer' (did you mean "
+        "'heartbeat_producer'?)",
         "bus.yml:4:14: nodes.right.node_id: expected an integer, got the text 'three'",
         "bus.yml:5:14: nodes.right.polling: expected true or false, got the text 'false'",
         "bus.yml:6:23: nodes.right.mapping[0].index: 1 is out of range 4096..65535",
@@ -136,7 +136,7 @@ def test_without_strictness_repeated_and_unknown_keys_are_warnings_and_the_last_
     assert value.scale == 3.0
     assert [each.message for each in warnings] == [
         "duplicate key 'scale' (first at line 1); rename or remove one",
-        "unknown key 'nodeid', did you mean 'node_id'?",
+        "unknown key 'nodeid' (did you mean 'node_id'?)",
     ]
 
 

@@ -124,7 +124,7 @@ class _Renamed(argparse.Action):
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: str | None = None
     ) -> None:
-        print(f"{parser.prog}: {option} is now called {self.new}; the former name is still understood", file=sys.stderr)
+        print(f"{parser.prog}: {option} is now called {self.new}; the former name is still accepted", file=sys.stderr)
         setattr(namespace, self.dest, values)
 
 

@@ -128,7 +128,7 @@ def test_an_eds_is_a_path_or_a_bundled_name(tmp_path):
     path = tmp_path / "my.eds"
     path.write_text("")
     assert find_eds(str(path)) == path
-    with pytest.raises(ConfigError, match=r"no EDS file generic_cia40\.eds, did you mean 'generic_cia40\d\.eds'\?"):
+    with pytest.raises(ConfigError, match=r"no EDS file generic_cia40\.eds \(did you mean 'generic_cia40\d\.eds'\?\)"):
         find_eds("generic_cia40.eds")
     with pytest.raises(ConfigError, match=r"no EDS file nope\.eds"):
         find_eds("nope.eds")
