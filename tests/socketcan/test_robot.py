@@ -100,7 +100,7 @@ def test_noise_at_full_rate_does_no_harm(stage, robby, vcan, listen, tool):
     since = len(hears.frames)
     assert not eventually(lambda: not at(hears, 10.0), scaled(1.0)), "the wheels do not notice"
     assert all(noise.poll() is None for noise in noises)
-    assert received(vcan) - before > 2000 * scaled(1.0)
+    assert received(vcan) - before > 2000  # whatever the speed of the machine: 33 times the robot's own frames
     assert len(hears.frames) - since > 0.5 * 3 * scaled(1.0) / scaled(0.02)
     for noise in noises:
         noise.terminate()

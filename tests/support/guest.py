@@ -10,6 +10,7 @@ import struct
 import subprocess
 import threading
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from support.robots import copy_robby
@@ -19,7 +20,6 @@ from canopen_control.rpc.messages.drive import GetDriveState
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
 TIME_SCALE = float(os.environ.get("CANOPEN_CONTROL_TIME_SCALE", "1"))
 """By how much the times of robby's files and of the tests are longer than on a fast machine."""
@@ -87,7 +87,8 @@ def ip(*words: str) -> str:
 
 def throttle(interface: str, rate: str, limit: int = 320) -> None:
     """Let an interface send at a rate, 128 bits a frame, and hold `limit` bytes back; beyond, it refuses (ENOBUFS)."""
-    _run("modprobe", "sch_tbf")
+    if not Path("/sys/module/sch_tbf").is_dir():  # the emulated PC has loaded it, and has no folder of modules
+        _run("modprobe", "sch_tbf")
     words = f"qdisc replace dev {interface} root tbf rate {rate} burst 160 limit {limit}"
     _run("tc", *words.split())
 
