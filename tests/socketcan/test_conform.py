@@ -15,6 +15,8 @@ def test_a_drive_on_the_kernels_can_keeps_every_mandatory_clause(stage, vcan):
     options = ("--can", vcan, "--eds", "TMCM-1270.eds", "--level", 301, "--configure", "--yes", "--json")
     checked = stage.call("conform", 3, *options, "--timeout", scaled(0.5), seconds=scaled(CONFIGURED_S))
     results = json.loads(checked.out)["results"]
-    failed = [(each["id"], each["came"]) for each in results if each["verdict"] == "failed" and each["level"] == "must"]
+    failed = [
+        (each["id"], each["observed"]) for each in results if each["verdict"] == "failed" and each["level"] == "must"
+    ]
     assert failed == []
     assert sum(each["verdict"] == "passed" for each in results) >= 100

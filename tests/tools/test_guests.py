@@ -1,8 +1,11 @@
 """The launchers of the guests: what they say where there is none, and that exit codes, limits and files hold."""
 
+import ctypes
+import errno
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -79,3 +82,46 @@ def test_the_command_of_the_docs_for_this_guest_runs(guest, tmp_path):
     done = guest(*words[1:], cwd=tmp_path)
     assert done.returncode == 0, done
     assert "robby runs" in done.stdout
+
+
+class _Vector(ctypes.Structure):
+    _fields_ = (("base", ctypes.c_void_p), ("length", ctypes.c_size_t))
+
+
+_TRACEME, _CONT, _GETREGSET, _SETREGSET, _XSTATE = 0, 7, 0x4204, 0x4205, 0x202
+
+
+@pytest.fixture
+def stopped():
+    """Return the process id of a child that is traced and stopped."""
+    libc = ctypes.CDLL(None)
+    child = os.fork()
+    if child == 0:
+        libc.ptrace(_TRACEME, 0, None, None)
+        os.kill(os.getpid(), signal.SIGSTOP)
+        os._exit(0)
+    os.waitpid(child, 0)
+    yield child
+    libc.ptrace(_CONT, child, None, None)
+    os.waitpid(child, 0)
+
+
+def test_a_part_of_the_extended_registers_is_set_with_the_preloaded_library(tmp_path, stopped):
+    if not shutil.which("cc"):
+        pytest.skip("no C compiler")
+    path = tmp_path / "xstate.so"
+    subprocess.run(["cc", "-shared", "-fPIC", "-Werror", "-o", path, ROOT / "tools/guest/xstate.c"], check=True)
+    libc, library = ctypes.CDLL(None, use_errno=True), ctypes.CDLL(str(path), use_errno=True)
+
+    def registers(library, request, buffer, length):
+        vector = _Vector(ctypes.addressof(buffer), length)
+        code = library.ptrace(request, stopped, ctypes.c_void_p(_XSTATE), ctypes.byref(vector))
+        return vector.length if code == 0 else errno.errorcode[ctypes.get_errno()]
+
+    before, after = ctypes.create_string_buffer(1 << 15), ctypes.create_string_buffer(1 << 15)
+    length = registers(libc, _GETREGSET, before, len(before))
+    part = length - 64
+    assert registers(libc, _SETREGSET, before, part) == "EFAULT", "the kernel takes all registers or none"
+    assert registers(library, _SETREGSET, before, part) == part
+    assert registers(libc, _GETREGSET, after, len(after)) == length
+    assert after.raw == before.raw
