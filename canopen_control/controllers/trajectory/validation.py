@@ -333,17 +333,6 @@ class Refused:
 
 
 @dataclass(frozen=True)
-class Rules:
-    """Controller parameters that `broken_rule` depends on."""
-
-    joints: tuple[str, ...]
-    partial: bool = False
-    nonzero_end_velocity: bool = False
-    integration: bool = False
-    effort: bool = False
-
-
-@dataclass(frozen=True)
 class JointLimits:
     """Limits of a joint in the description, in rad and rad/s (or m and m/s); infinite if unlimited.
 
@@ -365,15 +354,17 @@ def survey_of(message: JointTrajectory) -> TrajectorySummary:
     return summary
 
 
-def broken_rule(message: JointTrajectory, survey: TrajectorySummary, rules: Rules, now: int) -> Refused | None:
+def broken_rule(
+    message: JointTrajectory, survey: TrajectorySummary, params: TrajectoryParams, now: int, *, effort: bool
+) -> Refused | None:
     """Return a `Refused` for the first broken rule of joint_trajectory_controller, else None.
 
-    `now` is in ns.
+    `now` is in ns; `effort` means that the controller has a command interface for efforts.
     """
-    refused = _wrong_joints(message, rules) or _wrong_end(message, rules, now)
+    refused = _wrong_joints(message, params) or _wrong_end(message, params, now)
     if refused is not None:
         return refused
-    index = _first_wrong(survey, len(message.joint_names), rules)
+    index = _first_wrong(survey, len(message.joint_names), params, effort=effort)
     if index == NONE:
         return None
     point = message.points[index]
@@ -381,41 +372,42 @@ def broken_rule(message: JointTrajectory, survey: TrajectorySummary, rules: Rule
     if point.time <= before:
         times = f"{point.time / 1e9:g} s comes after {before / 1e9:g} s"
         return Refused(Rule.TIME_NOT_INCREASING, f"point {index}: {times}; time_from_start must increase")
-    return _wrong_sizes(index, point, len(message.joint_names), rules)
+    return _wrong_sizes(index, point, len(message.joint_names), params)
 
 
-def _first_wrong(survey: TrajectorySummary, joints: int, rules: Rules) -> int:
+def _first_wrong(survey: TrajectorySummary, joints: int, params: TrajectoryParams, *, effort: bool) -> int:
     """Return the index of the first point that breaks a rule about points, else NONE."""
+    integration = params.allow_integration_in_goal_trajectories
     wrong = (
         survey.not_increasing,
-        survey.empty if rules.integration else NONE,
-        survey.sized(0, (0, joints) if rules.integration else (joints,)),
+        survey.empty if integration else NONE,
+        survey.sized(0, (0, joints) if integration else (joints,)),
         survey.sized(1, (0, joints)),
         survey.sized(2, (0, joints)),
-        NONE if rules.effort else survey.sized(3, (0,)),
+        NONE if effort else survey.sized(3, (0,)),
     )
     return min((index for index in wrong if index != NONE), default=NONE)
 
 
-def _wrong_joints(message: JointTrajectory, rules: Rules) -> Refused | None:
-    names, own = message.joint_names, ", ".join(rules.joints)
-    if not rules.partial and len(names) != len(rules.joints):
-        count = f"it names {len(names)} of {len(rules.joints)} joints"
+def _wrong_joints(message: JointTrajectory, params: TrajectoryParams) -> Refused | None:
+    names, own = message.joint_names, ", ".join(params.joints)
+    if not params.allow_partial_joints_goal and len(names) != len(params.joints):
+        count = f"it names {len(names)} of {len(params.joints)} joints"
         return Refused(Rule.JOINT_COUNT, f"{count}; name {own}, or set allow_partial_joints_goal")
     if not names:
         return Refused(Rule.NO_JOINT_NAMES, f"it names no joints; name some of {own}")
     if not len(message.points):
         return Refused(Rule.NO_POINTS, "it has no points; give at least one")
-    unknown = next((name for name in names if name not in rules.joints), None)
+    unknown = next((name for name in names if name not in params.joints), None)
     if unknown is not None:
-        hint = nearest(unknown, rules.joints)
+        hint = nearest(unknown, params.joints)
         return Refused(Rule.UNKNOWN_JOINT, f"it names {unknown!r}, which is not a joint of this controller{hint}")
     return None
 
 
-def _wrong_end(message: JointTrajectory, rules: Rules, now: int) -> Refused | None:
+def _wrong_end(message: JointTrajectory, params: TrajectoryParams, now: int) -> Refused | None:
     last = message.points[-1]
-    for index, velocity in enumerate(() if rules.nonzero_end_velocity else last.velocities):
+    for index, velocity in enumerate(() if params.allow_nonzero_velocity_at_trajectory_end else last.velocities):
         if abs(velocity) > _FLOAT_EPSILON:
             speed = f"it ends with {_named(message.joint_names, index)} at {velocity:g} rad/s"
             return Refused(
@@ -432,23 +424,22 @@ def _long(time: int) -> str:
     return f"{time / 1e9:g} s" if time < _DAY else f"{time / _DAY:.0f} days (by another clock?)"
 
 
-def _wrong_sizes(index: int, point: Point, joints: int, rules: Rules) -> Refused | None:
+def _wrong_sizes(index: int, point: Point, joints: int, params: TrajectoryParams) -> Refused:
+    """Return the refusal of a point that `_first_wrong` found, and whose time is right."""
     sizes = (
         (Rule.SIZE_POSITIONS, "positions", len(point.positions)),
         (Rule.SIZE_VELOCITIES, "velocities", len(point.velocities)),
         (Rule.SIZE_ACCELERATIONS, "accelerations", len(point.accelerations)),
     )
-    if rules.integration and not any(size for _, _, size in sizes):
+    integration = params.allow_integration_in_goal_trajectories
+    if integration and not any(size for _, _, size in sizes):
         return Refused(Rule.POINT_EMPTY, f"point {index} is empty; give positions, velocities or accelerations")
     for rule, quantity, size in sizes:
-        needed = rule is Rule.SIZE_POSITIONS and not rules.integration
+        needed = rule is Rule.SIZE_POSITIONS and not integration
         if size != joints and (size or needed):
             return Refused(rule, f"point {index} has {size} {quantity} for {joints} joints; give one for each")
-    if point.effort and not rules.effort:
-        return Refused(
-            Rule.EFFORT_NOT_SUPPORTED, f"point {index} has effort, which no command interface accepts; remove it"
-        )
-    return None
+    text = f"point {index} has effort, which no command interface accepts; remove it"
+    return Refused(Rule.EFFORT_NOT_SUPPORTED, text)
 
 
 def limit_error(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str, JointLimits]) -> str | None:
@@ -649,14 +640,8 @@ class Acceptance:
         `now` is in ns; `begin` are the positions of the joints from which the trajectory would start.
         """
         params, survey = self._params, survey_of(message)
-        rules = Rules(
-            params.joints,
-            params.allow_partial_joints_goal,
-            params.allow_nonzero_velocity_at_trajectory_end,
-            params.allow_integration_in_goal_trajectories,
-            self._group.has_effort,
-        )
-        if (refused := broken_rule(message, survey, rules, now)) is not None:
+        refused = broken_rule(message, survey, params, now, effort=self._group.has_effort)
+        if refused is not None:
             return refused
         here = dict(zip(params.joints, begin, strict=True))
         problem = (

@@ -7,14 +7,13 @@ from hypothesis import strategies as st
 from support.trajectories import cases, message
 
 from canopen_control.controllers.params import Params
-from canopen_control.controllers.trajectory.params import read_params
+from canopen_control.controllers.trajectory.params import TrajectoryParams, read_params
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.validation import (
     NONE,
     JointLimits,
     PointBuffer,
     Rule,
-    Rules,
     TrajectorySummary,
     broken_rule,
     far_start,
@@ -97,31 +96,35 @@ def test_extremes_are_those_of_all_pieces_and_each_piece_says_where_its_own_are(
             assert (each.lowest[joint], each.highest[joint]) == (min(column), max(column))
 
 
-def naive(message: JointTrajectory, rules: Rules) -> Rule | None:
+def naive(message: JointTrajectory, *, integration: bool, effort: bool) -> Rule | None:
     """Upstream's rules of points as they are written down: one point after the other."""
     for index, each in enumerate(message.points):
         if index and each.time <= message.points[index - 1].time:
             return Rule.TIME_NOT_INCREASING
         sizes = [len(each.positions), len(each.velocities), len(each.accelerations)]
-        if rules.integration and not any(sizes):
+        if integration and not any(sizes):
             return Rule.POINT_EMPTY
-        if sizes[0] != 2 and (sizes[0] or not rules.integration):
+        if sizes[0] != 2 and (sizes[0] or not integration):
             return Rule.SIZE_POSITIONS
         if sizes[1] not in (0, 2):
             return Rule.SIZE_VELOCITIES
         if sizes[2] not in (0, 2):
             return Rule.SIZE_ACCELERATIONS
-        if each.effort and not rules.effort:
+        if each.effort and not effort:
             return Rule.EFFORT_NOT_SUPPORTED
     return None
 
 
 @given(POINTS, st.lists(st.integers(0, 20), max_size=4), st.booleans(), st.booleans())
 def test_the_first_broken_rule_is_the_one_that_a_walk_through_all_points_finds(points, cuts, integration, effort):
-    rules = Rules(JOINTS, False, True, integration, effort)
+    params = TrajectoryParams(
+        joints=JOINTS,
+        allow_nonzero_velocity_at_trajectory_end=True,
+        allow_integration_in_goal_trajectories=integration,
+    )
     message = JointTrajectory(JOINTS, points)
-    refused = broken_rule(message, survey(*split(points, cuts)), rules, 0)
-    assert (None if refused is None else refused.rule) == naive(message, rules)
+    refused = broken_rule(message, survey(*split(points, cuts)), params, 0, effort=effort)
+    assert (None if refused is None else refused.rule) == naive(message, integration=integration, effort=effort)
 
 
 VALUES = st.lists(st.floats(-9.0, 9.0), max_size=3)
@@ -193,15 +196,9 @@ LIMITS = {"a": JointLimits(-1.0, 1.0, 2.0), "b": JointLimits(continuous=True)}
 def test_the_first_rule_that_is_broken_is_upstreams(case):
     given = case["in"]
     params = read_params(Params.of(given["params"]), "arm")
-    rules = Rules(
-        params.joints,
-        params.allow_partial_joints_goal,
-        params.allow_nonzero_velocity_at_trajectory_end,
-        params.allow_integration_in_goal_trajectories,
-        "effort" in params.command_interfaces,
-    )
     made = message(given["trajectory"])
-    refused = broken_rule(made, survey_of(made), rules, given["now_ns"])
+    effort = "effort" in params.command_interfaces
+    refused = broken_rule(made, survey_of(made), params, given["now_ns"], effort=effort)
     assert (refused is None) is case["expect"]["accept"]
     if refused is not None:
         assert refused.rule.name == case["expect"]["reason"]
@@ -302,4 +299,4 @@ def test_nothing_leads_to_a_first_point_of_velocities_that_is_past(point, stamp,
 @pytest.mark.parametrize(("now", "word"), [(12 * S, "1 s ago"), (100_000 * S, "1 days (by another clock?) ago")])
 def test_how_long_ago_it_ended_is_said(now, word):
     given = JointTrajectory(["a"], [Point([0.0], time=S)], 10 * S)
-    assert word in broken_rule(given, survey_of(given), Rules(("a",)), now).text
+    assert word in broken_rule(given, survey_of(given), TrajectoryParams(joints=("a",)), now, effort=False).text
