@@ -66,9 +66,9 @@ if TYPE_CHECKING:
     from canopen_control.personality import Personality
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.robot_under_test import RobotUnderTest
-    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.scenario_steps import Scenario
     from canopen_control.simulation.simulation_run import SimulationResult, SimulationRun
+    from canopen_control.virtual.scenario import ScenarioEvent
 
 
 EXAMPLE = """canopen-control simulate robby --for 3 --seed 7

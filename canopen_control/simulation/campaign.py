@@ -41,9 +41,10 @@ from canopen_control.simulation.fault_coverage import (
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.random_schedule import draw_schedule
 from canopen_control.simulation.robot_under_test import MASTER
-from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
+from canopen_control.simulation.scenario_events import KINDS
 from canopen_control.simulation.scenario_steps import scenario_text
 from canopen_control.simulation.simulation_run import SimulationRun
+from canopen_control.virtual.scenario import ScenarioEvent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -17,7 +17,7 @@ from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.errors import CanopenError, ControlError, NotEnabled
 from canopen_control.frame import CanFrame
 from canopen_control.hardware.axis_statechart import Action
-from canopen_control.rpc.messages.drive import BlockJoint, SetPlant, SwitchFault, SwitchQuirk
+from canopen_control.rpc.messages.drive import BlockJoint
 from canopen_control.runtime.core import RobotCore
 from canopen_control.simulation.fault_coverage import kind_of, state_reached
 from canopen_control.simulation.robot_under_test import MASTER
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from canopen_control.simulation.robot_under_test import RobotUnderTest
-    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.simulated_wire import SimulatedWire
     from canopen_control.simulation.virtual_time import Actor
+    from canopen_control.virtual.scenario import ScenarioEvent
 
 
 SOURCE: Final = "simulate"
@@ -85,36 +85,16 @@ class EventPlayer:
 
     # -- drives
 
-    def fault(self, act: ScenarioEvent) -> None:
-        """Inject a fault into a drive, and clear it after `for_ns`, if given."""
-        self._switch(act, on=True)
+    def switch(self, act: ScenarioEvent) -> None:
+        """Switch a fault or quirk of a drive, or set values of its plant; undo it after `for_ns`, if given."""
+        self._ask_drive(act, on=True)
         if act.for_ns is not None:
-            self._later(act.for_ns, lambda: self._switch(act, on=False))
+            self._later(act.for_ns, partial(self._ask_drive, act, on=False))
 
-    def fault_off(self, act: ScenarioEvent) -> None:
-        self._switch(act, on=False)
-
-    def _switch(self, act: ScenarioEvent, *, on: bool) -> None:
-        request = SwitchFault(name=act.name, on=on)
-        self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
-
-    def quirk(self, act: ScenarioEvent) -> None:
-        """Enable a quirk of a drive, and disable it after `for_ns`, if given."""
-        self._switch_quirk(act, on=True)
-        if act.for_ns is not None:
-            self._later(act.for_ns, lambda: self._switch_quirk(act, on=False))
-
-    def quirk_off(self, act: ScenarioEvent) -> None:
-        self._switch_quirk(act, on=False)
-
-    def _switch_quirk(self, act: ScenarioEvent, *, on: bool) -> None:
-        request = SwitchQuirk(quirk=act.name, on=on)
-        self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
-
-    def plant(self, act: ScenarioEvent) -> None:
-        """Set values of the plant (load, friction) of a drive's axis."""
-        request = SetPlant(numbers=dict(act.plant), axis=act.axis)
-        self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
+    def _ask_drive(self, act: ScenarioEvent, *, on: bool) -> None:
+        request = act.request(on=on)
+        if request is not None:
+            self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def power(self, act: ScenarioEvent) -> None:
         """Switch the supply of a drive off, and on again after `for_ns`, if given."""
@@ -125,12 +105,12 @@ class EventPlayer:
 
     def world(self, act: ScenarioEvent) -> None:
         """Apply a disturbance to the physics world; a blocked joint is released after `for_ns`, if given."""
-        floor, world_act = self.robot.floor, act.world
-        if floor is None or world_act is None:
+        floor, release = self.robot.floor, act.request(on=False)
+        if floor is None or act.world is None:
             return
-        floor.act(world_act)
-        if act.for_ns is not None and isinstance(world_act, BlockJoint):
-            self._later(act.for_ns, partial(floor.act, BlockJoint(joint=world_act.joint, on=False)))
+        floor.act(act.world)
+        if act.for_ns is not None and isinstance(release, BlockJoint):
+            self._later(act.for_ns, partial(floor.act, release))
 
     # -- processes
 
@@ -329,27 +309,19 @@ def _ignore(_reason: str | None) -> None:
 
 
 _PLAY: Final[dict[str, Callable[[EventPlayer, ScenarioEvent], None]]] = {
-    "fault": EventPlayer.fault,
-    "fault_off": EventPlayer.fault_off,
-    "quirk": EventPlayer.quirk,
-    "quirk_off": EventPlayer.quirk_off,
-    "plant": EventPlayer.plant,
+    **dict.fromkeys(("fault", "fault_off", "quirk", "quirk_off", "plant"), EventPlayer.switch),
     "world": EventPlayer.world,
     "power": EventPlayer.power,
     "stall": EventPlayer.stall,
     "kill": EventPlayer.kill,
     "cut": EventPlayer.cut,
     "bus_off": EventPlayer.bus_off,
-    "lose": EventPlayer.disturb_frames,
-    "double": EventPlayer.disturb_frames,
-    "disturb": EventPlayer.disturb_frames,
+    **dict.fromkeys(("lose", "double", "disturb"), EventPlayer.disturb_frames),
     "frame": EventPlayer.frame,
     "command": EventPlayer.command,
     "trajectory": EventPlayer.trajectory,
     "cancel": EventPlayer.cancel,
-    "silent": EventPlayer.connect,
-    "deaf": EventPlayer.connect,
-    "ask": EventPlayer.connect,
+    **dict.fromkeys(("silent", "deaf", "ask"), EventPlayer.connect),
     "dead_man": EventPlayer.dead_man,
     "stop": EventPlayer.stop,
     "latch": EventPlayer.latch,

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from canopen_control.hardware.axis_statechart import PhaseTrigger
     from canopen_control.runtime.core import RobotCore
     from canopen_control.simulation.robot_under_test import RobotUnderTest
-    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.wire_view import WireView
+    from canopen_control.virtual.scenario import ScenarioEvent
 
 
 # Transitions of the state machines axis power, CiA 402 and NMT. Those of the axis power chart are counted when they

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from canopen_control.simulation.event_player import EventPlayer
     from canopen_control.simulation.motions import SampleMotion
     from canopen_control.simulation.robot_under_test import RobotUnderTest
-    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.simulated_clients import SimulatedClient, SimulatedClients
     from canopen_control.simulation.wire_view import ObservedNode
+    from canopen_control.virtual.scenario import ScenarioEvent
 
     Rule = Callable[[RobotUnderTest], str | None]
 

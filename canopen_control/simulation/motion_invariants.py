@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from canopen_control.check.stop_times import AxisFacts
     from canopen_control.simulation.motions import SampleMotion
     from canopen_control.simulation.robot_under_test import RobotUnderTest
-    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.wire_view import ObservedNode, WireView
+    from canopen_control.virtual.scenario import ScenarioEvent
 
 
 _MS: Final = 1_000_000

@@ -10,8 +10,8 @@ from random import Random
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.simulation.robot_under_test import MASTER
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.scenario import ScenarioEvent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

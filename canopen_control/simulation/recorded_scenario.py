@@ -18,8 +18,8 @@ from canopen_control.rpc.messages.trajectory import FollowTrajectory, SendTrajec
 from canopen_control.rpc.wire import decode
 from canopen_control.simulation.motions import SampleMotion, motions_of
 from canopen_control.simulation.robot_under_test import MASTER
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.scenario_steps import ACTIONS, Scenario
+from canopen_control.virtual.scenario import ScenarioEvent
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

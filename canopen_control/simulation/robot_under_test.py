@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.personality import Personality
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.simulation.scenario_events import ScenarioEvent
+    from canopen_control.virtual.scenario import ScenarioEvent
     from canopen_control.virtual.virtual_node import VirtualNode
 
 

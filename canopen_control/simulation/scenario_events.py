@@ -1,17 +1,11 @@
-"""Events of a simulation, and the table of their kinds.
+"""Table of the kinds of scenario events.
 
-A schedule is a list of events, random or from a scenario file; `EventPlayer` executes it.
+A schedule is a list of `ScenarioEvent`, random or from a scenario file; `EventPlayer` executes it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
-
-from canopen_control.virtual.scenario import world_words
-
-if TYPE_CHECKING:
-    from canopen_control.rpc.messages.drive import WorldAct
+from typing import Final, NamedTuple
 
 
 class EventKind(NamedTuple):
@@ -97,35 +91,3 @@ KINDS: Final = {
     "activate": EventKind("controller", "activates a controller instead of the active one"),
     "deactivate": EventKind("controller", "deactivates a controller"),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class ScenarioEvent:
-    """Event of a schedule, `at_ns` after the start; `for_ns` None means unlimited or instantaneous.
-
-    `kind` is a key of KINDS. `target` is a node-ID, `master`, or a controller; `name` is the name of a fault, a quirk
-    or an action, `world` a disturbance of the physics world. `times` are the times in s of the points of a trajectory,
-    whose values are concatenated; empty for one point. `when` is a state machine and a state, such as "axis power
-    RAMPING_DOWN": the event waits until its node, or any node, is in this state.
-    """
-
-    at_ns: int
-    kind: str
-    target: str = ""
-    name: str = ""
-    values: tuple[float, ...] = ()
-    for_ns: int | None = None
-    plant: tuple[tuple[str, float], ...] = ()
-    axis: int = 0
-    times: tuple[float, ...] = ()
-    when: str = ""
-    world: WorldAct | None = None
-
-    @property
-    def words(self) -> str:
-        world = "" if self.world is None else " ".join(f"{key} {value}" for key, value in world_words(self.world))
-        text = " ".join(word for word in (self.kind, self.target, self.name, world) if word)
-        values = " ".join(f"{word:g}" for word in self.values)
-        lasts = f" for {self.for_ns / 1e9:g} s" if self.for_ns is not None else ""
-        when = f", as soon as {self.when}" if self.when else ""
-        return f"{self.at_ns / 1e9:.3f} s: {text}{f' {values}' if values else ''}{lasts}{when}"

@@ -28,10 +28,11 @@ from canopen_control.hardware.axis_statechart import AxisPhase
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
 from canopen_control.simulation.fault_coverage import POWER, STATES
 from canopen_control.simulation.robot_under_test import MASTER
-from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
+from canopen_control.simulation.scenario_events import KINDS
 from canopen_control.virtual.quirks import parse_quirk
 from canopen_control.virtual.scenario import (
     ScenarioError,
+    ScenarioEvent,
     ScenarioFile,
     ScenarioStep,
     nanoseconds_at,
@@ -108,15 +109,6 @@ def _check_ends(file: ScenarioFile, length: int) -> None:
                 step.here.error(f"at: {at / 1e9:g} s is after the end of the scenario at {length / 1e9:g} s (for)")
 
 
-def _kind_of(step: ScenarioStep) -> str:
-    """Return the event kind of a step without `do`: plant, quirk, quirk_off, fault or fault_off."""
-    if step.plant:
-        return "plant"
-    if step.quirk:
-        return "quirk" if step.state else "quirk_off"
-    return "fault" if step.state else "fault_off"
-
-
 class _Checked:
     """Step of a scenario file, checked for one robot."""
 
@@ -132,7 +124,7 @@ class _Checked:
         if step.do == "world" or not (step.do or step.fault or step.quirk or step.plant):
             step.here.error(f"a step needs one of {_ACTION_KEYS}")
             return
-        kind = self._current("do", step.do, _FORMER_KINDS) or _kind_of(step)
+        kind = self._current("do", step.do, _FORMER_KINDS) or step.kind
         target = str(step.target if step.node is None else step.node)
         name = step.fault or step.quirk or step.name
         if kind not in KINDS:

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.motions import SampleMotion
-    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.served_simulation import ServedSimulation
+    from canopen_control.virtual.scenario import ScenarioEvent
 
 
 _SLICE_NS: Final = 100_000_000

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import NodeReading, RobotEvent, Snapshot
     from canopen_control.simulation.event_player import EventPlayer
     from canopen_control.simulation.robot_under_test import RobotUnderTest
-    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.wire_view import DisturbedNodes, ObservedNode, WireView
     from canopen_control.urdf.ros2_control import Transmission
+    from canopen_control.virtual.scenario import ScenarioEvent
 
 
 _MS: Final = 1_000_000

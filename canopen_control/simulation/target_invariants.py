@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from canopen_control.simulation.answer_invariants import AnswerInvariants
     from canopen_control.simulation.motions import SampleMotion
     from canopen_control.simulation.robot_under_test import RobotUnderTest
-    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.wire_view import DisturbedNodes, ObservedNode, WireView
+    from canopen_control.virtual.scenario import ScenarioEvent
     from canopen_control.virtual.virtual_drive import VirtualDrive
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from canopen_control.master.plan_builder import PlannedPdo
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.robot_under_test import RobotUnderTest, SimulatedDrive
-    from canopen_control.simulation.scenario_events import ScenarioEvent
+    from canopen_control.virtual.scenario import ScenarioEvent
 
 
 _SDO_DOWNLOAD: Final = (0x22, 0x2B, 0x27, 0x23, 0x2F)

@@ -17,10 +17,10 @@ from canopen_control.simulation.event_player import EventPlayer
 from canopen_control.simulation.invariants import Invariants, user_rules
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.robot_under_test import RobotUnderTest, SimulationObserver
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.served_simulation import ServedSimulation
 from canopen_control.virtual.fault_table import find_fault
 from canopen_control.virtual.quirks import parse_quirk
+from canopen_control.virtual.scenario import ScenarioEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from canopen_control.personality import Personality
     from canopen_control.virtual.object_store import VirtualStore
     from canopen_control.virtual.plant import Plant
-    from canopen_control.virtual.scenario import Switching
+    from canopen_control.virtual.scenario import ScenarioEvent
 
 
 # File with the parameters that survive power-off: the values of 0x1010, and the node-ID and bit rate of LSS.
@@ -292,7 +292,7 @@ class Devices:
 
     nodes: tuple[VirtualNode, ...]
     world: World
-    timeline: tuple[Switching, ...] = ()
+    timeline: tuple[ScenarioEvent, ...] = ()
 
 
 def make_devices(
@@ -347,7 +347,7 @@ def _serial(node_id: int) -> int:
     return os.getpid() if node_id == UNCONFIGURED else node_id
 
 
-def _timeline(path: Path, node_ids: Sequence[int]) -> tuple[Switching, ...]:
+def _timeline(path: Path, node_ids: Sequence[int]) -> tuple[ScenarioEvent, ...]:
     from canopen_control.virtual.scenario import read_scenario  # YAML is slow to import
 
     return tuple(read_scenario(path, node_ids))

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from canopen_control.errors import BusClosed
     from canopen_control.host.reactor import Reactor
     from canopen_control.virtual.plant import World
-    from canopen_control.virtual.scenario import Switching
+    from canopen_control.virtual.scenario import ScenarioEvent
     from canopen_control.virtual.virtual_node import VirtualNode
 
 
@@ -60,7 +60,7 @@ class BusNodes:
     port: Port
     nodes: Sequence[VirtualNode]
     reopen: Callable[[], Port | None] = field(default=_never)
-    timeline: Sequence[Switching] = ()
+    timeline: Sequence[ScenarioEvent] = ()
     world: World | None = None
 
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from canopen_control.duration import nanoseconds_of
 from canopen_control.errors import ConfigError
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.host.reactor import Reactor
+    from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.virtual.control import NodeControl
     from canopen_control.virtual.virtual_node import VirtualNode
@@ -121,17 +122,48 @@ class WorldEvent:
 
 
 @dataclass(frozen=True, slots=True)
-class Switching:
-    """Timed event of a scenario: fault, quirk, change of a plant, or disturbance of the world."""
+class ScenarioEvent:
+    """Event of a schedule, `at_ns` after the start; `for_ns` None means unlimited or instantaneous.
+
+    `kind` is a key of `simulation.scenario_events.KINDS`; drives alone can play the kinds that have a `request`.
+    `target` is a node-ID, `master`, or a controller; `name` is the name of a fault, a quirk or an action, `world` a
+    disturbance of the physics world. `times` are the times in s of the points of a trajectory, whose values are
+    concatenated; empty for one point. `when` is a state machine and a state, such as "axis power RAMPING_DOWN": the
+    event waits until its node, or any node, is in this state.
+    """
 
     at_ns: int
-    node_id: int
-    fault: str = ""
-    on: bool = True
-    axis: int = 0
+    kind: str
+    target: str = ""
+    name: str = ""
+    values: tuple[float, ...] = ()
+    for_ns: int | None = None
     plant: tuple[tuple[str, float], ...] = ()
-    act: WorldAct | None = None
-    quirk: str = ""
+    axis: int = 0
+    times: tuple[float, ...] = ()
+    when: str = ""
+    world: WorldAct | None = None
+
+    @property
+    def words(self) -> str:
+        world = "" if self.world is None else " ".join(f"{key} {value}" for key, value in world_words(self.world))
+        text = " ".join(word for word in (self.kind, self.target, self.name, world) if word)
+        values = " ".join(f"{word:g}" for word in self.values)
+        lasts = f" for {self.for_ns / 1e9:g} s" if self.for_ns is not None else ""
+        when = f", as soon as {self.when}" if self.when else ""
+        return f"{self.at_ns / 1e9:.3f} s: {text}{f' {values}' if values else ''}{lasts}{when}"
+
+    def request(self, *, on: bool = True) -> Request[Any] | None:
+        """Return the event as a request to a drive, with `on` False its end after `for_ns`; None for other kinds."""
+        if self.kind in ("fault", "fault_off"):
+            return SwitchFault(name=self.name, on=on and self.kind == "fault")
+        if self.kind in ("quirk", "quirk_off"):
+            return SwitchQuirk(quirk=self.name, on=on and self.kind == "quirk")
+        if self.kind == "plant":
+            return SetPlant(numbers=dict(self.plant), axis=self.axis)
+        if on:
+            return self.world
+        return BlockJoint(joint=self.world.joint, on=False) if isinstance(self.world, BlockJoint) else None
 
 
 class ScenarioError(ConfigError):
@@ -171,6 +203,15 @@ class ScenarioStep(WorldEvent):
         """Duration in ns, or None if not given; an invalid text is reported as an error of the file."""
         return None if self.length is None else nanoseconds_at(self.here, self.length)
 
+    @property
+    def kind(self) -> str:
+        """Kind of the event of a step without `do`: plant, quirk, quirk_off, fault or fault_off."""
+        if self.plant:
+            return "plant"
+        if self.quirk:
+            return "quirk" if self.state else "quirk_off"
+        return "fault" if self.state else "fault_off"
+
     def check_name(self, fault: str | None, quirk: str | None) -> None:
         """Report an unknown fault or quirk as an error of the file."""
         if fault is not None or quirk is not None:
@@ -199,24 +240,24 @@ def nanoseconds_at(here: Node, value: float | str) -> int:
         return 1
 
 
-def read_scenario(path: Path, node_ids: Sequence[int]) -> list[Switching]:
+def read_scenario(path: Path, node_ids: Sequence[int]) -> list[ScenarioEvent]:
     """Return the events of a scenario file in order of time; ScenarioError lists all errors by line."""
-    switchings: list[Switching] = []
+    events: list[ScenarioEvent] = []
 
     def check(file: ScenarioFile, _problems: Problems) -> None:
         for step in file.steps:
-            switchings.extend(_switchings(step, node_ids))
+            events.extend(_events(step, node_ids))
 
     load(path, ScenarioFile, error=ScenarioError, check=check)
-    return sorted(switchings, key=lambda switching: switching.at_ns)
+    return sorted(events, key=lambda event: event.at_ns)
 
 
-def _switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
+def _events(step: ScenarioStep, node_ids: Sequence[int]) -> list[ScenarioEvent]:
     others = ("do", "target", "name", "values", "times", "when")
     if keys := [key for key in others if getattr(step, key) not in ("", ())]:
         step.here.error(f"{', '.join(keys)}: only for a whole robot; use: canopen-control simulate")
     if step.acts():
-        return _world_switchings(step, node_ids)
+        return _world_events(step, node_ids)
     node_id = step.node if step.node is not None else node_ids[0]
     if step.node is None and len(node_ids) > 1:
         step.here.error(f"node is missing; choose one of {', '.join(map(str, node_ids))}")
@@ -225,26 +266,21 @@ def _switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
     if not step.do and sum(map(bool, (step.fault, step.quirk, step.plant))) != 1:
         step.here.error("a step needs exactly one of fault, quirk, plant, or an event in the world")
     step.check_name(step.fault or None, step.quirk or None)
-    at_ns, for_ns, plant = step.at_ns, step.for_ns, tuple(step.plant.items())
-    first = Switching(at_ns, node_id, step.fault, step.state, step.axis, plant, quirk=step.quirk)
-    if for_ns is None:
-        return [first]
-    if step.plant or not step.state:
+    if step.length is not None and (step.plant or not step.state):
         step.here.error("for: is possible only with a fault or quirk that is switched on")
-    return [first, Switching(at_ns + for_ns, node_id, step.fault, on=False, quirk=step.quirk)]
+    name, plant = step.fault or step.quirk, tuple(step.plant.items())
+    return [ScenarioEvent(step.at_ns, step.kind, str(node_id), name, (), step.for_ns, plant, step.axis)]
 
 
-def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
-    """Return the events of a step that disturbs the world, including the release of a blocked joint."""
-    acts, at_ns, for_ns = step.acts(), step.at_ns, step.for_ns
+def _world_events(step: ScenarioStep, node_ids: Sequence[int]) -> list[ScenarioEvent]:
+    """Return the events of a step that disturbs the world; the first node of the process receives them."""
+    acts = step.acts()
     if len(acts) > 1 or step.fault or step.quirk or step.plant or step.node is not None:
         step.here.error("a step has one of payload, push, block and friction, and then no node, fault, quirk or plant")
-    if for_ns is not None and not step.block:
+    if step.length is not None and not step.block:
         step.here.error("for: is possible only with block, or with a fault or quirk that is switched on")
-    switchings = [Switching(at_ns, node_ids[0], act=act) for act in acts]
-    if for_ns is not None and step.block:
-        switchings.append(Switching(at_ns + for_ns, node_ids[0], act=BlockJoint(joint=step.block, on=False)))
-    return switchings
+    at_ns, for_ns, target = step.at_ns, step.for_ns, str(node_ids[0])
+    return [ScenarioEvent(at_ns, "world", target, for_ns=for_ns, world=act) for act in acts]
 
 
 class Timeline:
@@ -263,21 +299,18 @@ class Timeline:
         self._reactor, self._controls, self._nodes, self._report = reactor, controls, started_with, report
         self._start = reactor.now()
 
-    def plan(self, switchings: Sequence[Switching]) -> None:
-        """Schedule all events on the reactor."""
-        for switching in switchings:
-            self._reactor.call_at(self._start + switching.at_ns, partial(self._play, switching))
+    def plan(self, events: Sequence[ScenarioEvent]) -> None:
+        """Schedule the beginning and the end of each event on the reactor."""
+        for event in events:
+            at_ns = self._start + event.at_ns
+            self._reactor.call_at(at_ns, partial(self._play, event))
+            if event.for_ns is not None:
+                self._reactor.call_at(at_ns + event.for_ns, partial(self._play, event, on=False))
 
-    def _play(self, switching: Switching) -> None:
-        control = self._controls[self._nodes[switching.node_id]]
+    def _play(self, event: ScenarioEvent, *, on: bool = True) -> None:
+        request = event.request(on=on)
         try:
-            if switching.act is not None:
-                control.do(switching.act)
-            elif switching.fault:
-                control.do(SwitchFault(name=switching.fault, on=switching.on))
-            elif switching.quirk:
-                control.do(SwitchQuirk(quirk=switching.quirk, on=switching.on))
-            else:
-                control.do(SetPlant(numbers=dict(switching.plant), axis=switching.axis))
+            if request is not None:
+                self._controls[self._nodes[int(event.target)]].do(request)
         except ConfigError as error:
-            self._report(f"node {switching.node_id}: scenario: {error}")
+            self._report(f"node {event.target}: scenario: {error}")

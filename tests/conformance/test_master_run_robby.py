@@ -9,8 +9,8 @@ from canopen_control.conformance import master_run
 from canopen_control.conformance.master_run import MasterRun
 from canopen_control.simulation.event_player import EventPlayer
 from canopen_control.simulation.robot_under_test import RobotUnderTest, dictionary_of
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.virtual.device import make_device
+from canopen_control.virtual.scenario import ScenarioEvent
 
 NODE = 2
 COMMAND = ScenarioEvent(0, "command", "robby_forward_controller", for_ns=200 * S, values=(5.0, 5.0))

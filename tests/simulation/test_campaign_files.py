@@ -15,9 +15,9 @@ from canopen_control.simulation.campaign import (
     write_text,
 )
 from canopen_control.simulation.invariants import Breach
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.scenario_steps import read_scenario_steps
 from canopen_control.simulation.simulation_run import SimulationRun
+from canopen_control.virtual.scenario import ScenarioEvent
 
 LATE = Breach(1.5, "late", "SYNC came <late>")
 

@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.simulation.campaign import Shrinker
-from canopen_control.simulation.scenario_events import ScenarioEvent
+from canopen_control.virtual.scenario import ScenarioEvent
 
 S = 1_000_000_000
 

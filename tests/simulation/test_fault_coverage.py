@@ -4,7 +4,8 @@ from support.simulated import Played
 
 from canopen_control.simulation.fault_coverage import STATES, FaultCoverage, cells_of, cells_words, kind_of, states_of
 from canopen_control.simulation.random_schedule import known_faults
-from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
+from canopen_control.simulation.scenario_events import KINDS
+from canopen_control.virtual.scenario import ScenarioEvent
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ from canopen_control.controllers.switcher import UpdateLoop
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.simulation.motion_invariants import MotionInvariants
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
+from canopen_control.virtual.scenario import ScenarioEvent
 
 
 @pytest.fixture

@@ -8,9 +8,8 @@ from support.simulated import S, setup_of
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.random_schedule import draw_schedule, known_faults
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.scenario_steps import read_scenario_steps, scenario_text
-from canopen_control.virtual.scenario import ScenarioError
+from canopen_control.virtual.scenario import ScenarioError, ScenarioEvent
 
 
 def read(folder, text, *, name="scenario.yml", physics=False):

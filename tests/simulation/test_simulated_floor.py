@@ -4,8 +4,8 @@ import pytest
 from support.simulated import FORWARD, MS, S, setup_of
 
 from canopen_control.rpc.messages.drive import BlockJoint, PushRobot
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
+from canopen_control.virtual.scenario import ScenarioEvent
 
 pytest.importorskip("mujoco")
 DRIVE = ScenarioEvent(1 * S, "command", FORWARD, values=(5.0, 5.0), for_ns=2 * S)

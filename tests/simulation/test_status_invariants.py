@@ -8,9 +8,9 @@ from canopen_control.master.remote_node import RemoteNode
 from canopen_control.master.supervision import EmcyGate
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.status_invariants import StatusInvariants
+from canopen_control.virtual.scenario import ScenarioEvent
 
 
 @pytest.fixture

@@ -11,10 +11,10 @@ from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.answer_invariants import AnswerInvariants
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.robot_under_test import RobotUnderTest
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.target_invariants import TargetInvariants, _Followed
 from canopen_control.virtual.power_machine import DriveLimits
+from canopen_control.virtual.scenario import ScenarioEvent
 
 
 def rules(judged, views, tell):

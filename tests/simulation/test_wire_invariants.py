@@ -8,10 +8,10 @@ from canopen_control.frame import CanFrame, pack_records
 from canopen_control.runtime.setup import BUS_NAME
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.robot_under_test import MASTER, RobotUnderTest
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.wire_invariants import WireInvariants
 from canopen_control.simulation.wire_view import WireView
+from canopen_control.virtual.scenario import ScenarioEvent
 
 
 class Judged:

@@ -8,8 +8,8 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.event_player import EventPlayer
 from canopen_control.simulation.robot_under_test import RobotUnderTest
-from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.wire_view import DisturbedNodes, WireView
+from canopen_control.virtual.scenario import ScenarioEvent
 
 MS = 1_000_000
 S = 1_000_000_000

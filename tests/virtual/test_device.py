@@ -92,7 +92,7 @@ def test_files_give_timeline_plants_and_stored_values(tmp_path):
     plant.write_text('axes: {"3": {kind: lag}}')
     options = {"scenario": scenario, "plant": plant, "store": store}
     devices = make_devices([3], TMCM, print, **options)
-    assert devices.timeline[0].fault == "silent"
+    assert devices.timeline[0].name == "silent"
     assert isinstance(devices.nodes[0].drives[0].mover.plant, LagPlant)
     bench = Bench(devices.nodes[0])
     bench.write(0x6083, 777)

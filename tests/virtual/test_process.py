@@ -24,7 +24,7 @@ from canopen_control.virtual import process
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.node_host import NodeIdTaken
 from canopen_control.virtual.process import WINDOW_NS, BusNodes, DriveProcess, FoldedLog, ServedBus
-from canopen_control.virtual.scenario import Switching
+from canopen_control.virtual.scenario import ScenarioEvent
 
 
 @pytest.fixture
@@ -352,7 +352,7 @@ def test_a_timeline_and_a_world_that_wants_to_know_its_axes_are_served(reactor):
     world = SimpleNamespace(period_ns=20 * MS, describe=WorldState)
     node.advance_drives = lambda now, advance=node.advance_drives: (asked.append(now), advance(now))
     lines = []
-    timeline = [Switching(S // 2, 5, "warning")]
+    timeline = [ScenarioEvent(S // 2, "fault", "5", "warning")]
     drives = DriveProcess(
         reactor, [BusNodes(join(bus, "drives"), [node], timeline=timeline, world=world)], lines.append
     )

@@ -8,11 +8,11 @@ from support.virtualbench import S, servo
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
-from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, SetGrip
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, SetGrip, SwitchFault, SwitchQuirk
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.node_host import NodeHost
 from canopen_control.virtual.plant import IndependentPlants, LoadedPlant
-from canopen_control.virtual.scenario import ScenarioError, Switching, Timeline, read_scenario
+from canopen_control.virtual.scenario import ScenarioError, ScenarioEvent, Timeline, read_scenario
 
 
 def read(tmp_path, text, node_ids=(3,)):
@@ -31,18 +31,16 @@ def test_a_timeline_is_read_in_order_whatever_its_order_in_the_file(tmp_path):
       - {at: 12, node: 3, plant: {stalled: 1, external: -300.5}}
     """
     assert read(tmp_path, text, (2, 3)) == [
-        Switching(S // 2, 2, "silent"),
-        Switching(5 * S // 2, 2, "silent", on=False),
-        Switching(5 * S, 3, "heartbeat_lost"),
-        Switching(8 * S, 3, "heartbeat_lost", on=False),
-        Switching(9 * S, 2, quirk="brake_delay=0.7"),
-        Switching(10 * S, 2, on=False, quirk="brake_delay=0.7"),
-        Switching(12 * S, 3, plant=(("stalled", 1.0), ("external", -300.5))),
+        ScenarioEvent(S // 2, "fault", "2", "silent", for_ns=2 * S),
+        ScenarioEvent(5 * S, "fault", "3", "heartbeat_lost"),
+        ScenarioEvent(8 * S, "fault_off", "3", "heartbeat_lost"),
+        ScenarioEvent(9 * S, "quirk", "2", "brake_delay=0.7", for_ns=S),
+        ScenarioEvent(12 * S, "plant", "3", plant=(("stalled", 1.0), ("external", -300.5))),
     ]
 
 
 def test_with_one_node_it_need_not_be_named(tmp_path):
-    assert read(tmp_path, "steps: [{at: 1s, fault: silent}]") == [Switching(S, 3, "silent")]
+    assert read(tmp_path, "steps: [{at: 1s, fault: silent}]") == [ScenarioEvent(S, "fault", "3", "silent")]
 
 
 def test_every_mistake_is_told_at_once_with_its_line(tmp_path):
@@ -94,10 +92,9 @@ def test_steps_happen_in_their_time_and_one_that_cannot_is_told():
         host = NodeHost(reactor, port, [node])
         control = NodeControl(host, node)
         steps = [
-            Switching(S, 5, "silent"),
-            Switching(2 * S, 5, "silent", on=False),
-            Switching(3 * S, 5, plant=(("external", -50.0),)),
-            Switching(4 * S, 5, plant=(("colour", 1.0),)),
+            ScenarioEvent(S, "fault", "5", "silent", for_ns=S),
+            ScenarioEvent(3 * S, "plant", "5", plant=(("external", -50.0),)),
+            ScenarioEvent(4 * S, "plant", "5", plant=(("colour", 1.0),)),
         ]
         Timeline(reactor, {node: control}, {5: node}, said.append).plan(steps)
         active = []
@@ -119,9 +116,8 @@ def test_the_world_acts_too_without_a_node(tmp_path):
       - {at: 2s, block: wheel, for: 3s}
     """
     assert read(tmp_path, text, (2, 3)) == [
-        Switching(S, 2, act=AddPayload(mass=5.0)),
-        Switching(2 * S, 2, act=BlockJoint(joint="wheel")),
-        Switching(5 * S, 2, act=BlockJoint(joint="wheel", on=False)),
+        ScenarioEvent(S, "world", "2", world=AddPayload(mass=5.0)),
+        ScenarioEvent(2 * S, "world", "2", for_ns=3 * S, world=BlockJoint(joint="wheel")),
     ]
 
 
@@ -155,7 +151,7 @@ def test_an_act_is_played_in_the_world_and_told_where_there_is_none():
                 contextlib.closing(NodeControl(host, node, world)) as control,
             ):
                 timeline = Timeline(reactor, {node: control}, {5: node}, lines.append)
-                timeline.plan([Switching(S, 5, act=SetGrip(friction=0.5))])
+                timeline.plan([ScenarioEvent(S, "world", "5", world=SetGrip(friction=0.5))])
                 reactor.run_for(2 * S)
         assert [line for line in lines if "scenario: node 5 is not in a world with physics" in line] == lines
         assert len(lines) == told
@@ -165,7 +161,32 @@ def test_an_act_is_played_in_the_world_and_told_where_there_is_none():
 def test_a_file_of_simulate_that_has_drives_alone_is_played_and_what_needs_a_robot_is_named(tmp_path):
     path = tmp_path / "s.yml"
     path.write_text("for: 5min\nseed: 7\nsteps:\n  - {at: 1s, node: 3, fault: silent, for: 500ms}\n")
-    assert [(step.at_ns, step.on) for step in read_scenario(path, [2, 3])] == [(10**9, True), (15 * 10**8, False)]
+    assert read_scenario(path, [2, 3]) == [ScenarioEvent(S, "fault", "3", "silent", for_ns=S // 2)]
     path.write_text("steps:\n  - {at: 1s, node: 3, do: stall, when: axis power RAMPING_DOWN}\n")
     with pytest.raises(ScenarioError, match=r":2:.*do, when: only for a whole robot; .* canopen-control simulate"):
         read_scenario(path, [3])
+
+
+BLOCKED = BlockJoint(joint="a")
+
+
+@pytest.mark.parametrize(
+    ("event", "begin", "end"),
+    [
+        (ScenarioEvent(0, "fault", name="f"), SwitchFault(name="f", on=True), SwitchFault(name="f", on=False)),
+        (ScenarioEvent(0, "fault_off", name="f"), SwitchFault(name="f", on=False), SwitchFault(name="f", on=False)),
+        (ScenarioEvent(0, "quirk", name="q"), SwitchQuirk(quirk="q", on=True), SwitchQuirk(quirk="q", on=False)),
+        (ScenarioEvent(0, "quirk_off", name="q"), SwitchQuirk(quirk="q", on=False), SwitchQuirk(quirk="q", on=False)),
+        (ScenarioEvent(0, "world", world=BLOCKED), BLOCKED, BlockJoint(joint="a", on=False)),
+        (ScenarioEvent(0, "power", "5"), None, None),
+    ],
+    ids=lambda value: getattr(value, "kind", None),
+)
+def test_an_event_of_a_drive_is_a_request_for_its_beginning_and_one_for_its_end(event, begin, end):
+    assert (event.request(), event.request(on=False)) == (begin, end)
+
+
+def test_an_act_in_words_says_when_what_and_how_long():
+    act = ScenarioEvent(1_500_000_000, "command", "wheels", values=(1.0, -2.5), for_ns=2_000_000_000)
+    assert act.words == "1.500 s: command wheels 1 -2.5 for 2 s"
+    assert ScenarioEvent(0, "fault", "3", name="silent").words == "0.000 s: fault 3 silent"

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.state import RobotEvent
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.scenario_steps import Scenario
     from canopen_control.simulation.simulation_run import SimulationRun
+    from canopen_control.virtual.scenario import ScenarioEvent
 
 
 _SAMPLE_NS: Final = 100_000_000
