@@ -14,9 +14,11 @@ wheel, a kernel with CAN or a card, and what takes long: the tests that say so t
 simulated time: known by the benches of tests/support that its file takes. `tools/test --fast` leaves them out.
 """
 
+import asyncio
 import functools
 import gc
 import importlib.util
+import inspect
 import itertools
 import os
 import shutil
@@ -148,6 +150,15 @@ def xacro_here(request, monkeypatch):
         from canopen_control.urdf import description
 
         monkeypatch.setattr(description, "XacroRun", XacroHere)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem):
+    """Run a test that is a coroutine, on an event loop of its own."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    asyncio.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}))
+    return True
 
 
 class Watchman:

@@ -1,4 +1,4 @@
-import asyncio
+import contextlib
 import html
 import re
 import threading
@@ -49,22 +49,20 @@ class Screen(App):
         yield self.table
 
 
-def on_screen_of_tables(check):
-    async def run():
-        app = Screen()
-        async with app.run_test() as pilot:
-            await pilot.pause()
-            check(app.table)
-
-    asyncio.run(run())
+@contextlib.asynccontextmanager
+async def table_on_screen():
+    app = Screen()
+    async with app.run_test() as pilot:
+        await pilot.pause()
+        yield app.table
 
 
 def row(name, state="up", tone=Tone.PLAIN):
     return (Cell(name), Cell(state, tone))
 
 
-def test_only_changed_cells_are_written():
-    def check(table):
+async def test_only_changed_cells_are_written():
+    async with table_on_screen() as table:
         rows = {"a": row("a"), "b": row("b")}
         table.show(rows)
         assert table.written == 4
@@ -75,19 +73,15 @@ def test_only_changed_cells_are_written():
         assert str(table.get_cell("b", "state")) == "✖ down"
         assert str(table.get_cell("b", "state").style) == TONE_STYLES[Tone.BAD]
 
-    on_screen_of_tables(check)
 
-
-def test_rows_come_and_go_and_the_cursor_tells_which_is_meant():
-    def check(table):
+async def test_rows_come_and_go_and_the_cursor_tells_which_is_meant():
+    async with table_on_screen() as table:
         assert table.selected is None
         table.show({"a": row("a"), "b": row("b")})
         assert table.selected == "a"
         table.show({"b": row("b")})
         assert table.row_count == 1
         assert table.selected == "b"
-
-    on_screen_of_tables(check)
 
 
 def test_a_row_for_each_identifier_by_identifier():
@@ -124,34 +118,28 @@ class Alone(App):
         yield self.pane
 
 
-def test_it_offers_the_write_of_an_object_and_every_verb():
-    async def check():
-        app = Alone()
-        async with app.run_test() as pilot:
-            app.pane.choose()
-            await pilot.pause()
-            offered = [app.pane.choice.get_option_at_index(at) for at in range(app.pane.choice.option_count)]
-            assert [each.id for each in offered] == [SET, *JOBS]
-            assert all(str(each.prompt).startswith(each.id) for each in offered)
-            app.pane.choice.highlighted = 3
-            app.pane.choose()
-            assert app.pane.choice.highlighted == 0  # the first one again
-
-    asyncio.run(check())
+async def test_it_offers_the_write_of_an_object_and_every_verb():
+    app = Alone()
+    async with app.run_test() as pilot:
+        app.pane.choose()
+        await pilot.pause()
+        offered = [app.pane.choice.get_option_at_index(at) for at in range(app.pane.choice.option_count)]
+        assert [each.id for each in offered] == [SET, *JOBS]
+        assert all(str(each.prompt).startswith(each.id) for each in offered)
+        app.pane.choice.highlighted = 3
+        app.pane.choose()
+        assert app.pane.choice.highlighted == 0  # the first one again
 
 
-def test_without_a_verb_there_is_nothing_to_end_or_to_show():
-    async def check():
-        app = Alone()
-        async with app.run_test():
-            app.pane.end()
-            app.pane.close()
-            app.pane.show_work()
-            app.pane.show(None)
-            assert not app.pane.busy
-            assert str(app.pane.title.content) == "listening only: reading objects would require sending"
-
-    asyncio.run(check())
+async def test_without_a_verb_there_is_nothing_to_end_or_to_show():
+    app = Alone()
+    async with app.run_test():
+        app.pane.end()
+        app.pane.close()
+        app.pane.show_work()
+        app.pane.show(None)
+        assert not app.pane.busy
+        assert str(app.pane.title.content) == "listening only: reading objects would require sending"
 
 
 class FakeSource:
@@ -236,17 +224,13 @@ class Run:
     close = end
 
 
-def on_screen(check, source=None, size=(120, 36)):
+@contextlib.asynccontextmanager
+async def on_screen(source=None, size=(120, 36)):
     source = source or FakeSource()
-
-    async def run():
-        app = MonitorApp(source)
-        async with app.run_test(size=size) as pilot:
-            await pilot.pause()
-            await check(app, pilot, source)
-
-    asyncio.run(run())
-    return source
+    app = MonitorApp(source)
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        yield app, pilot, source
 
 
 async def asked(pilot, source, count=1):
@@ -268,18 +252,16 @@ STOP = Stop(latch=True, source="monitor")
 # -- STOP
 
 
-def test_space_is_stop_and_it_is_latched():
-    async def check(app, pilot, source):
+async def test_space_is_stop_and_it_is_latched():
+    async with on_screen() as (_app, pilot, source):
         await pilot.press("space")
         assert await asked(pilot, source) == [STOP]
-
-    on_screen(check)
 
 
 @pytest.mark.rest
 @pytest.mark.parametrize("tab", "12345")
-def test_no_widget_that_can_have_the_focus_eats_the_stop_key(tab):
-    async def check(app, pilot, source):
+async def test_no_widget_that_can_have_the_focus_eats_the_stop_key(tab):
+    async with on_screen() as (app, pilot, source):
         await pilot.press(tab)
         count = 0
         for widget in [each for each in app.query("*") if each.focusable]:
@@ -293,37 +275,29 @@ def test_no_widget_that_can_have_the_focus_eats_the_stop_key(tab):
         assert count >= 3
         assert set(map(str, source.asked)) == {str(STOP)}
 
-    on_screen(check)
-
 
 @pytest.mark.rest
-def test_stop_works_while_a_filter_is_typed_and_leaves_the_text_alone():
-    async def check(app, pilot, source):
+async def test_stop_works_while_a_filter_is_typed_and_leaves_the_text_alone():
+    async with on_screen() as (app, pilot, source):
         await pilot.press("slash", "h", "b", "space")
         assert await asked(pilot, source) == [STOP]
         assert app.query_one("#filter").value == "hb"
 
-    on_screen(check)
-
 
 @pytest.mark.rest
-def test_stop_does_not_wait_for_what_else_was_asked():
+async def test_stop_does_not_wait_for_what_else_was_asked():
     source = FakeSource()
     source.hold = threading.Event()
-
-    async def check(app, pilot, source):
+    async with on_screen(source) as (_app, pilot, source):
         await pilot.press(*"eeeeeeeeee", "space")
         assert (await asked(pilot, source))[0] == STOP
         source.hold.set()
 
-    on_screen(check, source)
 
-
-def test_a_refusal_is_told_as_it_is():
+async def test_a_refusal_is_told_as_it_is():
     source = FakeSource()
     source.refusal = "axis enable is refused [latched]: STOP"
-
-    async def check(app, pilot, source):
+    async with on_screen(source) as (app, pilot, source):
         await pilot.press("e")
         await asked(pilot, source)
         for _ in range(100):
@@ -334,8 +308,6 @@ def test_a_refusal_is_told_as_it_is():
         (told,) = app._notifications
         assert told.message == "enable left: axis enable is refused [latched]: STOP"
         assert told.severity == "error"
-
-    on_screen(check, source)
 
 
 # -- the other keys
@@ -354,28 +326,23 @@ def test_a_refusal_is_told_as_it_is():
         ("F", AxisRequest(action="fault-reset", node="all", source="monitor")),
     ],
 )
-def test_keys_ask_the_robot(keys, expected):
-    async def check(app, pilot, source):
+async def test_keys_ask_the_robot(keys, expected):
+    async with on_screen() as (_app, pilot, source):
         await pilot.press(*keys)
         assert await asked(pilot, source) == [expected]
 
-    on_screen(check)
-
 
 @pytest.mark.rest
-def test_a_click_selects_a_drive():
-    async def check(app, pilot, source):
+async def test_a_click_selects_a_drive():
+    async with on_screen() as (_app, pilot, source):
         await pilot.click("#drives", offset=(5, 2))
         await pilot.press("e")
         assert await asked(pilot, source) == [AxisRequest(action="enable", node="right", source="monitor")]
 
-    on_screen(check)
 
-
-def test_who_only_listens_asks_nobody_and_says_why():
+async def test_who_only_listens_asks_nobody_and_says_why():
     source = FakeSource(can_command=False)
-
-    async def check(app, pilot, source):
+    async with on_screen(source) as (app, pilot, source):
         await pilot.press("space", "e", "r", "f", "E")
         await pilot.pause(0.1)
         assert source.asked == []
@@ -386,14 +353,12 @@ def test_who_only_listens_asks_nobody_and_says_why():
             each.binding.description for each in app.screen.active_bindings.values() if each.enabled
         }
 
-    on_screen(check, source)
-
 
 # -- what is shown
 
 
-def test_the_head_and_an_alarm():
-    async def check(app, pilot, source):
+async def test_the_head_and_an_alarm():
+    async with on_screen() as (app, pilot, source):
         assert str(app.query_one("#head").content) == "robby  ● running  cycle 20 ms"
         assert not app.query_one("#alarm").display
         source.alarm = "STOP is latched by somebody"
@@ -402,11 +367,9 @@ def test_the_head_and_an_alarm():
         assert app.query_one("#alarm").display
         assert str(app.query_one("#alarm").content) == "STOP is latched by somebody"
 
-    on_screen(check)
 
-
-def test_only_what_changed_is_drawn_again():
-    async def check(app, pilot, source):
+async def test_only_what_changed_is_drawn_again():
+    async with on_screen() as (app, _pilot, source):
         drives = app.query_one("#drives")
         before = drives.written
         app.refresh_picture()
@@ -416,12 +379,10 @@ def test_only_what_changed_is_drawn_again():
         assert drives.written == before + 2
         assert str(drives.get_cell("left", "CiA 402")) == "✖ FAULT"
 
-    on_screen(check)
-
 
 @pytest.mark.rest
-def test_events_and_emergencies_have_logs_of_their_own():
-    async def check(app, pilot, source):
+async def test_events_and_emergencies_have_logs_of_their_own():
+    async with on_screen() as (app, pilot, source):
         source.lines = [LogLine(1.5, "robby runs"), LogLine(2.0, "left: fault [1]", Tone.BAD)]
         source.emergency_lines = [LogLine(2.0, "left: EMCY 0x3210", Tone.BAD)]
         app.refresh_picture()
@@ -432,12 +393,10 @@ def test_events_and_emergencies_have_logs_of_their_own():
         await pilot.pause()
         assert "✖ left: EMCY 0x3210" in text_of(app, "emergencies")
 
-    on_screen(check)
-
 
 @pytest.mark.rest
-def test_identifiers_are_a_table_and_stand_still_when_paused():
-    async def check(app, pilot, source):
+async def test_identifiers_are_a_table_and_stand_still_when_paused():
+    async with on_screen() as (app, pilot, source):
         source.hear(0x703, [5])
         await pilot.press("3")
         app.refresh_picture()
@@ -451,11 +410,9 @@ def test_identifiers_are_a_table_and_stand_still_when_paused():
         app.refresh_picture()
         assert table.row_count == 2
 
-    on_screen(check)
 
-
-def test_the_trace_follows_its_filter():
-    async def check(app, pilot, source):
+async def test_the_trace_follows_its_filter():
+    async with on_screen() as (app, pilot, source):
         source.hear(0x703, [5])
         source.hear(0x000, [1, 0])
         await pilot.press("4")
@@ -470,12 +427,10 @@ def test_the_trace_follows_its_filter():
         assert "heartbeat" not in text_of(app, "trace")
         assert app.focused is app.query_one("#drives")
 
-    on_screen(check)
-
 
 @pytest.mark.rest
-def test_a_wrong_filter_is_told_and_can_be_mended():
-    async def check(app, pilot, source):
+async def test_a_wrong_filter_is_told_and_can_be_mended():
+    async with on_screen() as (app, pilot, _source):
         await pilot.press("slash", "x", "x", "enter")
         await pilot.pause()
         assert "no node 'xx'" in next(iter(app._notifications)).message
@@ -483,12 +438,10 @@ def test_a_wrong_filter_is_told_and_can_be_mended():
         await pilot.press("escape")
         assert not app.query_one("#filter").display
 
-    on_screen(check)
-
 
 @pytest.mark.rest
-def test_a_flood_is_told_instead_of_drawn():
-    async def check(app, pilot, source):
+async def test_a_flood_is_told_instead_of_drawn():
+    async with on_screen() as (app, pilot, source):
         await pilot.press("4")
         await pilot.pause()
         for _ in range(500):
@@ -498,11 +451,9 @@ def test_a_flood_is_told_instead_of_drawn():
         assert "... 440 frames not shown; / filters" in text_of(app, "trace")
         assert len(app.query_one("#trace").lines) < 100
 
-    on_screen(check)
-
 
 @pytest.mark.rest
-def test_the_drives_of_an_arm_fit_120_columns():
+async def test_the_drives_of_an_arm_fit_120_columns():
     source = FakeSource()
     source.rows = {
         name: (
@@ -517,22 +468,18 @@ def test_the_drives_of_an_arm_fit_120_columns():
         )
         for name in ("joint_1_drive", "joint_2_drive")
     }
-
-    async def check(app, pilot, source):
+    async with on_screen(source) as (app, _pilot, source):
         table = app.query_one("#drives")
         assert table.row_count == 2
         assert table.virtual_size.width <= table.size.width == 120
         assert table.max_scroll_x == 0
 
-    on_screen(check, source)
-
 
 @pytest.mark.rest
-def test_a_robot_without_drives_has_no_table_of_them_until_it_has():
+async def test_a_robot_without_drives_has_no_table_of_them_until_it_has():
     source = FakeSource()
     drives, source.rows = source.content().drives, {}
-
-    async def check(app, pilot, source):
+    async with on_screen(source) as (app, pilot, source):
         assert not app.query_one("#drives").display
         source.rows = drives
         app.refresh_picture()
@@ -542,25 +489,21 @@ def test_a_robot_without_drives_has_no_table_of_them_until_it_has():
         await pilot.press("down", "e")
         assert await asked(pilot, source) == [AxisRequest(action="enable", node="right", source="monitor")]
 
-    on_screen(check, source)
 
-
-def test_its_picture_asks_nobody_for_anything():
-    async def check(app, pilot, source):
+async def test_its_picture_asks_nobody_for_anything():
+    async with on_screen() as (app, _pilot, _source):
         assert "url(" in app.export_screenshot()  # what is taken out was there
         picture = app.picture_svg()
         assert "url(" not in picture.replace("url(#", "")
         assert "@font-face" not in picture
         assert "OPERATIONAL" in picture
 
-    on_screen(check)
-
 
 # -- when it draws
 
 
-def test_a_new_sample_is_drawn_when_it_comes():
-    async def check(app, pilot, source):
+async def test_a_new_sample_is_drawn_when_it_comes():
+    async with on_screen() as (app, pilot, source):
         drawn = app._drawn
         source.lines = [LogLine(1.0, "a drive was lost", Tone.BAD)]
         threading.Thread(target=source.news).start()  # as the robot's connection does
@@ -570,12 +513,10 @@ def test_a_new_sample_is_drawn_when_it_comes():
             await pilot.pause(0.005)
         assert "a drive was lost" in text_of(app, "events")
 
-    on_screen(check)
-
 
 @pytest.mark.rest
-def test_frames_are_listened_to_while_somebody_looks_at_them():
-    async def check(app, pilot, source):
+async def test_frames_are_listened_to_while_somebody_looks_at_them():
+    async with on_screen() as (app, pilot, source):
         app.refresh_picture()
         wanted = [source.listening]
         for key in ("3", "4", "1"):
@@ -584,12 +525,10 @@ def test_frames_are_listened_to_while_somebody_looks_at_them():
             wanted.append(source.listening)
         assert wanted == [False, True, True, False]
 
-    on_screen(check)
-
 
 @pytest.mark.rest
-def test_a_changing_number_does_not_have_the_screen_laid_out_again(monkeypatch):
-    async def check(app, pilot, source):
+async def test_a_changing_number_does_not_have_the_screen_laid_out_again(monkeypatch):
+    async with on_screen() as (app, pilot, source):
         app.refresh_picture()
         await pilot.pause()
         laid_out = []
@@ -601,17 +540,14 @@ def test_a_changing_number_does_not_have_the_screen_laid_out_again(monkeypatch):
             await pilot.pause()
             assert bool(laid_out) is expected
 
-    on_screen(check)
-
 
 # -- a small terminal
 
 
 @pytest.mark.rest
-def test_on_80_columns_and_24_lines_the_errors_and_the_way_out_are_in_sight():
+async def test_on_80_columns_and_24_lines_the_errors_and_the_way_out_are_in_sight():
     """What tmux, a serial console and an old laptop have: the error of a drive, and how to quit."""
-
-    async def check(app, pilot, source):
+    async with on_screen(size=(80, 24)) as (app, pilot, source):
         drive = dict(zip(DRIVE_COLUMNS, ("right_drive (2)", "● OPERATIONAL", "● OPERATION ENABLED"), strict=False))
         drive |= {"error": "EMCY 0x3220 (DC link under-voltage)"}
         source.rows = {"right": tuple(Cell(drive.get(title, "-")) for title in DRIVE_COLUMNS)}
@@ -624,8 +560,6 @@ def test_on_80_columns_and_24_lines_the_errors_and_the_way_out_are_in_sight():
         assert "EMCY 0x3220" in shown
         for key in ("STOP", "Quit", "Release", "Enable", "Disable", "Reset", "Filter", "Pause"):
             assert key in shown, key
-
-    on_screen(check, size=(80, 24))
 
 
 # -- the objects of the selected drive
@@ -652,11 +586,10 @@ class FakeObjects:
         self.words = words
 
 
-def test_the_objects_of_the_selected_drive_are_read_while_their_tab_is_open():
+async def test_the_objects_of_the_selected_drive_are_read_while_their_tab_is_open():
     source = FakeSource()
     source.objects = FakeObjects()
-
-    async def check(app, pilot, source):
+    async with on_screen(source) as (app, pilot, source):
         await pilot.press("down", "5")
         app.refresh_picture()
         await pilot.pause()
@@ -669,15 +602,12 @@ def test_the_objects_of_the_selected_drive_are_read_while_their_tab_is_open():
         app.refresh_picture()
         assert source.objects.left == 1
 
-    on_screen(check, source)
-
 
 @pytest.mark.rest
-def test_a_search_of_objects_is_typed_like_a_filter_and_a_mistake_is_told():
+async def test_a_search_of_objects_is_typed_like_a_filter_and_a_mistake_is_told():
     source = FakeSource()
     source.objects = FakeObjects()
-
-    async def check(app, pilot, source):
+    async with on_screen(source) as (app, pilot, source):
         await pilot.press("5")
         app.refresh_picture()
         await pilot.press("slash", *"flux", "enter")
@@ -688,8 +618,6 @@ def test_a_search_of_objects_is_typed_like_a_filter_and_a_mistake_is_told():
         await pilot.pause()
         assert source.objects.words == "velocity"
         assert app.query_one("#tabs").active == "tab-drive"
-
-    on_screen(check, source)
 
 
 # -- the work at a drive
@@ -729,11 +657,10 @@ async def told(pilot, app):
 
 
 @pytest.mark.rest
-def test_what_may_be_done_with_a_drive_is_chosen_and_filled_in():
+async def test_what_may_be_done_with_a_drive_is_chosen_and_filled_in():
     source = FakeSource()
     source.objects = Objects()
-
-    async def check(app, pilot, source):
+    async with on_screen(source) as (app, pilot, source):
         await pilot.press("down", "w")
         app.refresh_picture()
         assert app.query_one("#works").display
@@ -756,17 +683,14 @@ def test_what_may_be_done_with_a_drive_is_chosen_and_filled_in():
         source.run.code = 1
         app.refresh_picture()
         assert text_of(app, "work").count("done") == 1
-
-    on_screen(check, source)
     assert source.run.ended == 2  # with the monitor
 
 
 @pytest.mark.rest
-def test_stop_works_while_a_line_is_filled_in():
+async def test_stop_works_while_a_line_is_filled_in():
     source = FakeSource()
     source.objects = Objects()
-
-    async def check(app, pilot, source):
+    async with on_screen(source) as (app, pilot, source):
         await pilot.press("w", "down", "enter")
         await pilot.pause()
         await pilot.press("2", "0", "space")
@@ -775,15 +699,12 @@ def test_stop_works_while_a_line_is_filled_in():
         await pilot.press("escape", "w", "space")
         assert await asked(pilot, source, 2) == [STOP, STOP]
 
-    on_screen(check, source)
-
 
 @pytest.mark.rest
-def test_one_verb_runs_at_a_time_and_a_refusal_is_told():
+async def test_one_verb_runs_at_a_time_and_a_refusal_is_told():
     source = FakeSource()
     source.objects = Objects()
-
-    async def check(app, pilot, source):
+    async with on_screen(source) as (app, pilot, source):
         await pilot.press("w", "down", "enter", *typed("20rpm"), "enter")
         await pilot.pause()
         first = source.run
@@ -800,15 +721,12 @@ def test_one_verb_runs_at_a_time_and_a_refusal_is_told():
         assert "jog: no drive is selected" in [each.message for each in app._notifications]
         assert app.query_one("#filter").display  # it can be mended
 
-    on_screen(check, source)
-
 
 @pytest.mark.rest
-def test_an_object_is_written_and_the_write_is_undone():
+async def test_an_object_is_written_and_the_write_is_undone():
     source = FakeSource()
     source.objects = Objects()
-
-    async def check(app, pilot, source):
+    async with on_screen(source) as (app, pilot, source):
         await pilot.press("5")
         app.refresh_picture()
         await pilot.pause()
@@ -826,12 +744,10 @@ def test_an_object_is_written_and_the_write_is_undone():
         assert [each.message for each in app._notifications][-1] == "undo: 2500 -> 1000"
         assert (source.objects.written, source.objects.undone) == (["0x6081:00=2500"], 1)
 
-    on_screen(check, source)
-
 
 @pytest.mark.rest
-def test_every_key_is_reached_on_a_narrow_terminal_and_the_tables_show_their_other_columns():
-    async def check(app, pilot, _source):
+async def test_every_key_is_reached_on_a_narrow_terminal_and_the_tables_show_their_other_columns():
+    async with on_screen(size=(60, 24)) as (app, pilot, _source):
         await pilot.press("question_mark")
         await pilot.pause()
         (notice,) = app._notifications
@@ -849,5 +765,3 @@ def test_every_key_is_reached_on_a_narrow_terminal_and_the_tables_show_their_oth
         await pilot.press("right")
         await pilot.pause()
         assert drives.scroll_target_x > 0
-
-    on_screen(check, size=(60, 24))

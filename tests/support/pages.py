@@ -119,21 +119,20 @@ class FakeContext:
         return self
 
 
-def visited(build, act):
-    """Build a page for a simulated user, and return what `act(user, built)` returns."""
+@contextlib.asynccontextmanager
+async def visited(build, context=None):
+    """Build a page for a simulated user, show it the content of a `context`, and yield the user and the page."""
+    from nicegui.testing.user_simulation import user_simulation
+
     made = []
-
-    async def play():
-        from nicegui.testing.user_simulation import user_simulation
-
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the toolkit's own
         async with user_simulation(root=lambda: made.append(build())) as user:
             await user.open("/")
             with user:
-                return await act(user, made[0])
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the toolkit's own
-        return asyncio.run(play())
+                if context is not None:
+                    made[0].show(context.content())
+                yield user, made[0]
 
 
 async def expect_seen(user, words):

@@ -177,21 +177,18 @@ def test_events_come_and_of_many_samples_the_newest(robot, connection):
     assert len([each for each in found if isinstance(each, StateSample)]) == 1
 
 
-def test_it_returns_and_raises_what_the_function_does_while_the_loop_goes_on():
+async def test_it_returns_and_raises_what_the_function_does_while_the_loop_goes_on():
     ticked = threading.Event()
 
-    async def play():
-        async def tick():
-            await asyncio.sleep(0)
-            ticked.set()
+    async def tick():
+        await asyncio.sleep(0)
+        ticked.set()
 
-        task = asyncio.ensure_future(tick())
-        assert await in_thread(lambda: "done" if ticked.wait(10) else "the loop stood still") == "done"
-        with pytest.raises(ZeroDivisionError):
-            await in_thread(lambda: 1 / 0)
-        await task
-
-    asyncio.run(play())
+    task = asyncio.ensure_future(tick())
+    assert await in_thread(lambda: "done" if ticked.wait(10) else "the loop stood still") == "done"
+    with pytest.raises(ZeroDivisionError):
+        await in_thread(lambda: 1 / 0)
+    await task
 
 
 def test_what_hangs_does_not_hold_up_the_end():

@@ -1,6 +1,7 @@
 """The process of the view without a browser: on its own loop, against a robot on mock hardware."""
 
 import asyncio
+import contextlib
 import os
 import subprocess
 import sys
@@ -28,22 +29,15 @@ from canopen_control.view.view_app import SEEN_HZ, STILL_HZ, UNSEEN_HZ, Page, Vi
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 
-def made(context, act):
-    async def show(user, page):
-        page.show(context.content())
-        return await act(user, page)
-
-    return visited(lambda: Page(context), show)
+def made(context):
+    return visited(lambda: Page(context), context)
 
 
-def test_everything_is_on_the_page_and_stop_is_before_it():
+async def test_everything_is_on_the_page_and_stop_is_before_it():
     context = FakeContext()
-
-    async def act(user, _page):
+    async with made(context) as (user, _page):
         await expect_seen(user, "Disable")
-        return html(user), user._client.body_html
-
-    text, body = made(context, act)
+        text, body = html(user), user._client.body_html
     for words in ("pair", "running", "enabled, follows commands", "2.50<wbr><small>velocity", "No events yet"):
         assert words in text
     assert 'id="cc-stop-button"' in body
@@ -57,16 +51,13 @@ def test_stop_asks_nobody_but_its_own_server_and_needs_nothing_else():
         assert word not in whole.split("<script>")[1]
 
 
-def test_only_news_are_told():
+async def test_only_news_are_told():
     context = FakeContext()
-
-    async def act(_user, page):
+    async with made(context) as (_user, page):
         first = page.changes(context.content())
         same = page.changes(context.content())
         lost = page.changes(context.content(state(latched=True), lost="gone"))
-        return first, same, lost
 
-    first, same, lost = made(context, act)
     assert first == {"titles": {"left": "left velocity, rad/s", "error": "Tracking error, rad/s"},
                      "lost": False, "latched": False}  # fmt: skip
     assert same == {}
@@ -74,22 +65,17 @@ def test_only_news_are_told():
 
 
 @pytest.mark.rest
-def test_what_is_sent_goes_through_the_feed(monkeypatch):
+async def test_what_is_sent_goes_through_the_feed(monkeypatch):
     sent = []
     monkeypatch.setattr(Feed, "send", lambda self, data: sent.append(data))
-
-    async def act(_user, page):
+    async with made(FakeContext()) as (_user, page):
         page.send({"scene": {}})
-
-    made(FakeContext(), act)
     assert sent == [{"scene": {}}]
 
 
-def test_a_robot_that_was_never_there_has_a_page_with_stop_and_the_reason():
-    async def act(user, _made):
-        return html(user), user._client.body_html, seen(ui.button)
-
-    text, body, buttons = visited(lambda: build_waiting("<robby>", "no robot '<robby>' is running"), act)
+async def test_a_robot_that_was_never_there_has_a_page_with_stop_and_the_reason():
+    async with visited(lambda: build_waiting("<robby>", "no robot '<robby>' is running")) as (user, _made):
+        text, body, buttons = html(user), user._client.body_html, seen(ui.button)
     assert "&lt;robby&gt;" in text
     assert "not connected" in text
     assert 'id="cc-stop-button"' in body
@@ -150,19 +136,17 @@ def play(private_folders, monkeypatch):
     monkeypatch.setattr(view_app, "PageServer", Server)
     monkeypatch.setattr(view_app, "select_robot", lambda name: name)  # it may come later
 
-    def play(act, **how):
-        async def both():
-            said = []
-            app = ViewApp("mock", "127.0.0.1", 0, **({"teleop": True, "report": said.append} | how))
-            app.said = said
-            running = asyncio.ensure_future(app.run())
-            try:
-                return await act(app)
-            finally:
-                app.server.stop()
-                await running
-
-        return asyncio.run(both())
+    @contextlib.asynccontextmanager
+    async def play(**how):
+        said = []
+        app = ViewApp("mock", "127.0.0.1", 0, **({"teleop": True, "report": said.append} | how))
+        app.said = said
+        running = asyncio.ensure_future(app.run())
+        try:
+            yield app
+        finally:
+            app.server.stop()
+            await running
 
     return play
 
@@ -201,18 +185,16 @@ def test_every_thread_of_the_process_goes_after_the_robot(robot):
         view.stdout.close()
 
 
-def test_it_says_where_the_page_is_and_knows_the_robot(robot, play):
-    async def act(app):
+async def test_it_says_where_the_page_is_and_knows_the_robot(robot, play):
+    async with play() as app:
         await connected(app)
         assert app.said == [f"view: http://127.0.0.1:{app.rules.port}/{app.rules.token}/"]
         assert page_addresses("mock") == {app.rules.place: app.rules.url}
         assert app.robot.info.joints == ("left_wheel_joint", "right_wheel_joint")
         await until(lambda: app.robot.controllers)
 
-    play(act)
 
-
-def test_controllers_are_asked_for_until_they_are_told(robot, play, monkeypatch):
+async def test_controllers_are_asked_for_until_they_are_told(robot, play, monkeypatch):
     real, tried = RobotConnection.controllers, []
 
     def busy(self):
@@ -221,18 +203,16 @@ def test_controllers_are_asked_for_until_they_are_told(robot, play, monkeypatch)
             raise RemoteError("Timeout", "it has not answered")
         return real(self)
 
-    async def act(app):
-        await connected(app)
-        await until(lambda: app.robot.controllers)
-
     monkeypatch.setattr(RobotConnection, "controllers", busy)
     monkeypatch.setattr(view_app, "_RETRY_S", 0.02)
-    play(act)
+    async with play() as app:
+        await connected(app)
+        await until(lambda: app.robot.controllers)
     assert len(tried) == 3
 
 
-def test_started_by_run_it_tells_through_the_robot(robot, play):
-    async def act(app):
+async def test_started_by_run_it_tells_through_the_robot(robot, play):
+    async with play() as app:
         await connected(app)
         app._lifeline = 0  # as a child of run has one
         app.said.clear()
@@ -242,54 +222,43 @@ def test_started_by_run_it_tells_through_the_robot(robot, play):
         assert [told, *app.said] == [f"view: {app.rules.place}"] * 2  # the token is in no event and in no log
         app._lifeline = None
 
-    play(act)
 
-
-def test_samples_come_fast_while_somebody_looks(robot, play, monkeypatch):
+async def test_samples_come_fast_while_somebody_looks(robot, play, monkeypatch):
     rates = []
     monkeypatch.setattr(RobotConnection, "subscribe", lambda self, rate: rates.append(rate))
-
-    async def act(app):
+    async with play() as app:
         await connected(app)
         app._page_opened(WholePage())
         app._page_closed("page 1")
-
-    play(act)
     assert rates == [UNSEEN_HZ, SEEN_HZ, UNSEEN_HZ]
 
 
-def test_samples_come_slower_while_the_robot_stands(robot, play, monkeypatch):
+async def test_samples_come_slower_while_the_robot_stands(robot, play, monkeypatch):
     rates, still = [], [False, True, True, False]
-
-    async def act(app):
+    async with play() as app:
         await connected(app)
         app._pages["page 1"] = WholePage()
         monkeypatch.setattr(app._stillness, "take", lambda _state: still.pop(0) if still else False, raising=False)
         monkeypatch.setattr(RobotConnection, "subscribe", lambda self, rate: rates.append(rate))
         await until(lambda: not still)
-
-    play(act)
     assert rates[:2] == [STILL_HZ, SEEN_HZ]
 
 
-def test_a_page_is_told_what_was_then_what_is(robot, play):
+async def test_a_page_is_told_what_was_then_what_is(robot, play):
     page = WholePage()
-
-    async def act(app):
+    async with play() as app:
         await connected(app)
         await until(lambda: len(app.robot.history.rows()) > 3)
         app._page_opened(page)
         await until(lambda: len(page.shown) > 2)
-
-    play(act)
     assert page.sent[0]["plots"]["replace"]
     assert len(page.sent[0]["plots"]["rows"]) > 3
     assert "angles" in page.sent[1]["scene"]
     assert page.shown[-1].banner.words == "running"
 
 
-def test_stop_latches_and_says_when_it_does_not_reach(robot, play):
-    async def act(app):
+async def test_stop_latches_and_says_when_it_does_not_reach(robot, play):
+    async with play() as app:
         assert "not connected" in app.stop()
         assert "not connected" in await app.ask(Release())
         await connected(app)
@@ -298,11 +267,9 @@ def test_stop_latches_and_says_when_it_does_not_reach(robot, play):
         await until(lambda: app.robot.state.latched)
         assert await app.ask(Release()) is None
 
-    play(act)
 
-
-def test_a_held_button_drives_until_it_is_silent(robot, play):
-    async def act(app):
+async def test_a_held_button_drives_until_it_is_silent(robot, play):
+    async with play() as app:
         await connected(app)
         app._page_opened(WholePage())
         app.hold("page 1", MOTION, app.said.append)
@@ -312,11 +279,9 @@ def test_a_held_button_drives_until_it_is_silent(robot, play):
         assert time.monotonic() - begin < 1.5  # the controller's own timeout is 2 s: it is the page's hold that ends
         await until(lambda: app._hold_timer is None)
 
-    play(act)
 
-
-def test_letting_go_or_closing_the_page_ends_its_motion_at_once(robot, play):
-    async def act(app):
+async def test_letting_go_or_closing_the_page_ends_its_motion_at_once(robot, play):
+    async with play() as app:
         await connected(app)
         page = WholePage()
         app._page_opened(page)
@@ -331,60 +296,47 @@ def test_letting_go_or_closing_the_page_ends_its_motion_at_once(robot, play):
         assert app._dead_man.driver is None
         await until(lambda: command(robot) == 0.0)
 
-    play(act)
 
-
-def test_nothing_is_sent_after_stop(robot, play, monkeypatch):
+async def test_nothing_is_sent_after_stop(robot, play, monkeypatch):
     sent = []
-
-    async def act(app):
+    async with play() as app:
         await connected(app)
         app._page_opened(WholePage())
         app.hold("page 1", MOTION, app.said.append)
         monkeypatch.setattr(app, "_send", lambda *what: sent.append(what))
         app.stop()
         await asyncio.sleep(0.3)
-
-    play(act)
     assert sent == []
 
 
-def test_without_teleop_nobody_drives_and_who_comes_second_is_told(robot, play):
+async def test_without_teleop_nobody_drives_and_who_comes_second_is_told(robot, play):
     told = []
-
-    async def refuse(app):
+    async with play(teleop=False) as app:
         await connected(app)
         app._page_opened(WholePage())
         app.hold("page 1", MOTION, told.append)
         assert app._dead_man.driver is None
-
-    async def both(app):
+    async with play() as app:
         await connected(app)
         for name in ("page 1", "page 2"):
             app._page_opened(WholePage(name))
             app.hold(name, MOTION, told.append)
-
-    play(refuse, teleop=False)
-    play(both)
     assert told == ["another page is driving; release the button there first"]
 
 
-def test_the_end_of_the_view_ends_what_it_drives(robot, play):
-    async def act(app):
+async def test_the_end_of_the_view_ends_what_it_drives(robot, play):
+    async with play() as app:
         await connected(app)
         app._page_opened(WholePage())
         app.hold("page 1", MOTION, app.said.append)
         await until(lambda: command(robot) == 3.0)
-
-    play(act)
     assert eventually(lambda: command(robot) == 0.0)
 
 
 @pytest.mark.rest
-def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_pages(private_folders, play):
+async def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_pages(private_folders, play):
     page = WholePage()
-
-    async def act(app):
+    async with play() as app:
         with running(real_time=True):
             await connected(app)
             app._page_opened(page)
@@ -393,27 +345,23 @@ def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_pages(private_folder
         with running(real_time=True):
             await connected(app)
             await until(lambda: page.shown[-1].banner.words == "running")
-
-    play(act)
     assert page.loads == 0
 
 
-def test_another_robot_of_the_same_name_makes_pages_anew(robot, play):
+async def test_another_robot_of_the_same_name_makes_pages_anew(robot, play):
     page = WholePage()
-
-    async def act(app):
+    async with play() as app:
         await connected(app)
         app._page_opened(page)
         app._robot.resume = lambda _welcome: False
         app._drop("it was another one")
         await until(lambda: page.loads)
-
-    play(act)
     assert page.loads == 1
 
 
-def test_a_robot_that_says_nothing_is_lost_until_it_speaks_again(robot, play, monkeypatch):
-    async def act(app):
+async def test_a_robot_that_says_nothing_is_lost_until_it_speaks_again(robot, play, monkeypatch):
+    monkeypatch.setattr(view_app, "_SILENT_S", 0.5)
+    async with play() as app:
         await connected(app)
         page = WholePage()
         app._page_opened(page)
@@ -426,12 +374,9 @@ def test_a_robot_that_says_nothing_is_lost_until_it_speaks_again(robot, play, mo
         loop.add_reader(app._connection.fileno(), app._on_readable)
         await until(lambda: page.shown[-1].banner.words != "not connected")
 
-    monkeypatch.setattr(view_app, "_SILENT_S", 0.5)
-    play(act)
 
-
-def test_as_a_child_it_ends_with_its_robot(private_folders, play):
-    async def act(app):
+async def test_as_a_child_it_ends_with_its_robot(private_folders, play):
+    async with play() as app:
         with running(real_time=True):
             await connected(app)
             app._lifeline = 0
@@ -439,15 +384,13 @@ def test_as_a_child_it_ends_with_its_robot(private_folders, play):
         await until(lambda: app.server.ended.is_set())
         app._lifeline = None
 
-    play(act)
 
-
-def test_a_page_that_cannot_be_drawn_takes_nothing_with_it(robot, play):
+async def test_a_page_that_cannot_be_drawn_takes_nothing_with_it(robot, play):
     class Broken(WholePage):
         def show(self, content):
             raise ZeroDivisionError
 
-    async def act(app):
+    async with play() as app:
         await connected(app)
         other = WholePage("page 2")
         app._page_opened(Broken())
@@ -457,16 +400,12 @@ def test_a_page_that_cannot_be_drawn_takes_nothing_with_it(robot, play):
         assert app.stop() is None
         await until(lambda: robot.status().latched)
 
-    play(act)
 
-
-def test_what_nobody_has_met_is_no_robot(private_folders, play):
-    async def act(app):
+async def test_what_nobody_has_met_is_no_robot(private_folders, play):
+    async with play() as app:
         with pytest.raises(RemoteError, match="not connected"):
             _ = app.robot
         await settle(turns=5)
-
-    play(act)
 
 
 # -- trajectories
@@ -503,13 +442,11 @@ async def begun(app, seconds=30.0):
 
 
 @pytest.mark.rest
-def test_a_trajectory_is_played_to_its_end(arm, play):
-    async def act(app):
+async def test_a_trajectory_is_played_to_its_end(arm, play):
+    async with play() as app:
         playing = await begun(app, 1.5)
         await until(lambda: app.player.here("page 1") or playing.done())
-        return await playing
-
-    played = play(act)
+        played = await playing
     assert (played.reached, played.text) == (True, "the goal was reached")
     assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
 
@@ -523,41 +460,34 @@ def test_a_trajectory_is_played_to_its_end(arm, play):
         (lambda app: app.stop(), "stop"),
     ],
 )
-def test_a_closed_and_a_silent_page_cancel_and_stop_end_what_is_played(arm, play, end, words):
-    async def act(app):
+async def test_a_closed_and_a_silent_page_cancel_and_stop_end_what_is_played(arm, play, end, words):
+    async with play() as app:
         playing = await begun(app)
         end(app)
-        return await asyncio.wait_for(playing, 5.0)
-
-    played = play(act)
+        played = await asyncio.wait_for(playing, 5.0)
     assert not played.reached
     assert words in played.text
     assert positions(arm) != pytest.approx(ENDS, abs=0.1)
     assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in arm.status().joints.values()))
 
 
-def test_what_the_robot_refuses_of_a_trajectory_is_its_sentence(arm, play):
-    async def act(app):
+async def test_what_the_robot_refuses_of_a_trajectory_is_its_sentence(arm, play):
+    async with play() as app:
         await connected(app)
         app._page_opened(WholePage())
-        return await app.player.play("page 1", "arm_controller", wave(1.0, [*JOINTS[:5], "elbow"]))
+        outcome = await app.player.play("page 1", "arm_controller", wave(1.0, [*JOINTS[:5], "elbow"]))
+    assert "'elbow', which is not a joint of this controller" in outcome.text
 
-    assert "'elbow', which is not a joint of this controller" in play(act).text
 
-
-def test_a_page_that_only_looks_plays_nothing(arm, play):
-    async def act(app):
+async def test_a_page_that_only_looks_plays_nothing(arm, play):
+    async with play(teleop=False) as app:
         await connected(app)
         app._page_opened(WholePage())
-        return await app.player.play("page 1", "arm_controller", wave(1.0))
-
-    assert play(act, teleop=False).text == "this page may not move the robot"
+        assert (await app.player.play("page 1", "arm_controller", wave(1.0))).text == "this page may not move the robot"
 
 
-def test_the_end_of_the_view_ends_what_it_plays(arm, play):
-    async def act(app):
+async def test_the_end_of_the_view_ends_what_it_plays(arm, play):
+    async with play() as app:
         app.tasks = await begun(app)
-
-    play(act)
     assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in arm.status().joints.values()))
     assert positions(arm) != pytest.approx(ENDS, abs=0.1)

@@ -27,43 +27,36 @@ def test_what_came_of_it_is_escaped():
     assert "and 300 more" in outcome(work)
 
 
-def played(work, act=None, key="parameters"):
+async def shown(work, press=""):
     desk = StubDesk(NodeStub({}), None)
     desk.work = work
-
-    async def show(user, bar):
-        if act is not None:
-            await act(user, bar)
+    async with visited(lambda: WorkBar(desk, "parameters")) as (user, bar):
+        if press:
+            user.find(press).click()
+            await settle(lambda: work._ending.is_set())
         bar.show()
         return html(user), [each.text for each in seen(ui.button)]
 
-    return visited(lambda: WorkBar(desk, key), show)
 
-
-def test_work_of_another_tab_is_told_and_stands_in_the_way():
-    words, buttons = played(JobRun(FIRMWARE, "Loading a.bin"))
+async def test_work_of_another_tab_is_told_and_stands_in_the_way():
+    words, buttons = await shown(JobRun(FIRMWARE, "Loading a.bin"))
     assert "Loading a.bin is still running; wait until this has ended." in words
     assert buttons == []
 
 
-def test_work_that_goes_on_may_be_ended():
+async def test_work_that_goes_on_may_be_ended():
     work = JobRun(RESTORE, "Restoring a.dcf", "groups", done=1, total=4)
-
-    async def act(user, _bar):
-        user.find("Abort").click()
-        await settle(lambda: work._ending.is_set())
-
-    words, buttons = played(work, act)
+    words, buttons = await shown(work, press="Abort")
     assert "1 of 4 groups (25 %)" in words
     assert buttons == ["Abort"]
     assert work._ending.is_set()
 
 
 @pytest.mark.rest
-def test_its_end_is_told_with_the_file_that_came_of_it():
-    words, buttons = played(JobRun(RESTORE, "x", sentence="134 parameters", good=True, file=("a.dcf", b"x")))
+async def test_its_end_is_told_with_the_file_that_came_of_it():
+    words, buttons = await shown(JobRun(RESTORE, "x", sentence="134 parameters", good=True, file=("a.dcf", b"x")))
     assert "cc-good'>134 parameters" in words
     assert buttons == ["Save the file"]
-    words, buttons = played(JobRun(RESTORE, "x", sentence="is enabled", good=False))
+    words, buttons = await shown(JobRun(RESTORE, "x", sentence="is enabled", good=False))
     assert "cc-bad'>is enabled" in words
     assert buttons == []

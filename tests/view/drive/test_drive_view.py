@@ -36,7 +36,7 @@ def _tabs(monkeypatch):
     MADE.clear()
 
 
-def played(act, asked=None, context=None):
+def played(asked=None, context=None):
     context = context or FakeContext()
 
     def build():
@@ -45,11 +45,7 @@ def played(act, asked=None, context=None):
         with main:
             return DriveView(context, main, side, asked or {})
 
-    async def show(user, view):
-        view.show(context.content())
-        return await act(user, view)
-
-    return visited(build, show)
+    return visited(build, context)
 
 
 def switch(user, value):
@@ -67,29 +63,27 @@ def turn(user, key):
 
 
 @pytest.mark.rest
-def test_nothing_is_made_before_it_is_opened():
-    async def act(user, view):
+async def test_nothing_is_made_before_it_is_opened():
+    async with played() as (user, view):
         closed = list(MADE)
         switch(user, "drive")
         view.show(FakeContext().content())
         await expect_seen(user, "FakeTab of left_drive")
-        return closed, "enabled, follows commands" in html(user), "cc-in-drive" in view._main.classes
-
-    assert played(act) == ([], True, True)
+        assert closed == []
+        assert "enabled, follows commands" in html(user)
+        assert "cc-in-drive" in view._main.classes
     (tab,) = MADE
     assert tab.shown == 2
 
 
-def test_a_page_is_opened_where_its_address_says():
-    async def act(user, _view):
+async def test_a_page_is_opened_where_its_address_says():
+    async with played({"drive": "left_drive", "tab": "two"}) as (user, _view):
         await expect_seen(user, "OtherTab of left_drive")
-
-    played(act, {"drive": "left_drive", "tab": "two"})
     assert [type(each) for each in MADE] == [OtherTab]
 
 
-def test_a_tab_that_is_left_is_told_and_stays():
-    async def act(user, view):
+async def test_a_tab_that_is_left_is_told_and_stays():
+    async with played() as (user, view):
         switch(user, "drive")
         turn(user, "two")
         await settle(turns=2)
@@ -97,31 +91,24 @@ def test_a_tab_that_is_left_is_told_and_stays():
         await settle(turns=2)
         switch(user, "robot")
         await settle(turns=2)
-        return "cc-in-drive" in view._main.classes
-
-    assert played(act) is False
+        assert ("cc-in-drive" in view._main.classes) is False
     one, two = MADE
     assert (one.left, two.left) == (2, 2)
 
 
-def test_another_node_has_tabs_of_its_own(monkeypatch):
+async def test_another_node_has_tabs_of_its_own(monkeypatch):
     context = FakeContext()
     desk = context.robot.node_jobs("left_drive")
     context.robot._node_jobs["io"] = type(desk)("pair", desk.place)
-
-    async def act(user, view):
+    async with played(context=context) as (user, view):
         switch(user, "drive")
         view._choice.value = "io"
         await settle(turns=2)
-        return [type(each) for each in MADE], MADE[0].left
-
-    assert played(act, context=context) == ([FakeTab, FakeTab], 1)
+        assert ([type(each) for each in MADE], MADE[0].left) == ([FakeTab, FakeTab], 1)
 
 
-def test_a_page_that_is_closed_ends_what_its_tabs_do():
-    async def act(user, view):
+async def test_a_page_that_is_closed_ends_what_its_tabs_do():
+    async with played() as (user, view):
         switch(user, "drive")
         view.leave()
-
-    played(act)
     assert MADE[0].left == 1

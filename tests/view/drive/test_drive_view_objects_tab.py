@@ -1,5 +1,7 @@
 """The Objects tab for a simulated user: what is read, what is sent, and what a write says."""
 
+import contextlib
+
 import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
@@ -41,68 +43,57 @@ def sent(monkeypatch):
     return calls
 
 
-def played(act, *, od=OD, teleop=True, held=None):
+@contextlib.asynccontextmanager
+async def played(*, od=OD, teleop=True, held=None):
     page = FakeContext(teleop=teleop)
     page.robot.live_reader = Watched()
     desk = StubDesk(NodeStub(held or {(0x6081, 0): bytes(4)}), od)
-
-    async def begin(user, tab):
+    async with visited(lambda: ObjectsTab(DriveTabContext(page, desk))) as (user, tab):
         await settle(lambda: tab._tree is not None or od is not OD)
         tab.show(page.content())
-        return await act(user, tab, page)
-
-    return visited(lambda: ObjectsTab(DriveTabContext(page, desk)), begin)
+        yield user, tab, page
 
 
-def test_what_is_in_sight_is_read_until_the_tab_is_left(sent):
-    async def act(user, tab, page):
+async def test_what_is_in_sight_is_read_until_the_tab_is_left(sent):
+    async with played() as (user, tab, page):
         user.find(kind=ObjectTree).trigger("seen", ["0x6081:00", "0x6041:00"])
         tab.leave()
         tab.show(page.content())
         tab.leave()
-        return page.robot.live_reader.watched
-
-    assert played(act) == [[0x6081, 0x6041, 0x6061], [], [0x6081, 0x6041, 0x6061], []]
+        assert page.robot.live_reader.watched == [[0x6081, 0x6041, 0x6061], [], [0x6081, 0x6041, 0x6061], []]
 
 
-def test_values_are_sent_once_the_tree_is_there(sent):
-    async def act(user, tab, page):
+async def test_values_are_sent_once_the_tree_is_there(sent):
+    async with played() as (user, tab, page):
         tab._context.node_jobs.keep(LiveObject(SPEED, 500))
         tab.show(page.content())
         before = list(sent)
         user.find(kind=ObjectTree).trigger("seen", ["0x6081:00"])
         tab.show(page.content())
         tab.show(page.content())
-        return before, [each[1]["0x6081:00"]["value"] for each in sent]
-
-    before, after = played(act)
-    assert before == []
-    assert after == ["500", "500"]  # as it came into sight, and as news
+        assert before == []
+        assert [each[1]["0x6081:00"]["value"] for each in sent] == ["500", "500"]  # as it came into sight, and as news
 
 
-def test_a_search_is_answered_with_what_it_means(sent):
-    async def act(user, _tab, _page):
+async def test_a_search_is_answered_with_what_it_means(sent):
+    async with played() as (user, _tab, _page):
         user.find(kind=ObjectTree).trigger("search", "0x6081")
         user.find(kind=ObjectTree).trigger("search", "")
         user.find(kind=ObjectTree).trigger("search", "nonsense")
-
-    played(act)
     assert sent[0] == ("matches", ["0x6081:00"], "", "0x6081")
     assert sent[1] == ("matches", None, "", "")
     assert sent[2][:2] == ("matches", [])
 
 
-def test_a_write_is_answered_at_its_object_and_can_be_undone(sent):
-    async def act(user, tab, page):
+async def test_a_write_is_answered_at_its_object_and_can_be_undone(sent):
+    async with played() as (user, tab, page):
         user.find(kind=ObjectTree).trigger("write", {"address": "0x6081:00", "text": "1234"})
         await settle(lambda: len(sent) > 0)
         tab.show(page.content())
         words = html(user)
         user.find("Undo").click()
         await settle(lambda: len(sent) > 1)
-        return words, tab._context.node_jobs.stub.written, page.robot.live_reader.written
-
-    words, written, soon = played(act)
+        written, soon = tab._context.node_jobs.stub.written, page.robot.live_reader.written
     assert sent[0] == ("answer", "0x6081:00", "written: 0x6081:00 Profile velocity: 0 -> 1234", True)
     assert "last write: 0x6081:00 Profile velocity: 0 -&gt; 1234" in words
     assert sent[1][2] == "undone: 0x6081:00 Profile velocity: 1234 -> 0"
@@ -110,8 +101,8 @@ def test_a_write_is_answered_at_its_object_and_can_be_undone(sent):
     assert soon == [0x6081, 0x6081]
 
 
-def test_a_refusal_is_told_at_its_object(sent):
-    async def act(user, tab, _page):
+async def test_a_refusal_is_told_at_its_object(sent):
+    async with played() as (user, tab, _page):
         for text in ("99999999999", "fast"):
             user.find(kind=ObjectTree).trigger("write", {"address": "0x6081:00", "text": text})
         user.find(kind=ObjectTree).trigger("write", {"address": "0x6041:00", "text": "1"})
@@ -119,31 +110,26 @@ def test_a_refusal_is_told_at_its_object(sent):
         tab._context.node_jobs.stub.objects[0x6083, 0] = bytes(4)
         user.find(kind=ObjectTree).trigger("write", {"address": "0x6083:00", "text": "1"})
         await settle(lambda: len(sent) == 4)
-        return tab._context.node_jobs.stub.written
-
-    assert played(act) == []
+        assert tab._context.node_jobs.stub.written == []
     told = {each[1]: each[2] for each in sent}
     assert "is read-only; nothing was written" in told["0x6041:00"]
     assert "0x08000022" in told["0x6083:00"]
     assert not any(good for *_, good in sent)
 
 
-def test_a_page_that_only_looks_writes_nothing_whatever_it_is_told(sent):
-    async def act(user, tab, page):
+async def test_a_page_that_only_looks_writes_nothing_whatever_it_is_told(sent):
+    async with played(teleop=False) as (user, tab, _page):
         user.find(kind=ObjectTree).trigger("write", {"address": "0x6081:00", "text": "1234"})
         await settle(turns=5)
-        return tab._context.node_jobs.stub.written, seen(ui.button)[0].enabled, tab._tree._props["writes"]
-
-    assert played(act, teleop=False) == ([], False, False)
+        assert tab._context.node_jobs.stub.written == []
+        assert (seen(ui.button)[0].enabled, tab._tree._props["writes"]) == (False, False)
 
 
 @pytest.mark.rest
-def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_told():
-    async def act(user, _tab, _page):
+async def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_told():
+    async with played(od=None) as (user, _tab, _page):
         await settle(turns=10)
-        return html(user)
-
-    assert "The objects of this node are unknown" in played(act, od=None)
+        assert "The objects of this node are unknown" in html(user)
 
     class Broken(StubDesk):
         def dictionary(self):
@@ -151,9 +137,6 @@ def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_told():
 
     page = FakeContext()
     desk = Broken(NodeStub({}), None)
-
-    async def look(user, _tab):
+    async with visited(lambda: ObjectsTab(DriveTabContext(page, desk))) as (user, _tab):
         await settle(turns=10)
-        return html(user)
-
-    assert "no EDS file left.eds" in visited(lambda: ObjectsTab(DriveTabContext(page, desk)), look)
+        assert "no EDS file left.eds" in html(user)

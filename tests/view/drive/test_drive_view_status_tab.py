@@ -1,3 +1,5 @@
+import contextlib
+
 import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
@@ -15,25 +17,24 @@ from canopen_control.view.page_content import RecentEvents
 HISTORY = {(0x1003, 0): b"\1", (0x1003, 1): (0x2310).to_bytes(4, "little")}
 
 
-def played(act, page=None, *, new=None, held=HISTORY, axes=1):
+@contextlib.asynccontextmanager
+async def played(page=None, *, new=None, held=HISTORY, axes=1):
     page = page or FakeContext()
     desk = StubDesk(NodeStub(held), None)
     desk.place = type(desk.place)(name="left_drive", node_id=3, bus="can", axes=axes)
-
-    async def begin(user, tab):
+    async with visited(lambda: StatusTab(DriveTabContext(page, desk))) as (user, tab):
         tab.show(page.content(new))
         await settle(turns=10)
-        return await act(user, tab)
-
-    return visited(lambda: StatusTab(DriveTabContext(page, desk)), begin)
+        yield user, tab
 
 
-async def read(user, _tab):
-    return html(user)
+async def read(*page, **how):
+    async with played(*page, **how) as (user, _tab):
+        return html(user)
 
 
-def test_it_shows_what_the_robot_knows_of_the_node():
-    text = played(read, new=drive_state({"statusword": 0x1637}, taken_out=True, sdo={"reads": 7}))
+async def test_it_shows_what_the_robot_knows_of_the_node():
+    text = await read(new=drive_state({"statusword": 0x1637}, taken_out=True, sdo={"reads": 7}))
     assert "operational, taken out of the robot" in text
     assert "operation enabled, mode PV" in text
     assert "7 reads, 0 writes, 0 failed" in text
@@ -43,54 +44,49 @@ def test_it_shows_what_the_robot_knows_of_the_node():
 
 
 @pytest.mark.rest
-def test_it_shows_the_errors_that_the_drive_remembers():
-    assert "0x2310" in played(read)
-    assert "error history is empty" in played(read, held={(0x1003, 0): b"\0"})
-    assert "has no error history" in played(read, held={})
+async def test_it_shows_the_errors_that_the_drive_remembers():
+    assert "0x2310" in await read()
+    assert "error history is empty" in await read(held={(0x1003, 0): b"\0"})
+    assert "has no error history" in await read(held={})
 
 
-def test_a_node_that_does_not_answer_is_told():
-    async def act(user, tab):
+async def test_a_node_that_does_not_answer_is_told():
+    async with played() as (user, tab):
         tab._context.node_jobs.stub.error = SdoTimeout(3, 0x1003, 0, 0.5)
         user.find("Read again").click()
         await settle(turns=10)
-        return html(user)
-
-    assert "no answer" in played(act)
+        assert "no answer" in html(user)
 
 
-def test_only_the_events_of_this_node_are_there():
+async def test_only_the_events_of_this_node_are_there():
     page = FakeContext()
     page.robot.events = RecentEvents(
         RobotEvent(time=1.0, kind="emcy", node=node, level="warning", text=f"of {node}")
         for node in ("left_drive", "io")
     )
-    text = played(read, page)
+    text = await read(page)
     assert "of left_drive" in text
     assert "of io" not in text
 
 
-def test_a_drive_that_takes_targets_is_driven_while_a_button_is_held_and_left_when_the_tab_is():
+async def test_a_drive_that_takes_targets_is_driven_while_a_button_is_held_and_left_when_the_tab_is():
     page = FakeContext(controllers=(TARGET,))
-
-    async def act(user, tab):
+    async with played(page) as (user, tab):
         user.find(kind=HoldButtons).trigger("hold", "target")
         tab.leave()
-
-    played(act, page)
     assert len(page.held) == 1
     assert page.let >= 1
 
 
-def test_what_is_no_drive_has_no_statusword_and_nothing_moves_it():
-    text = played(read, new=state(nodes={"left_drive": NODE | {"axes": []}}), axes=0)
+async def test_what_is_no_drive_has_no_statusword_and_nothing_moves_it():
+    text = await read(new=state(nodes={"left_drive": NODE | {"axes": []}}), axes=0)
     assert "This node is not a drive" in text
     assert "0x1637" not in text
 
 
-def test_a_drive_that_nobody_commands_is_told():
+async def test_a_drive_that_nobody_commands_is_told():
     page = FakeContext(controllers=())
     new = drive_state(AXIS | {"error": "following error"})
-    text = played(read, page, new=new)
+    text = await read(page, new=new)
     assert "No active controller commands this drive" in text
     assert "following error" in text

@@ -1,3 +1,5 @@
+import contextlib
+
 import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
@@ -36,15 +38,13 @@ def dcf(desk):
     return work.file[1]
 
 
-def played(act, desk=None, other=None, **how):
+@contextlib.asynccontextmanager
+async def played(desk=None, other=None, **how):
     page, desk = FakeContext(**how), desk or desk_of()
     page.robot._node_jobs = {desk.place.name: desk, **({other.place.name: other} if other is not None else {})}
 
-    async def begin(user, tab):
-        tab.show(page.content())
-        return await act(user, tab, page)
-
-    return visited(lambda: ParametersTab(DriveTabContext(page, desk)), begin)
+    async with visited(lambda: ParametersTab(DriveTabContext(page, desk)), page) as (user, tab):
+        yield user, tab, page
 
 
 async def press(user, label, tab, page):
@@ -55,32 +55,27 @@ async def press(user, label, tab, page):
     return tab._node_jobs.work
 
 
-def test_a_backup_is_made_and_can_be_saved():
-    async def act(user, tab, page):
+async def test_a_backup_is_made_and_can_be_saved():
+    async with played() as (user, tab, page):
         work = await press(user, "Back up", tab, page)
-        return work.sentence, "Save the file" in [each.text for each in seen(ui.button)]
-
-    said, there = played(act)
+        said, there = work.sentence, "Save the file" in [each.text for each in seen(ui.button)]
     assert said.endswith("parameters to left_drive.dcf")
     assert there
 
 
 @pytest.mark.rest
-def test_a_file_is_compared_and_restored():
+async def test_a_file_is_compared_and_restored():
     desk = desk_of()
     data = dcf(desk)
     desk.with_session(lambda session: session.write_value(OD[SPEED], 777))
-
-    async def act(user, tab, page):
+    async with played(desk) as (user, tab, page):
         await upload(user, "left.dcf", data)
         text = html(user)
         compared = await press(user, "Compare with the node", tab, page)
         shown, desk.work = html(user), None
         tab._form.inputs["store"].value = True
         restored = await press(user, "Restore the file", tab, page)
-        return text, compared.sentence, shown, restored.sentence
-
-    text, compared, shown, restored = played(act, desk)
+        compared, restored = compared.sentence, restored.sentence
     assert "left.dcf: " in text
     assert "of node 3" in text
     assert "1 of " in compared
@@ -89,67 +84,54 @@ def test_a_file_is_compared_and_restored():
     assert desk.with_session(lambda session: session.read_value(OD[SPEED])) == 0
 
 
-def test_what_must_not_be_is_a_sentence_on_the_page():
+async def test_what_must_not_be_is_a_sentence_on_the_page():
     desk = desk_of()
     data = dcf(desk)
     desk.stub.robot_leaves_it = False
-
-    async def act(user, tab, page):
+    async with played(desk) as (user, tab, page):
         await upload(user, "left.dcf", data)
         await press(user, "Restore the file", tab, page)
-        return html(user)
-
-    assert "controlled by the running robot pair; nothing was written" in played(act, desk)
+        assert "controlled by the running robot pair; nothing was written" in html(user)
 
 
 @pytest.mark.rest
-def test_a_file_that_is_none_is_told_and_the_one_before_is_forgotten():
+async def test_a_file_that_is_none_is_told_and_the_one_before_is_forgotten():
     desk = desk_of()
     data = dcf(desk)
-
-    async def act(user, tab, page):
+    async with played(desk) as (user, tab, page):
         await upload(user, "left.dcf", data)
         await upload(user, "x.dcf", b"nonsense")
         tab.show(page.content())
-        return html(user), {each.text: each.enabled for each in seen(ui.button)}
-
-    text, buttons = played(act, desk)
+        text, buttons = html(user), {each.text: each.enabled for each in seen(ui.button)}
     assert "Not read. x.dcf" in text
     assert (buttons["Compare with the node"], buttons["Restore the file"]) == (False, False)
 
 
 @pytest.mark.rest
-def test_a_node_is_cloned_from_another_with_the_globs_that_stay():
+async def test_a_node_is_cloned_from_another_with_the_globs_that_stay():
     old, new = desk_of(4, "old_drive"), desk_of()
     old.with_session(lambda session: [session.write_value(OD[index, 0], 55) for index in (0x6081, 0x6083)])
-
-    async def act(user, tab, page):
+    async with played(new, old) as (user, tab, page):
         tab._form.inputs["protect"].value = "0x6083, "
-        return (await press(user, "Clone into this node", tab, page)).sentence
-
-    assert "1 written" in played(act, new, old)
+        assert "1 written" in (await press(user, "Clone into this node", tab, page)).sentence
     assert new.with_session(lambda session: session.read_value(OD[SPEED])) == 55
 
 
-def test_a_page_that_only_looks_may_back_up_and_compare():
-    async def act(user, tab, page):
-        return html(user), [each.text for each in seen(ui.button)]
-
-    text, buttons = played(act, teleop=False)
+async def test_a_page_that_only_looks_may_back_up_and_compare():
+    async with played(teleop=False) as (user, _tab, _page):
+        text, buttons = html(user), [each.text for each in seen(ui.button)]
     assert "This page is read-only" in text
     assert "Restore the file" not in buttons
     assert {"Back up", "Compare with the node"} <= set(buttons)
 
 
-def test_nothing_else_begins_beside_it():
-    async def act(user, tab, page):
+async def test_nothing_else_begins_beside_it():
+    async with played() as (user, tab, page):
         tab._node_jobs.work = JobRun(FIRMWARE, "Loading a.bin into left_drive")
         user.find("Back up").click()
         await expect_seen(user, "left_drive is busy: Loading a.bin into left_drive; wait until this has ended")
         tab.show(page.content())
-        return [each.text for each in seen(ui.button) if each.enabled]
-
-    assert "Back up" not in played(act)
+        assert "Back up" not in [each.text for each in seen(ui.button) if each.enabled]
 
 
 @pytest.mark.parametrize(

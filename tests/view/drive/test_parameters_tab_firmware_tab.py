@@ -1,3 +1,5 @@
+import contextlib
+
 import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
@@ -13,14 +15,12 @@ from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.parameters_tab import MOST_FIRMWARE_BYTES, FirmwareTab
 
 
-def played(act, **how):
+@contextlib.asynccontextmanager
+async def played(**how):
     page, desk = FakeContext(**how), StubDesk(NodeStub({}), None)
 
-    async def begin(user, tab):
-        tab.show(page.content())
-        return await act(user, tab, page)
-
-    return visited(lambda: FirmwareTab(DriveTabContext(page, desk)), begin)
+    async with visited(lambda: FirmwareTab(DriveTabContext(page, desk)), page) as (user, tab):
+        yield user, tab, page
 
 
 @pytest.fixture
@@ -40,8 +40,8 @@ def buttons():
     return {each.text: each.enabled for each in seen(ui.button)}
 
 
-def test_a_program_is_chosen_and_loaded(loaded):
-    async def act(user, tab, page):
+async def test_a_program_is_chosen_and_loaded(loaded):
+    async with played() as (user, tab, page):
         before = buttons()["Load into the drive"]
         await upload(user, "a.bin", b"image")
         tab._form.inputs["expected"].value = "0x1A"
@@ -49,9 +49,7 @@ def test_a_program_is_chosen_and_loaded(loaded):
         user.find("Load into the drive").click()
         await settle(lambda: tab._node_jobs.work is not None and tab._node_jobs.work.over)
         tab.show(page.content())
-        return before, html(user), buttons()
-
-    before, text, after = played(act)
+        text, after = html(user), buttons()
     assert before is False
     assert [(image, options.number, options.expected) for image, options in loaded] == [(b"image", 1, 0x1A)]
     assert "a.bin: 5 bytes" in text
@@ -59,8 +57,8 @@ def test_a_program_is_chosen_and_loaded(loaded):
     assert "Abort" not in after  # half a program is none
 
 
-def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):
-    async def act(user, tab, page):
+async def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):
+    async with played() as (user, tab, page):
         await upload(user, "empty.bin", b"")
         text = html(user)
         tab.show(page.content())
@@ -70,37 +68,28 @@ def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):
         tab.show(page.content())
         user.find("Load into the drive").click()
         await expect_seen(user, "Not started: 'fifth' is not a number of a program: 1 to 254")
-        return text, off
-
-    text, off = played(act)
     assert f"cc-{BAD}'>Not read. empty.bin is empty" in text
     assert (off, loaded) == (False, [])
 
 
-def test_a_file_that_is_too_long_for_a_running_robot_is_told(loaded):
-    async def act(user, tab, page):
+async def test_a_file_that_is_too_long_for_a_running_robot_is_told(loaded):
+    async with played() as (user, _tab, _page):
         await upload(user, "long.bin", bytes(MOST_FIRMWARE_BYTES + 1))
-        return html(user)
-
-    assert "long.bin: at most 400000 bytes can be loaded through a running robot" in played(act)
+        assert "long.bin: at most 400000 bytes can be loaded through a running robot" in html(user)
 
 
-def test_nothing_begins_beside_other_work(loaded):
-    async def act(user, tab, page):
+async def test_nothing_begins_beside_other_work(loaded):
+    async with played() as (user, tab, page):
         await upload(user, "a.bin", b"image")
         tab.show(page.content())
         tab._node_jobs.work = JobRun(RESTORE, "Restoring a.dcf")
         user.find("Load into the drive").click()
         await expect_seen(user, "left_drive is busy: Restoring a.dcf")
-
-    played(act)
     assert loaded == []
 
 
-def test_a_page_that_only_looks_loads_nothing():
-    async def act(user, _tab, _page):
-        return html(user), list(buttons())
-
-    text, there = played(act, teleop=False)
+async def test_a_page_that_only_looks_loads_nothing():
+    async with played(teleop=False) as (user, _tab, _page):
+        text, there = html(user), list(buttons())
     assert "This page is read-only" in text
     assert "Load into the drive" not in there

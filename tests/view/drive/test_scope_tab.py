@@ -1,5 +1,7 @@
 """The Scope tab for a simulated user: what can be chosen, what is drawn, cursors, overlay and files."""
 
+import contextlib
+
 import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
@@ -42,16 +44,15 @@ def sent(monkeypatch):
     return calls
 
 
-def played(act, od=OD):
+@contextlib.asynccontextmanager
+async def played(od=OD):
     page = FakeContext()
     desk = StubDesk(NodeStub({}), od)
 
-    async def begin(user, tab):
+    async with visited(lambda: ScopeTab(DriveTabContext(page, desk))) as (user, tab):
         await settle(lambda: bool(tab._signals.options))
         tab.show(page.content())
-        return await act(user, tab, page)
-
-    return visited(lambda: ScopeTab(DriveTabContext(page, desk)), begin)
+        yield user, tab, page
 
 
 def finish(run, *shots):
@@ -60,11 +61,9 @@ def finish(run, *shots):
     run.words, run.over = "1 shot", True
 
 
-def test_numbers_of_the_node_and_joints_of_the_robot_are_offered():
-    async def act(_user, tab, _page):
-        return tab._signals.options, tab._signals.value
-
-    options, chosen = played(act)
+async def test_numbers_of_the_node_and_joints_of_the_robot_are_offered():
+    async with played() as (_user, tab, _page):
+        options, chosen = tab._signals.options, tab._signals.value
     assert options["left_drive:0x606C:00"] == "0x606C Velocity actual value"
     assert options["left:velocity"] == "left velocity"
     assert chosen == ["left_drive:0x606C:00", "left_drive:0x6064:00"]
@@ -72,8 +71,8 @@ def test_numbers_of_the_node_and_joints_of_the_robot_are_offered():
     assert signals_of(None, "n") == {}
 
 
-def test_a_shot_is_drawn_with_cursors_and_the_next_one_over_it(began, sent):
-    async def act(user, tab, page):
+async def test_a_shot_is_drawn_with_cursors_and_the_next_one_over_it(began, sent):
+    async with played() as (user, tab, page):
         user.find("Single").click()
         await settle(lambda: bool(began))
         tab.show(page.content())
@@ -88,9 +87,7 @@ def test_a_shot_is_drawn_with_cursors_and_the_next_one_over_it(began, sent):
         tab.show(page.content())
         both = [each["name"] for each in tab._chart.options["series"][:2]]
         user.find("Drop the overlay").click()
-        return waits, first, readings, both, [each["id"] for each in tab._chart.options["series"]]
-
-    waits, first, readings, both, after = played(act)
+        after = [each["id"] for each in tab._chart.options["series"]]
     assert (began[0].options.length, began[0].options.trigger, began[0].options.rolling) == (2.0, "", False)
     assert waits == (False, True)
     assert first == after == ["s0", "marks0"]
@@ -99,8 +96,8 @@ def test_a_shot_is_drawn_with_cursors_and_the_next_one_over_it(began, sent):
     assert both == ["left_drive:0x606C (shot of 10)", "left_drive:0x606C"]
 
 
-def test_a_trigger_is_asked_for_as_the_verb_writes_it(began):
-    async def act(user, tab, page):
+async def test_a_trigger_is_asked_for_as_the_verb_writes_it(began):
+    async with played() as (user, tab, page):
         tab._trigger.value = "rising"
         shown = tab._level.visible, tab._before.visible
         tab._place.value, tab._level.value = 2, 50
@@ -111,15 +108,13 @@ def test_a_trigger_is_asked_for_as_the_verb_writes_it(began):
         tab.show(page.content())
         user.find("Single").click()
         await settle(lambda: len(began) == 2)
-        return shown, tab._level.visible
-
-    assert played(act) == ((True, True), False)
+        assert (shown, tab._level.visible) == ((True, True), False)
     assert (began[0].options.trigger, began[0].options.before, began[0].options.rolling) == ("2:rising:50", 0.4, True)
     assert began[1].options.trigger == "fault"
 
 
-def test_nothing_chosen_is_told_and_a_scope_goes_on_when_the_tab_is_left(began):
-    async def act(user, tab, page):
+async def test_nothing_chosen_is_told_and_a_scope_goes_on_when_the_tab_is_left(began):
+    async with played() as (user, tab, page):
         chosen, tab._signals.value = tab._signals.value, []
         user.find("Single").click()
         words = html(user)
@@ -130,14 +125,12 @@ def test_nothing_chosen_is_told_and_a_scope_goes_on_when_the_tab_is_left(began):
         goes_on = not began[0]._ending.is_set()
         tab.show(page.content())
         user.find("Abort").click()
-        return words, goes_on, began[0]._ending.is_set()
-
-    words, goes_on, ended = played(act)
+        ended = began[0]._ending.is_set()
     assert "at least one signal" in words
     assert (goes_on, ended) == (True, True)
 
 
-def test_files_are_what_the_scope_writes(began, sent, monkeypatch):
+async def test_files_are_what_the_scope_writes(began, sent, monkeypatch):
     saved = {}
 
     async def picture(_chart, _name, _look, timeout):
@@ -145,7 +138,7 @@ def test_files_are_what_the_scope_writes(began, sent, monkeypatch):
 
     monkeypatch.setattr(ui.echart, "run_chart_method", picture)
 
-    async def act(user, tab, page):
+    async with played() as (user, tab, page):
         monkeypatch.setattr(ui.download, "content", lambda data, name: saved.update({name: data}))
         user.find("Single").click()
         await settle(lambda: bool(began))
@@ -154,18 +147,15 @@ def test_files_are_what_the_scope_writes(began, sent, monkeypatch):
         user.find("CSV").click()
         user.find("PNG").click()
         await settle(lambda: len(saved) == 2)
-
-    played(act)
     assert saved["left_drive.csv"].startswith(b"time,t,left_drive:0x606C")
     assert saved["left_drive.png"] == b"\x89PNG"
 
 
 @pytest.mark.rest
-def test_a_file_that_was_saved_is_laid_below_the_shot_and_a_bad_one_is_told(began, monkeypatch):
+async def test_a_file_that_was_saved_is_laid_below_the_shot_and_a_bad_one_is_told(began, monkeypatch):
     told = []
     monkeypatch.setattr(scope_tab, "show_notice", lambda what, why: told.append(why))
-
-    async def act(user, tab, page):
+    async with played() as (user, tab, page):
         user.find("Single").click()
         await settle(lambda: bool(began))
         finish(began[0], NAMED)
@@ -173,9 +163,7 @@ def test_a_file_that_was_saved_is_laid_below_the_shot_and_a_bad_one_is_told(bega
         await upload(user, "old.csv", csv_of(NAMED).encode(), until=lambda: tab._overlay is not None)
         both = [each["name"] for each in tab._chart.options["series"][:2]]
         await upload(user, "photo.csv", b"\xff\xd8\xff", until=lambda: bool(told))
-        return both, tab._overlay.label, tab._drop.visible
-
-    both, label, can_be_dropped = played(act)
+        label, can_be_dropped = tab._overlay.label, tab._drop.visible
     assert both == ["left_drive:0x606C (old.csv)", "left_drive:0x606C"]
     assert (label, can_be_dropped) == ("old.csv", True)
     assert told == ["photo.csv is not a text file; choose a CSV file that was saved by a scope"]

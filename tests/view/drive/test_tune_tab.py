@@ -1,5 +1,7 @@
 """The Tune tab for a simulated user: nothing moves without a confirmation, and what was found is shown."""
 
+import contextlib
+
 import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
@@ -34,16 +36,15 @@ class Desk(StubDesk):
         self.work = work
 
 
-def played(act, *, teleop=True, joints=("left",), controllers=None, new=None):
+@contextlib.asynccontextmanager
+async def played(*, teleop=True, joints=("left",), controllers=None, new=None):
     taking = controllers or [TARGET | {"name": joint, "joints": [joint]} for joint in joints]
     page, desk = FakeContext(teleop=teleop, controllers=taking), Desk()
     desk.place = structs.replace(desk.place, joints=list(joints))
 
-    async def begin(user, tab):
+    async with visited(lambda: TuneTab(DriveTabContext(page, desk))) as (user, tab):
         tab.show(page.content(new or drive_state({"cia402_state": "SWITCH_ON_DISABLED"})))
-        return await act(user, tab, page)
-
-    return visited(lambda: TuneTab(DriveTabContext(page, desk)), begin), desk.begun
+        yield user, tab, page, desk.begun
 
 
 def found(test=TuneTest.IDENTIFY, **more):
@@ -55,8 +56,8 @@ def found(test=TuneTest.IDENTIFY, **more):
 
 
 @pytest.mark.rest
-def test_a_run_begins_only_once_it_is_confirmed_and_as_it_was_confirmed():
-    async def act(user, tab, page):
+async def test_a_run_begins_only_once_it_is_confirmed_and_as_it_was_confirmed():
+    async with played() as (user, tab, _page, begun):
         tab._speed.value = 2.0
         user.find("Run ...").click()
         words, before = html(user), len(tab._node_jobs.begun)
@@ -64,52 +65,44 @@ def test_a_run_begins_only_once_it_is_confirmed_and_as_it_was_confirmed():
         user.find("Start the motion").click()
         await settle(lambda: bool(tab._node_jobs.begun))
         tab._begin()
-        return words, before, tab._presence._props["on"]
-
-    (words, before, present), begun = played(act)
+        present = tab._presence._props["on"]
     assert "a step to 2.00 rad/s (19.1 rpm) for 2 s" in words
     assert (before, present, len(begun)) == (0, True, 1)
 
 
 @pytest.mark.rest
-def test_a_page_that_is_left_ends_its_run():
-    async def act(user, tab, page):
+async def test_a_page_that_is_left_ends_its_run():
+    async with played() as (user, tab, _page, _begun):
         user.find("Run ...").click()
         user.find("Start the motion").click()
         await settle(lambda: bool(tab._node_jobs.begun))
         tab.leave()
-        return tab._node_jobs.work._ending.is_set(), tab._presence._props["on"]
-
-    assert played(act)[0] == (True, False)
+        assert (tab._node_jobs.work._ending.is_set(), tab._presence._props["on"]) == (True, False)
 
 
-def test_what_is_beyond_the_limits_opens_no_question():
-    async def act(user, tab, page):
+async def test_what_is_beyond_the_limits_opens_no_question():
+    async with played() as (user, tab, _page, begun):
         tab._speed.value = 50.0
         user.find("Run ...").click()
         tab._begin()
-        return html(user)
-
-    words, begun = played(act)
-    assert "exceeds the limit of" in words
+        assert "exceeds the limit of" in html(user)
     assert begun == []
 
 
-def test_a_page_that_only_looks_moves_and_sets_nothing():
-    async def act(user, tab, page):
+async def test_a_page_that_only_looks_moves_and_sets_nothing():
+    async with played(teleop=False) as (_user, tab, page, begun):
         tab._ask()
         tab._begin()
         tab._node_jobs.tuned = found(gains=CascadeGains(1.0, 0.1, 2.0, 60.0, 1.0))
         tab._begin_apply()
         tab._begin_revert()
         tab.show(page.content())
-        return tab._run.enabled, tab._apply.enabled, tab._revert.enabled
+        assert not any(button.enabled for button in (tab._run, tab._apply, tab._revert))
+    assert begun == []
 
-    assert played(act, teleop=False) == ((False, False, False), [])
 
-
-def test_what_was_found_is_shown_and_its_gains_are_set_with_the_units_of_a_turn():
-    async def act(user, tab, page):
+async def test_what_was_found_is_shown_and_its_gains_are_set_with_the_units_of_a_turn():
+    async with played() as (user, tab, page, begun):
         tab._node_jobs.tuned = found(
             gains=CascadeGains(1.0, 0.1, 2.0, 60.0, 1.0),
             bode=Bode((BodePoint(1.0, 0.0, -5.0, 1.0), BodePoint(10.0, -3.0, -60.0, 0.99))),
@@ -121,47 +114,37 @@ def test_what_was_found_is_shown_and_its_gains_are_set_with_the_units_of_a_turn(
         tab._form.inputs["counts"].value = "65536"
         user.find("Set the gains").click()
         await settle(lambda: bool(tab._node_jobs.begun))
-        return lines, refused, tab._chart.options["series"][0]["name"], tab._bode.options["series"][1]["data"]
-
-    (lines, refused, first, phase), begun = played(act)
+        first, phase = tab._chart.options["series"][0]["name"], tab._bode.options["series"][1]["data"]
     assert "inertia &lt;1&gt;" in lines
     assert "enter the counts per revolution" in refused
     assert (first, phase) == ("command", [(1.0, -5.0), (10.0, -60.0)])
     assert begun[0][1].keywords["counts"] == 65536.0
 
 
-def test_each_test_shows_what_it_has():
-    async def act(_user, tab, _page):
+async def test_each_test_shows_what_it_has():
+    async with played() as (_user, tab, _page, _begun):
         shown = {}
         for test in TuneTest:
             tab._test.value = test.name
             inputs = (tab._speed, tab._signal, tab._torque, tab._form.inputs["crossover"])
             shown[test] = [each.visible for each in inputs], tab._plan().request.seconds
-        return shown
 
-    shown, _ = played(act)
     assert shown[TuneTest.STEP] == ([True, False, False, False], 2.0)
     assert shown[TuneTest.BODE] == ([False, True, False, False], 8.0)
     assert shown[TuneTest.IDENTIFY] == ([False, False, True, True], 8.0)
 
 
-def test_of_a_drive_with_several_axes_one_is_chosen_and_named():
-    async def act(user, tab, page):
+async def test_of_a_drive_with_several_axes_one_is_chosen_and_named():
+    async with played(joints=("shoulder", "elbow")) as (user, tab, _page, _begun):
         shown = tab._axis.visible
         tab._axis.value = 1
         user.find("Run ...").click()
         words = html(user)
         user.find("Start the motion").click()
         await settle(lambda: bool(tab._node_jobs.begun))
-        return shown, words, tab._plan().axis
-
-    (shown, words, axis), _ = played(act, joints=("shoulder", "elbow"))
+        axis = tab._plan().axis
     assert (shown, axis) == (True, 1)
     assert "Move left_drive, axis 1?" in words
-
-
-async def closed(user, tab, _page):
-    return tab._run.enabled, tab._revert.enabled, html(user)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +156,7 @@ async def closed(user, tab, _page):
         ({"new": state(latched=True)}, "STOP is latched: release it"),
     ],
 )
-def test_a_run_that_would_be_refused_is_not_offered_and_why_is_said(how, why):
-    (run, _, words), _ = played(closed, **how)
-    assert not run
-    assert why in words
+async def test_a_run_that_would_be_refused_is_not_offered_and_why_is_said(how, why):
+    async with played(**how) as (user, tab, _page, _begun):
+        assert not tab._run.enabled
+        assert why in html(user)

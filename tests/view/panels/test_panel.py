@@ -9,45 +9,37 @@ from canopen_control.view.robot_connection import twist_motion
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 
-def test_a_slider_stands_between_its_name_and_its_value():
-    async def act(user, _built):
+async def test_a_slider_stands_between_its_name_and_its_value():
+    async with visited(lambda: value_slider("speed", 0.0, 2.0, 0.1, 0.5)) as (_user, _built):
         slider = seen(ui.slider)[0]
         slider.value = 0.456
-        return slider.props["max"], [label.text for label in seen(ui.label)]
-
-    assert visited(lambda: value_slider("speed", 0.0, 2.0, 0.1, 0.5), act) == (2.0, ["speed", "0.46"])
+        assert (slider.props["max"], [label.text for label in seen(ui.label)]) == (2.0, ["speed", "0.46"])
 
 
-def test_what_is_held_is_sent_and_the_end_is_the_pages():
+async def test_what_is_held_is_sent_and_the_end_is_the_pages():
     context = FakeContext()
     motions = {"go": twist_motion("base", 1.0, 0.0), "wait": None}
-
-    async def act(user, _built):
+    buttons = [HoldButton(key, key) for key in motions]
+    async with visited(lambda: hold_buttons(context, buttons, motions.get)) as (user, _built):
         for key in motions:
             user.find(kind=HoldButtons).trigger("hold", key)
         user.find(kind=HoldButtons).trigger("release")
-
-    visited(lambda: hold_buttons(context, [HoldButton(key, key) for key in motions], motions.get), act)
     assert context.held == [motions["go"]]
     assert context.let == 1
 
 
-def test_only_what_has_changed_is_sent():
-    async def act(user, piece):
+async def test_only_what_has_changed_is_sent():
+    async with visited(Html) as (user, piece):
         outbox = user._client.outbox
         sent = []
         for text in ("a", "a", "b"):
             outbox.updates.clear()
             piece.show(text)
             sent.append(bool(outbox.updates))
-        return sent
-
-    assert visited(Html, act) == [True, False, True]
+        assert sent == [True, False, True]
 
 
-def test_a_notice_is_seen():
-    async def act(user, _made):
+async def test_a_notice_is_seen():
+    async with visited(lambda: None) as (user, _made):
         show_notice("Not driven", "another page drives")
         await expect_seen(user, "Not driven: another page drives")
-
-    visited(lambda: None, act)

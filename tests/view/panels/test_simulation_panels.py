@@ -1,3 +1,5 @@
+import contextlib
+
 import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
@@ -25,28 +27,25 @@ class World:
         self.acts.append(what)
 
 
-def played(world, act):
+@contextlib.asynccontextmanager
+async def played(world):
     context = FakeContext().with_faults()
     context.robot.world_client = world
 
-    async def show(user, panel):
-        panel.show(context.content())
+    async with visited(lambda: WorldPanel(context), context) as (user, panel):
         await settle((lambda: bool(seen(ui.expansion))) if world._changeable else None)
         for whole in seen(ui.expansion):
             whole.open()
-        return await act(user, panel, context)
-
-    return visited(lambda: WorldPanel(context), show), context
+        yield user, panel, context
 
 
 def field(label):
     return next(each for each in seen(ui.number) if each.props["label"] == label)
 
 
-def test_what_a_person_asks_for_happens_and_stands_in_the_events():
+async def test_what_a_person_asks_for_happens_and_stands_in_the_events():
     world = World()
-
-    async def act(user, _panel, context):
+    async with played(world) as (user, _panel, context):
         link = seen(ui.select)[0]
         link.value = "fork"
         field("kg").value = -2
@@ -54,8 +53,6 @@ def test_what_a_person_asks_for_happens_and_stands_in_the_events():
             user.find(button).click()
             await settle(lambda number=number: len(world.acts) == len(context.asked) == number)
             link.value = "the heaviest link"
-
-    _, context = played(world, act)
     assert world.acts == [
         AddPayload(mass=-2.0, on="fork"),
         PushRobot(force=(0.0, 30.0, 0.0), seconds=0.2),
@@ -76,32 +73,26 @@ def test_what_a_person_asks_for_happens_and_stands_in_the_events():
         ("y, N", None, "Push", "a field is empty"),
     ],
 )
-def test_a_number_that_cannot_be_is_told_and_nothing_happens(label, value, button, said):
+async def test_a_number_that_cannot_be_is_told_and_nothing_happens(label, value, button, said):
     world = World()
-
-    async def act(user, _panel, _context):
+    async with played(world) as (user, _panel, context):
         field(label).value = value
         user.find(button).click()
         await expect_seen(user, said)
-
-    _, context = played(world, act)
     assert world.acts == context.asked == []
 
 
-def test_what_the_world_refuses_is_told():
-    async def act(user, _panel, _context):
+async def test_what_the_world_refuses_is_told():
+    async with played(World(refusal="the robot has no link 'fork'")) as (user, _panel, context):
         user.find("Add payload").click()
         await settle(turns=10)
         await expect_seen(user, "the robot has no link")
-
-    _, context = played(World(refusal="the robot has no link 'fork'"), act)
     assert context.asked == []
 
 
-def test_nothing_is_offered_without_physics_and_it_is_looked_for_again_with_other_drives():
+async def test_nothing_is_offered_without_physics_and_it_is_looked_for_again_with_other_drives():
     world = World(changeable=False)
-
-    async def act(_user, panel, context):
+    async with played(world) as (_user, panel, context):
         before = len(seen(ui.expansion))
         world._changeable = True
         panel.show(context.content())  # the same drives: nobody asks again
@@ -110,6 +101,4 @@ def test_nothing_is_offered_without_physics_and_it_is_looked_for_again_with_othe
         context.robot.faults = DriveFaults({"another": ()})
         panel.show(context.content())
         await settle(lambda: bool(seen(ui.expansion)))
-        return before, same, len(seen(ui.expansion))
-
-    assert played(world, act)[0] == (0, 0, 1)
+        assert (before, same, len(seen(ui.expansion))) == (0, 0, 1)

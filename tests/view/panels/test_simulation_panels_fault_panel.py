@@ -1,3 +1,5 @@
+import contextlib
+
 import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
@@ -11,61 +13,52 @@ from canopen_control.view.page_content import DriveFaults
 from canopen_control.view.panels.simulation_panels import FaultPanel
 
 
-def played(act, switch=None):
+@contextlib.asynccontextmanager
+async def played(switch=None):
     context = FakeContext().with_faults()
     switched = []
     context.robot.fault_client.switch = switch or (lambda *args, **how: switched.append((*args, how["on"])))
 
-    async def show(user, panel):
-        panel.show(context.content())
-        return await act(user, panel, context)
-
-    return visited(lambda: FaultPanel(context), show), switched
+    async with visited(lambda: FaultPanel(context), context) as (user, _panel):
+        yield user, switched
 
 
-def test_drives_and_faults_are_offered_and_what_is_on_is_said():
-    async def act(user, _panel, _context):
+async def test_drives_and_faults_are_offered_and_what_is_on_is_said():
+    async with played() as (user, _switched):
         drive, fault = seen(ui.select)
         assert (drive.value, fault.value, fault.options) == ("left_drive", "silent", ["silent", "hot"])
         fault.value = "hot"
-        return html(user)
-
-    found, _ = played(act)
+        found = html(user)
     assert "left_drive: silent" in found
     assert "The drive is hot (once)" in found
 
 
-def test_a_fault_is_switched():
-    async def act(user, _panel, _context):
+async def test_a_fault_is_switched():
+    async with played() as (user, switched):
         user.find("Switch off").click()
         user.find("Switch on").click()
         await settle()
-
-    _, switched = played(act)
     assert sorted(switched) == [("left_drive", "silent", False), ("left_drive", "silent", True)]
 
 
-def test_what_the_drive_refuses_is_told():
+async def test_what_the_drive_refuses_is_told():
     def refuse(*_args, **_how):
         raise RemoteError("DriveError", "not while it moves")
 
-    async def act(user, _panel, _context):
+    async with played(refuse) as (user, _switched):
         user.find("Switch on").click()
         await settle(turns=10)
         await expect_seen(user, "not while it moves")
 
-    played(act, refuse)
 
-
-def test_inputs_are_set_where_a_device_has_some():
+async def test_inputs_are_set_where_a_device_has_some():
     given = []
     context = FakeContext().with_faults()
     board = context.content().faults
     module = (*board.drives["left_drive"], FaultListing(name="input_stuck", acts="input"))
     context.robot.faults = DriveFaults({"io": module, **board.drives})
     context.robot.fault_client.set_signals = lambda *args: given.append(args)
-
-    async def show(user, panel):
+    async with visited(lambda: FaultPanel(context)) as (user, panel):
         panel.show(context.content())
         drive = seen(ui.select)[0]
         await expect_seen(user, "inputs, as di0=1,ai0=16384")
@@ -78,26 +71,21 @@ def test_inputs_are_set_where_a_device_has_some():
         await expect_seen(user, "write SIGNAL=NUMBER")
         drive.value = "left_drive"
         await user.should_not_see("inputs, as di0=1,ai0=16384")
-
-    visited(lambda: FaultPanel(context), show)
     assert given == [("io", {"di0": 1.0, "ai0": 2.5})]
 
 
-def test_on_mock_hardware_nothing_is_offered_to_be_broken():
+async def test_on_mock_hardware_nothing_is_offered_to_be_broken():
     context = FakeContext()
-
-    async def show(_user, panel):
+    async with visited(lambda: FaultPanel(context)) as (_user, panel):
         found = []
         for board in (DriveFaults(), context.with_faults().robot.faults, DriveFaults()):
             context.robot.faults = board
             panel.show(context.content())
             found.append(panel._whole.visible)
-        return found
-
-    assert visited(lambda: FaultPanel(context), show) == [False, True, False]
+        assert found == [False, True, False]
 
 
-def test_a_quirk_is_explained_and_switched_with_its_strength():
+async def test_a_quirk_is_explained_and_switched_with_its_strength():
     switched = []
     context = FakeContext().with_faults()
     late = QuirkListing(
@@ -107,8 +95,7 @@ def test_a_quirk_is_explained_and_switched_with_its_strength():
     board = context.content().faults
     context.robot.faults = DriveFaults(board.drives, {"left_drive": (late,)})
     context.robot.fault_client.switch_quirk = lambda *args, on: switched.append((*args, on))
-
-    async def show(user, panel):
+    async with visited(lambda: FaultPanel(context)) as (user, panel):
         panel.show(context.content())
         for text in ("", "1.5", "@0", "=2@0"):
             panel._strength.value = text
@@ -116,9 +103,7 @@ def test_a_quirk_is_explained_and_switched_with_its_strength():
             await settle()
         user.find("Quirk off").click()
         await settle()
-        return html(user)
-
-    found = visited(lambda: FaultPanel(context), show)
+        found = html(user)
     assert "The drive follows late." in found
     assert "jsd#48" in found
     assert "left_drive: silent, brake_delay=0.5" in found

@@ -9,55 +9,46 @@ from canopen_control.view.panels.state_panels import BannerPanel, DrivesPanel, E
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 
-def test_what_was_is_not_shown_as_what_is():
+async def test_what_was_is_not_shown_as_what_is():
     context = FakeContext()
-
-    async def act(user, panel):
+    async with visited(lambda: DrivesPanel(context)) as (user, panel):
         panel.show(context.content())
         before = html(user)
         panel.show(context.content(lost="it has died"))
-        return before, html(user)
-
-    before, after = visited(lambda: DrivesPanel(context), act)
+        after = html(user)
     assert "enabled, follows commands" in before
     assert "enabled" not in after
     assert "No connection" in after
 
 
-def test_the_joints_are_told_in_their_units_and_stay_when_the_robot_is_lost():
+async def test_the_joints_are_told_in_their_units_and_stay_when_the_robot_is_lost():
     context = FakeContext()
-
-    async def act(user, panel):
+    async with visited(lambda: JointsPanel(context)) as (user, panel):
         panel.show(context.content())
         before = html(user)
         panel.show(context.content(state(joints={}), lost="it has died"))
-        return before, html(user)
-
-    before, after = visited(lambda: JointsPanel(context), act)
+        after = html(user)
     assert "2.50<wbr><small>velocity" in before
     assert "0.10<wbr><small>m<" in before
     assert before == after
 
 
-def test_an_event_is_shown_and_escaped():
+async def test_an_event_is_shown_and_escaped():
     context = FakeContext()
     context.robot.events.add(event_of({"time": 1.0, "kind": "x", "level": "error", "text": "<img src=x onerror=1>"}))
-
-    async def act(user, panel):
+    async with visited(lambda: EventsPanel(context)) as (user, panel):
         panel.show(context.content())
-        return html(user)
-
-    assert "&lt;img" in visited(lambda: EventsPanel(context), act)
+        assert "&lt;img" in html(user)
 
 
-def shown(new=None, lost="", press=False, refusal=None):
+async def shown(new=None, lost="", press=False, refusal=None):
     """Return the HTML, the labels of the buttons that are there, and what the robot was asked for."""
     from nicegui import ui
 
     context = FakeContext()
     context.refusal = refusal
 
-    async def act(user, panel):
+    async with visited(lambda: BannerPanel(context)) as (user, panel):
         panel.show(context.content(new, lost))
         labels = [button.text for button in seen(ui.button)]
         if press:
@@ -67,23 +58,21 @@ def shown(new=None, lost="", press=False, refusal=None):
                 await expect_seen(user, refusal)
         return html(user), labels, context.asked
 
-    return visited(lambda: BannerPanel(context), act)
 
-
-def test_a_latched_stop_has_its_way_out():
-    text, labels, asked = shown(state(latched=True, latched_by="view"), press=True)
+async def test_a_latched_stop_has_its_way_out():
+    text, labels, asked = await shown(state(latched=True, latched_by="view"), press=True)
     assert "STOP is latched" in text
     assert labels == ["Release STOP"]
     assert asked == [Release(source="view")]
 
 
-def test_a_fault_says_its_cause_and_is_reset_from_here():
+async def test_a_fault_says_its_cause_and_is_reset_from_here():
     new = drive_state({"cia402_state": "FAULT", "error": "too hot"})
-    text, labels, _ = shown(msgspec.structs.replace(new, state="fault"))
+    text, labels, _ = await shown(msgspec.structs.replace(new, state="fault"))
     assert "left_drive: too hot" in text
     assert labels == ["Reset fault"]
 
 
-def test_what_the_robot_refuses_is_told():
-    *_, asked = shown(state(latched=True), press=True, refusal="somebody else has latched it")
+async def test_what_the_robot_refuses_is_told():
+    *_, asked = await shown(state(latched=True), press=True, refusal="somebody else has latched it")
     assert len(asked) == 1

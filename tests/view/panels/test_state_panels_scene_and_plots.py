@@ -8,23 +8,17 @@ from canopen_control.view.elements.nicegui_elements import RobotScene, StripChar
 from canopen_control.view.panels.state_panels import PlotsPanel, ScenePanel
 
 
-def test_the_robot_is_there_and_the_camera_lets_go_of_it(monkeypatch):
+async def test_the_robot_is_there_and_the_camera_lets_go_of_it(monkeypatch):
     context, called = FakeContext(), []
     monkeypatch.setattr(RobotScene, "run_method", lambda self, name, *args: called.append((name, args)))
-
-    async def act(user, _panel):
+    async with visited(lambda: ScenePanel(context)) as (_user, _panel):
         assert seen(RobotScene)[0].props["tree"]["root"] == "base"
         seen(ui.checkbox)[0].value = False
-
-    visited(lambda: ScenePanel(context), act)
     assert called == [("setFollow", (False,))]
 
 
-def test_every_chart_stands_in_its_tab():
+async def test_every_chart_stands_in_its_tab():
     context = FakeContext()
-
-    async def act(user, _panel):
-        return [[chart["key"] for chart in each.props["charts"]] for each in user.find(kind=StripCharts).elements]
-
-    found = visited(lambda: PlotsPanel(context), act)
+    async with visited(lambda: PlotsPanel(context)) as (user, _panel):
+        found = [[chart["key"] for chart in each.props["charts"]] for each in user.find(kind=StripCharts).elements]
     assert sorted(found) == [["cycle", "work", "load"], ["left", "lift", "error"]]

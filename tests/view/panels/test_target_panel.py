@@ -9,52 +9,44 @@ from canopen_control.view.panels.target_panel import PowerPanel, TargetPanel
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 
-def pressed(label, refusal=None, **status):
+async def pressed(label, refusal=None, **status):
     context = FakeContext(**status)
     context.refusal = refusal
 
-    async def act(user, _panel):
+    async with visited(lambda: PowerPanel(context)) as (user, _panel):
         user.find(label).click()
         await settle(lambda: context.asked)
         if refusal:
             await expect_seen(user, refusal)
-        return context.asked
-
-    return visited(lambda: PowerPanel(context), act)
+    return context.asked
 
 
 @pytest.mark.parametrize(("label", "action"), [("Disable", "disable"), ("Reset fault", "fault-reset")])
-def test_a_button_asks_for_its_action(label, action):
-    assert pressed(label) == [AxisRequest(action=action, node="left_drive", source="view")]
+async def test_a_button_asks_for_its_action(label, action):
+    assert await pressed(label) == [AxisRequest(action=action, node="left_drive", source="view")]
 
 
-def test_several_drives_have_a_row_for_all():
+async def test_several_drives_have_a_row_for_all():
     axes = [AXIS | {"joint": "lift"}]
     context = FakeContext(nodes={"left_drive": NODE, "lift_drive": NODE | {"axes": axes}})
-
-    async def act(_user, _panel):
-        return [button.text for button in seen(ui.button)].count("Disable"), [label.text for label in seen(ui.label)]
-
-    assert visited(lambda: PowerPanel(context), act) == (3, ["all drives", "left_drive", "lift_drive"])
+    async with visited(lambda: PowerPanel(context)) as (_user, _panel):
+        assert [button.text for button in seen(ui.button)].count("Disable") == 3
+        assert [label.text for label in seen(ui.label)] == ["all drives", "left_drive", "lift_drive"]
 
 
-def test_what_is_refused_is_told():
-    assert len(pressed("Disable", "the drive does not answer")) == 1
+async def test_what_is_refused_is_told():
+    assert len(await pressed("Disable", "the drive does not answer")) == 1
 
 
-def test_without_drives_there_is_nothing_to_enable():
+async def test_without_drives_there_is_nothing_to_enable():
     context = FakeContext(nodes={})
-
-    async def act(user, _panel):
-        return html(user)
-
-    assert "No drives" in visited(lambda: PowerPanel(context), act)
+    async with visited(lambda: PowerPanel(context)) as (user, _panel):
+        assert "No drives" in html(user)
 
 
-def test_enable_is_grey_and_closed_while_stop_is_latched():
+async def test_enable_is_grey_and_closed_while_stop_is_latched():
     context = FakeContext()
-
-    async def act(user, panel):
+    async with visited(lambda: PowerPanel(context)) as (_user, panel):
         found = []
         for latched in (False, True, False):
             panel.show(context.content(state(latched=latched)))
@@ -62,17 +54,11 @@ def test_enable_is_grey_and_closed_while_stop_is_latched():
             found.append((enable.enabled, enable.props["color"]))
             others = [each.enabled for each in seen(ui.button) if each.text != "Enable"]
             assert others == [True, True]  # to disable is always allowed
-        return found
-
-    assert visited(lambda: PowerPanel(context), act) == [(True, "green-8"), (False, "grey-5"), (True, "green-8")]
+        assert found == [(True, "green-8"), (False, "grey-5"), (True, "green-8")]
 
 
-def played(context, act):
-    async def show(user, panel):
-        panel.show(context.content())
-        return await act(user, panel)
-
-    return visited(lambda: TargetPanel(context), show)
+def played(context):
+    return visited(lambda: TargetPanel(context), context)
 
 
 def hold(user):
@@ -85,116 +71,91 @@ def of_drive(axis=None, **how):
     return context
 
 
-def test_a_velocity_is_given_while_the_button_is_held_and_rests_at_zero():
+async def test_a_velocity_is_given_while_the_button_is_held_and_rests_at_zero():
     context = of_drive()
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         seen(ui.slider)[0].value = 2.5
         hold(user)
-
-    played(context, act)
     (motion,) = context.held
     assert (motion.moving.controller, motion.moving.values, motion.moving.interface) == ("left", [2.5], "velocity")
     assert (motion.resting.values, motion.moving.dead_man) == ([0.0], True)
 
 
-def test_a_position_begins_where_the_drive_is_and_rests_there():
+async def test_a_position_begins_where_the_drive_is_and_rests_there():
     context = of_drive({"mode": "PP"})
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         began = seen(ui.slider)[0].value
         seen(ui.slider)[0].value = -1.5
         hold(user)
-        return began
-
-    assert played(context, act) == 1.0
+        assert began == 1.0
     (motion,) = context.held
     assert (motion.moving.values, motion.resting.values, motion.moving.interface) == ([-1.5], [1.0], "position")
 
 
-def test_nothing_is_sent_while_nobody_knows_where_the_drive_is():
+async def test_nothing_is_sent_while_nobody_knows_where_the_drive_is():
     context = of_drive({"mode": "PP"})
     context.robot.state.joints.clear()
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         hold(user)
-
-    played(context, act)
     assert context.held == []
 
 
-def test_another_mode_makes_another_target_and_ends_what_is_driven():
+async def test_another_mode_makes_another_target_and_ends_what_is_driven():
     context = of_drive()
-
-    async def act(user, panel):
+    async with played(context) as (user, panel):
         let = context.let
         panel.show(context.content(drive_state({"mode": "HM"})))
-        return context.let - let, seen(HoldButtons), html(user)
-
-    let, buttons, said = played(context, act)
+        let, buttons, said = context.let - let, seen(HoldButtons), html(user)
     assert (let, buttons) == (1, [])
     assert "choose another mode" in said
 
 
-def test_the_end_of_the_slider_is_chosen():
-    async def act(user, _panel):
+async def test_the_end_of_the_slider_is_chosen():
+    async with played(of_drive()) as (_user, _panel):
         slider, most = seen(ui.slider)[0], seen(ui.number)[0]
         slider.value = 9.0
         most.value = 4.0
         shorter = slider.props["min"], slider.props["max"], slider.value
         most.value = -1.0
-        return shorter, slider.props["max"]
-
-    assert played(of_drive(), act) == (("-4.0", "4.0", 4.0), "4.0")
+        assert (shorter, slider.props["max"]) == (("-4.0", "4.0", 4.0), "4.0")
 
 
 @pytest.mark.parametrize(("label", "action"), [("Enable left", "enable"), ("Stop left", "disable")])
-def test_each_drive_is_enabled_and_stopped_by_itself_and_a_refusal_is_told(label, action):
+async def test_each_drive_is_enabled_and_stopped_by_itself_and_a_refusal_is_told(label, action):
     context = of_drive()
     context.refusal = "no RPDO carries its target"
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         (button,) = [each for each in seen(ui.button) if each.props.get("aria-label") == label]
         user.find(button.text).click()
         await settle(lambda: context.asked)
         await expect_seen(user, "no RPDO carries its target")
-
-    played(context, act)
     assert context.asked == [AxisRequest(action=action, node="left_drive", joint="left", source="view")]
 
 
-def test_a_mode_is_asked_for_and_that_of_the_drive_is_shown():
+async def test_a_mode_is_asked_for_and_that_of_the_drive_is_shown():
     context = of_drive()
-
-    async def act(user, _panel):
+    async with played(context) as (_user, _panel):
         select = seen(ui.select)[0]
         shown = select.value
         select.value = "CSP"
         await settle(lambda: context.asked)
-        return shown
-
-    assert played(context, act) == "PV"
+        assert shown == "PV"
     assert context.asked == [AxisRequest(action="mode", node="left_drive", joint="left", mode="CSP", source="view")]
 
 
-def test_a_page_that_only_looks_may_stop_and_nothing_else():
-    async def act(user, _panel):
+async def test_a_page_that_only_looks_may_stop_and_nothing_else():
+    async with played(of_drive(teleop=False)) as (user, _panel):
         able = {each.text: each.enabled for each in seen(ui.button)}
-        return able, seen(HoldButtons), seen(ui.select)[0].enabled, html(user)
-
-    able, buttons, choice, said = played(of_drive(teleop=False), act)
+        buttons, choice, said = seen(HoldButtons), seen(ui.select)[0].enabled, html(user)
     assert able == {"Enable": False, "Stop": True}
     assert (buttons, choice) == ([], False)
     assert "--teleop" in said
 
 
-def test_a_drive_that_is_off_does_not_look_ready_and_a_robot_without_such_drives_has_no_panel():
+async def test_a_drive_that_is_off_does_not_look_ready_and_a_robot_without_such_drives_has_no_panel():
     context = of_drive({"cia402_state": "SWITCH_ON_DISABLED"})
-
-    async def act(_user, panel):
+    async with played(context) as (_user, panel):
         off = "cc-off" in panel._rows["left"]._body._classes
         context.robot.controllers = ()
         panel.show(context.content())
-        return off, panel._rows, panel._frame.visible
-
-    assert played(context, act) == (True, {}, False)
+        assert (off, panel._rows, panel._frame.visible) == (True, {}, False)

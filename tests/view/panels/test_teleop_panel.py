@@ -27,29 +27,22 @@ from canopen_control.view.panels.teleop_panel import TeleopPanel
 OFF = FORWARD | {"state": "inactive"}
 
 
-def played(context, act):
-    async def show(user, panel):
-        panel.show(context.content())
-        return await act(user, panel)
-
-    return visited(lambda: TeleopPanel(context), show)
+def played(context):
+    return visited(lambda: TeleopPanel(context), context)
 
 
 def hold(user, key):
     user.find(kind=HoldButtons).trigger("hold", key)
 
 
-def test_a_base_is_driven_by_a_pad_at_the_speeds_of_its_sliders():
+async def test_a_base_is_driven_by_a_pad_at_the_speeds_of_its_sliders():
     context = FakeContext(controllers=(BASE | {"state": "active"},))
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         linear, angular = seen(ui.slider)
         linear.value, angular.value = 0.5, 1.5
         for key in ("forward", "left", "back", "right"):
             hold(user, key)
         user.find(kind=HoldButtons).trigger("release")
-
-    played(context, act)
     assert [(each.moving.linear, each.moving.angular) for each in context.held] == [
         (0.5, 0.0), (0.0, 1.5), (-0.5, 0.0), (0.0, -1.5),
     ]  # fmt: skip
@@ -57,124 +50,97 @@ def test_a_base_is_driven_by_a_pad_at_the_speeds_of_its_sliders():
     assert context.let == 2  # once when it was built
 
 
-def test_a_base_that_drives_sideways_has_two_more_buttons():
+async def test_a_base_that_drives_sideways_has_two_more_buttons():
     base = BASE | {"state": "active", "topic": "reference", "twist_axes": ["linear.x", "linear.y", "angular.z"]}
     context = FakeContext(controllers=(base,))
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         linear, _ = seen(ui.slider)
         linear.value = 0.5
         for key in ("slide_left", "slide_right", "forward"):
             hold(user, key)
-
-    played(context, act)
     assert [(each.moving.linear, each.moving.lateral, each.moving.angular) for each in context.held] == [
         (0.0, 0.5, 0.0), (0.0, -0.5, 0.0), (0.5, 0.0, 0.0),
     ]  # fmt: skip
     assert all(each.resting.lateral == 0.0 for each in context.held)
 
 
-def test_joints_are_driven_by_what_their_sliders_say_and_rest_at_zero():
+async def test_joints_are_driven_by_what_their_sliders_say_and_rest_at_zero():
     context = FakeContext()
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         seen(ui.slider)[0].value = 3.0
         hold(user, "drive")
-
-    played(context, act)
     assert context.held[0].moving.values == [3.0]
     assert context.held[0].resting.values == [0.0]
 
 
-def test_a_position_begins_where_the_joint_is_within_its_limits_and_rests_there():
+async def test_a_position_begins_where_the_joint_is_within_its_limits_and_rests_there():
     context = FakeContext(controllers=(LIFT,))
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         slider = seen(ui.slider)[0]
         assert (slider.props["min"], slider.props["max"], slider.value) == (0.0, 0.5, 0.1)
         hold(user, "drive")
         user.find(kind=ui.slider).trigger("update:modelValue", 0.4)
         hold(user, "drive")
-
-    played(context, act)
     assert [each.moving.values for each in context.held] == [[0.1], [0.4]]
     assert context.held[1].resting.values == [0.1]
 
 
-def test_a_position_slider_follows_its_joint():
+async def test_a_position_slider_follows_its_joint():
     context = FakeContext(controllers=(LIFT,))
-
-    async def act(user, panel):
+    async with played(context) as (_user, panel):
         joints = {"lift": {"position": 0.3}}
         panel.show(context.content(state(joints=joints)))
-        return seen(ui.slider)[0].value
-
-    assert played(context, act) == 0.3
+        assert seen(ui.slider)[0].value == 0.3
 
 
-def test_the_controller_is_chosen_and_a_refusal_told():
+async def test_the_controller_is_chosen_and_a_refusal_told():
     context = FakeContext(controllers=(FORWARD, BASE))
     context.refusal = "the joint is claimed"
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         seen(ui.select)[0].value = "base"
         await settle(lambda: context.asked)
         await expect_seen(user, "the joint is claimed")
-
-    played(context, act)
     assert context.asked == [SwitchControllers(activate=("base",), deactivate=("forward",))]
 
 
 @pytest.mark.rest
-def test_without_an_active_controller_or_teleop_nothing_can_be_driven():
-    for context, words in (
-        (FakeContext(controllers=(OFF,)), "forward accepts commands, but is not active"),
-        (FakeContext(teleop=False), "--teleop"),
-    ):
-
-        async def act(user, _panel, words=words):
-            assert words in html(user)
-            assert seen(HoldButtons) == []
-
-        played(context, act)
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [({"controllers": (OFF,)}, "forward accepts commands, but is not active"), ({"teleop": False}, "--teleop")],
+    ids=["no active controller", "no teleop"],
+)
+async def test_without_an_active_controller_or_teleop_nothing_can_be_driven(how, words):
+    async with played(FakeContext(**how)) as (user, _panel):
+        assert words in html(user)
+        assert seen(HoldButtons) == []
 
 
 @pytest.mark.rest
-def test_where_drives_take_targets_by_themselves_it_leaves_the_page_to_them():
-    for controllers, visible in (((TARGET,), False), ((TARGET, FORWARD), True), ((OFF,), True)):
-
-        async def act(_user, panel):
-            return panel._frame.visible
-
-        assert played(FakeContext(controllers=controllers), act) is visible
+@pytest.mark.parametrize(("controllers", "visible"), [((TARGET,), False), ((TARGET, FORWARD), True), ((OFF,), True)])
+async def test_where_drives_take_targets_by_themselves_it_leaves_the_page_to_them(controllers, visible):
+    async with played(FakeContext(controllers=controllers)) as (_user, panel):
+        assert panel._frame.visible is visible
 
 
-def test_while_the_drives_are_off_the_buttons_do_not_look_ready():
+async def test_while_the_drives_are_off_the_buttons_do_not_look_ready():
     context = FakeContext()
-
-    async def act(user, panel):
+    async with played(context) as (_user, panel):
         ready = "cc-off" in panel._whole._classes
         panel.show(context.content(drive_state({"cia402_state": "SWITCH_ON_DISABLED"})))
-        return ready, "cc-off" in panel._whole._classes
-
-    assert played(context, act) == (False, True)
+        assert (ready, "cc-off" in panel._whole._classes) == (False, True)
 
 
-def test_who_may_not_drive_is_told():
+async def test_who_may_not_drive_is_told():
     context = FakeContext()
     context.refusal = "another page drives"
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         hold(user, "drive")
         await expect_seen(user, "another page drives")
 
-    played(context, act)
 
-
-def test_an_arm_has_a_slider_for_each_joint_and_goes_there_while_its_button_is_held():
+async def test_an_arm_has_a_slider_for_each_joint_and_goes_there_while_its_button_is_held():
     context = FakeContext(controllers=(ARM,))
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         _left, lift, share = seen(ui.slider)
         assert (lift.props["min"], lift.props["max"], lift.value) == (0.0, 0.5, 0.1)
         hold(user, "drive")
@@ -182,8 +148,6 @@ def test_an_arm_has_a_slider_for_each_joint_and_goes_there_while_its_button_is_h
         share.value = 50.0
         hold(user, "drive")
         hold(user, "drive")
-
-    played(context, act)
     stays, goes, again = context.held
     assert goes == again  # the same way goes on: nothing is planned anew
     assert stays.moving.points[0].positions == [1.0, 0.1]
@@ -194,21 +158,17 @@ def test_an_arm_has_a_slider_for_each_joint_and_goes_there_while_its_button_is_h
     assert goes.resting == CancelTrajectory(controller="arm", own=True, why="the page released its button")
 
 
-def test_an_arm_of_which_a_joint_is_unknown_is_not_moved():
+async def test_an_arm_of_which_a_joint_is_unknown_is_not_moved():
     unknown = {"left": {"position": None, "velocity": None, "effort": None, "command": None}}
     context = FakeContext(controllers=(ARM,), joints=unknown)
-
-    async def act(user, _panel):
+    async with played(context) as (user, _panel):
         hold(user, "drive")
-
-    played(context, act)
     assert context.held == []
 
 
 @pytest.mark.rest
-def test_without_any_controller_that_takes_commands_the_page_says_so():
-    async def act(user, _panel):
-        return html(user)
-
-    assert "No active controller accepts commands" in played(FakeContext(controllers=()), act)
-    assert "No active controller" not in played(FakeContext(controllers=(ARM,)), act)
+async def test_without_any_controller_that_takes_commands_the_page_says_so():
+    async with played(FakeContext(controllers=())) as (user, _panel):
+        assert "No active controller accepts commands" in html(user)
+    async with played(FakeContext(controllers=(ARM,))) as (user, _panel):
+        assert "No active controller" not in html(user)

@@ -1,3 +1,4 @@
+import contextlib
 import json
 
 import pytest
@@ -41,7 +42,8 @@ class Player:
         self.there += 1
 
 
-def played(act, controllers=(FORWARD, ARM), **how):
+@contextlib.asynccontextmanager
+async def played(controllers=(FORWARD, ARM), **how):
     context = FakeContext(controllers=controllers, **how)
     context.player = Player()
     context.ghosts = []
@@ -52,11 +54,8 @@ def played(act, controllers=(FORWARD, ARM), **how):
         panel._feed.send = lambda data: context.ghosts.append(data["ghost"])
         return panel
 
-    async def show(user, panel):
-        panel.show(context.content())
-        return await act(user, panel, context)
-
-    return visited(build, show)
+    async with visited(build, context) as (user, panel):
+        yield user, panel, context
 
 
 async def upload(user, data=None, name="wave.json"):
@@ -66,26 +65,22 @@ async def upload(user, data=None, name="wave.json"):
 
 
 @pytest.mark.rest
-def test_without_such_a_controller_the_panel_is_not_there():
-    async def act(_user, panel, context):
-        before = context.frame.visible
+@pytest.mark.parametrize(("arm", "visible"), [("active", True), ("inactive", False)])
+async def test_without_such_a_controller_the_panel_is_not_there(arm, visible):
+    async with played(controllers=(FORWARD, ARM | {"state": arm})) as (_user, panel, context):
+        assert context.frame.visible is visible
         context.robot.controllers = ()
         panel.show(context.content())
-        return before, context.frame.visible
-
-    assert played(act) == (True, False)
-    assert played(act, controllers=(FORWARD, ARM | {"state": "inactive"})) == (False, False)
+        assert not context.frame.visible
 
 
-def test_a_file_is_previewed_and_nothing_is_asked_of_the_robot():
-    async def act(user, _panel, context):
+async def test_a_file_is_previewed_and_nothing_is_asked_of_the_robot():
+    async with played() as (user, _panel, context):
         await upload(user)
         first = html(user)
         assert seen(ui.slider)[0].props["max"] == 1
         seen(ui.slider)[0].value = 1
-        return first, html(user), context
-
-    first, second, context = played(act)
+        second = html(user)
     assert "wave.json. Preview, the robot does not move: point 1 of 2, at 0.50 s." in first
     assert "0.100<small>m</small></td><td>0.100" in first
     assert "point 2 of 2, at 2.00 s" in second
@@ -94,14 +89,12 @@ def test_a_file_is_previewed_and_nothing_is_asked_of_the_robot():
     assert (context.asked, context.player.played) == ([], [])
 
 
-def test_a_preview_that_is_closed_is_drawn_no_more():
-    async def act(user, _panel, context):
+async def test_a_preview_that_is_closed_is_drawn_no_more():
+    async with played() as (user, _panel, context):
         await upload(user)
         user.find("Close preview").click()
         await settle(lambda: context.ghosts[-1] is None)
-        return context.ghosts, seen(ui.slider)[0].parent_slot.parent.parent_slot.parent.visible
-
-    ghosts, visible = played(act)
+        ghosts, visible = context.ghosts, seen(ui.slider)[0].parent_slot.parent.parent_slot.parent.visible
     assert ghosts[-1] is None
     assert not visible
 
@@ -110,20 +103,18 @@ def test_a_preview_that_is_closed_is_drawn_no_more():
     ("data", "words"),
     [(b"joint_name: [a]", "joint_name"), (b" " * (MOST_BYTES + 1), f"at most {MOST_BYTES} bytes")],
 )
-def test_a_file_that_cannot_be_read_is_told(data, words):
-    async def act(user, _panel, context):
+async def test_a_file_that_cannot_be_read_is_told(data, words):
+    async with played() as (user, _panel, context):
         await upload(user, data)
         await settle(lambda: words in html(user))
-        return html(user), context.ghosts
-
-    text, ghosts = played(act)
+        text, ghosts = html(user), context.ghosts
     assert "cc-bad'>Not loaded." in text
     assert words in text
     assert ghosts == []
 
 
-def test_it_is_played_while_the_page_says_that_it_is_there():
-    async def act(user, panel, context):
+async def test_it_is_played_while_the_page_says_that_it_is_there():
+    async with played() as (user, panel, context):
         await upload(user)
         presence = user.find(kind=PresenceElement)
         (element,) = presence.elements
@@ -143,41 +134,35 @@ def test_it_is_played_while_the_page_says_that_it_is_there():
         assert context.ghosts[-1] is None
         context.player.ended.set()
         await settle(lambda: "goal was reached" in html(user))
-        return off, on, element.props["on"], during, html(user), context
-
-    off, on, after, during, end, context = played(act)
+        after, end = element.props["on"], html(user)
     assert (off, on, after) == (False, True, False)
     assert "Playing: 1.5 of 2.0 s." in during
     assert "cc-good'>the goal was reached" in end
     assert (context.player.played, context.player.there) == ([("arm", "wave.json")], 1)
 
 
-def test_what_is_refused_is_the_robots_sentence_and_stays():
-    async def act(user, panel, context):
+async def test_what_is_refused_is_the_robots_sentence_and_stays():
+    async with played() as (user, panel, context):
         context.player.result = TrajectoryOutcome(False, "joint <1> is disabled")
         context.player.ended.set()
         await upload(user)
         user.find("Play").click()
         await settle(lambda: "disabled" in html(user))
         panel.show(context.content())
-        return html(user)
-
-    assert "cc-bad'>joint &lt;1&gt; is disabled" in played(act)
+        assert "cc-bad'>joint &lt;1&gt; is disabled" in html(user)
 
 
-def test_a_page_that_only_looks_previews_and_does_not_play():
-    async def act(user, _panel, _context):
+async def test_a_page_that_only_looks_previews_and_does_not_play():
+    async with played(teleop=False) as (user, _panel, _context):
         await upload(user)
-        return [each.text for each in seen(ui.button)], html(user)
-
-    buttons, text = played(act, teleop=False)
+        buttons, text = [each.text for each in seen(ui.button)], html(user)
     assert "Play" not in buttons
     assert "point 1 of 2" in text
     assert "view --teleop" in text
 
 
-def test_of_several_controllers_one_is_chosen():
-    async def act(user, _panel, context):
+async def test_of_several_controllers_one_is_chosen():
+    async with played(controllers=(ARM, ARM_2)) as (user, _panel, context):
         (choice,) = seen(ui.select)
         assert choice.options == ["arm", "arm_2"]
         choice.value = "arm_2"
@@ -185,13 +170,11 @@ def test_of_several_controllers_one_is_chosen():
         context.player.ended.set()
         user.find("Play").click()
         await settle(lambda: context.player.played)
-        return context.player.played
-
-    assert played(act, controllers=(ARM, ARM_2)) == [("arm_2", "wave.json")]
+        assert context.player.played == [("arm_2", "wave.json")]
 
 
-def test_the_end_of_the_controller_takes_the_panel_away_only_after_the_end_of_what_is_played():
-    async def act(user, panel, context):
+async def test_the_end_of_the_controller_takes_the_panel_away_only_after_the_end_of_what_is_played():
+    async with played() as (user, panel, context):
         await upload(user)
         user.find("Play").click()
         await settle(lambda: context.player.played)
@@ -201,13 +184,9 @@ def test_the_end_of_the_controller_takes_the_panel_away_only_after_the_end_of_wh
         context.player.ended.set()
         await settle(lambda: "reached" in html(user))
         panel.show(context.content())
-        return during, context.frame.visible
-
-    assert played(act) == (True, False)
+        assert (during, context.frame.visible) == (True, False)
 
 
-def test_the_ghost_goes_through_a_feed_of_its_own():
-    async def act(user, panel, _context):
-        return isinstance(panel._feed, Feed)
-
-    assert played(act)
+async def test_the_ghost_goes_through_a_feed_of_its_own():
+    async with played() as (_user, panel, _context):
+        assert isinstance(panel._feed, Feed)
