@@ -51,7 +51,7 @@ def test_mock_and_real_overrule_whatever_is_written():
 
 def test_an_unknown_plugin_is_named_with_its_place_and_the_nearest():
     with pytest.raises(
-        RobotConfigError, match=r"r\.urdf:7: no hardware plugin 'gz_ros2_control/GazeboSystem', did you"
+        RobotConfigError, match=r"r\.urdf:7: no hardware plugin 'gz_ros2_control/GazeboSystem' \(did you"
     ):
         kind_of(ROBOT, tag("gz_ros2_control/GazeboSystem"))
 

@@ -116,7 +116,8 @@ def test_noise_is_that_of_a_seed_and_begins_anew():
 
 
 def test_a_frame_that_is_not_there_is_told():
-    with pytest.raises(PhysicsError, match=r"robot\.urdf:7:5: sensor lidar: no link 'bse' for its frame_name \(did you"):
+    message = r"robot\.urdf:7:5: sensor lidar: no link 'bse' for its frame_name \(did you mean 'base'\?\)"
+    with pytest.raises(PhysicsError, match=message):
         scanner("bse")
 
 
