@@ -92,5 +92,5 @@ def test_what_shows_mutants_breaks_no_rule_without_one(command, monkeypatch, cap
 @pytest.mark.parametrize(
     "name", ["wide_object_a_byte_off", "first_end_takes_the_second", "goes_on_after_cancel", "stop_forgets_nothing"]
 )
-def test_rules_about_goals_clients_and_wide_objects_see_their_mutant(name):
+def test_rules_about_goals_clients_and_wide_objects_detect_their_mutant(name):
     assert code_mutants.measure([name], tests=False, seeds=True) == 0

@@ -97,7 +97,7 @@ def test_a_file_of_another_kind_is_one_sentence_and_exit_code_2(
 
 
 @pytest.mark.parametrize("kind", CONTENTS)
-def test_eds_check_refuses_a_file_that_is_no_eds(kind, tmp_path, capsys):
+def test_eds_check_refuses_a_file_that_is_not_an_eds(kind, tmp_path, capsys):
     path = tmp_path / "bad.eds"
     if CONTENTS[kind] is not None:
         path.write_bytes(CONTENTS[kind])

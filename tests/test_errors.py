@@ -65,7 +65,7 @@ MESSAGES = [
 
 
 @pytest.mark.parametrize(("error", "words"), MESSAGES, ids=lambda value: type(value).__name__)
-def test_the_message_says_what_and_where(error, words):
+def test_the_message_reports_what_and_where(error, words):
     assert words in str(error)
     assert isinstance(error, errors.CanopenError)
 
@@ -138,5 +138,5 @@ def test_what_was_typed_wrong_is_of_usage_here_and_over_there():
         ("", ""),
     ],
 )
-def test_an_error_is_told_without_the_node_where_the_sentence_names_it(text, rest):
+def test_an_error_is_reported_without_the_node_where_the_sentence_names_it(text, rest):
     assert errors.without_node(text, 2, "left") == rest

@@ -28,7 +28,7 @@ def shared_names(package):
     return {name: sorted(subpackages) for name, subpackages in places.items() if len(subpackages) > 1}
 
 
-def test_no_name_stands_in_two_subpackages_without_a_reason():
+def test_no_name_is_in_two_subpackages_without_a_reason():
     found = shared_names(PACKAGE)
     assert {name: subpackages for name, subpackages in found.items() if name not in SHARED} == {}, (
         "say which side each of them is"

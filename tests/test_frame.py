@@ -84,7 +84,7 @@ def test_identifiers_outside_of_the_set_are_none(identifier):
     assert service_of(identifier) is None
 
 
-def test_flags_say_what_a_frame_is():
+def test_flags_report_what_a_frame_is():
     kinds = [
         (f.is_remote, f.is_error)
         for f in (CanFrame(0x7FF), CanFrame(0x12345 | EXTENDED_FLAG), remote_frame(0x703, 1), CanFrame(4 | ERROR_FLAG))

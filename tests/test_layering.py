@@ -340,7 +340,7 @@ def test_a_cycle_would_be_seen_whatever_it_is_imported_for(tmp_path):
     assert cycles(graph(root)) == []
 
 
-def test_the_files_of_virtual_stand_in_the_order_that_its_docstring_gives():
+def test_the_files_of_virtual_are_in_the_order_that_its_docstring_gives():
     files = {path.stem: path for path in (ROOT / "virtual").glob("*.py") if path.stem != "__init__"}
     told = ast.get_docstring(ast.parse((ROOT / "virtual" / "__init__.py").read_text(encoding="utf-8")))
     lines = told.split("\n- ")[1:]

@@ -30,7 +30,7 @@ def test_an_hour_takes_no_time_and_timers_are_never_late():
     assert abs(time.monotonic() - time.clock_gettime(time.CLOCK_MONOTONIC)) < 1.0  # the real one is back
 
 
-def test_threads_take_turns_and_who_stalls_is_late_for_nothing():
+def test_threads_take_turns_and_a_stalled_one_misses_nothing():
     def story():
         told, ours, theirs = [], *os.pipe()
         with lockstep():

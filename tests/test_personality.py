@@ -67,14 +67,14 @@ def test_which_personality_fits_an_identity(vendor, product, name):
     assert (found and found.name) == name
 
 
-def test_a_name_that_is_none_says_which_there_are():
+def test_a_name_that_is_none_lists_the_available_ones():
     with pytest.raises(
         PersonalityError, match=r"^no personality 'elm' \(did you mean 'elmo'\?\); available: copley, delta"
     ):
         read_personality("elm")
 
 
-def test_a_file_that_is_not_there_says_which_names_there_are():
+def test_a_file_that_is_not_there_reports_which_names_there_are():
     with pytest.raises(PersonalityError, match=r"^no file './ours.yaml'; available: copley, delta[^;]*; or a file"):
         read_personality("./ours.yaml")
 
@@ -90,7 +90,7 @@ def test_a_file_of_a_user(tmp_path):
     assert personality.place(personality.quirks[1]) == f"{path}:4"
 
 
-def test_every_mistake_of_a_file_is_told_with_its_line(tmp_path):
+def test_every_error_of_a_file_is_reported_with_its_line(tmp_path):
     path = tmp_path / "ours.yaml"
     path.write_text("title: Our drive\nqirks: []\nmodes: [0]\nquirks:\n  - {qurk: remote_never}\n")
     with pytest.raises(PersonalityError) as error:
@@ -102,7 +102,7 @@ def test_every_mistake_of_a_file_is_told_with_its_line(tmp_path):
         read_personality(str(path))
 
 
-def test_quirks_of_a_file_that_cannot_be_are_told_with_their_lines(tmp_path):
+def test_quirks_of_a_file_that_cannot_be_are_reported_with_their_lines(tmp_path):
     path = tmp_path / "ours.yaml"
     lines = ["brake_dely", "brake_delay=99", "remote_never", "remote_when_enabled", "remote_never"]
     path.write_text("title: Our drive\nquirks:\n" + "".join(f"  - {{quirk: {line}}}\n" for line in lines))

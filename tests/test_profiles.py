@@ -58,7 +58,7 @@ def test_of_several_formats_the_mapped_one_is_shown():
     assert signal.scales == ()  # a float has its digits
 
 
-def test_a_turn_is_what_the_encoder_says_it_is():
+def test_a_turn_is_what_the_encoder_reports_it_is():
     od = dictionary(
         (0x1000, 0, T.UNSIGNED32, 0x00020196),
         (0x6001, 0, T.UNSIGNED32, 4096),
@@ -81,7 +81,7 @@ def test_a_linear_encoder_measures_metres():
 
 
 @pytest.mark.parametrize(("resolution", "degrees"), [(10, 0.01), (100, 0.1), (1000, 1.0)])
-def test_an_angle_has_the_resolution_that_the_inclinometer_says(resolution, degrees):
+def test_an_angle_has_the_resolution_that_the_inclinometer_reports(resolution, degrees):
     od = dictionary((0x6000, 0, T.UNSIGNED16, 10), (0x6010, 0, T.INTEGER16), (0x6020, 0, T.INTEGER16))
     longitudinal, lateral = inclinometer_signals(od)
     assert (longitudinal.name, lateral.name) == ("longitudinal", "lateral")
@@ -89,13 +89,13 @@ def test_an_angle_has_the_resolution_that_the_inclinometer_says(resolution, degr
     assert lateral.value(-30, gain) == pytest.approx(math.radians(-30 * degrees))
 
 
-def test_a_battery_is_told_in_volts_degrees_and_percent():
+def test_a_battery_is_reported_in_volts_degrees_and_percent():
     od = dictionary((0x6010, 0, T.INTEGER16), (0x6060, 0, T.UNSIGNED32), (0x6081, 0, T.UNSIGNED8))
     found = {each.name: each.value(1024, each.gain({})) for each in battery_signals(od)}
     assert found == {"battery_temperature": 128.0, "battery_voltage": 1.0, "battery_percentage": 1024.0}
 
 
-def test_a_charger_tells_its_state_and_takes_what_a_battery_tells():
+def test_a_charger_reports_its_state_and_takes_what_a_battery_reports():
     od = dictionary(
         (0x6001, 0, T.UNSIGNED8, 0, "ro"),
         (0x6070, 0, T.UNSIGNED16, 0, "rww", True),
@@ -137,7 +137,7 @@ def test_lines_in_groups_of_16_are_those_where_there_are_none_of_8():
     assert "di16" not in names(od)
 
 
-def test_the_number_of_subindices_is_no_line():
+def test_the_number_of_subindices_is_not_a_line():
     od = ObjectDictionary()
     od.add(entry(0x6401, 0, T.UNSIGNED8, 1))
     assert names(od) == {}
@@ -194,5 +194,5 @@ def test_any_object_is_a_signal_by_its_address(name, address, bit, output):
 
 
 @pytest.mark.parametrize("name", ["0x6401:09", "0x1008", "di0", "6401:01", "0x", ""])
-def test_what_is_no_number_of_the_device_is_none(name):
+def test_what_is_not_a_number_of_the_device_is_none(name):
     assert object_signal(MODULE, name) is None

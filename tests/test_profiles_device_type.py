@@ -59,7 +59,7 @@ def test_what_has_a_controlword_and_a_statusword_is_a_drive_whatever_it_calls_it
         ([(0x2000, 0, T.UNSIGNED8)], Profile.NONE),
     ],
 )
-def test_without_a_device_type_the_objects_tell(device_type, objects, profile):
+def test_without_a_device_type_the_objects_report(device_type, objects, profile):
     assert profile_of(dictionary(*objects, device_type=device_type)) is profile
 
 

@@ -26,7 +26,7 @@ def imports_for_types():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_public_name_is_found_and_says_what_it_is(name):
+def test_a_public_name_is_found_and_reports_what_it_is(name):
     found = getattr(canopen_control, name)
     assert found.__name__ == name
     assert (found.__doc__ or "").strip()
@@ -42,7 +42,7 @@ def test_dir_lists_what_is_public():
     assert set(canopen_control.__all__) <= set(dir(canopen_control))
 
 
-def test_a_type_checker_sees_each_name_where_it_is_found():
+def test_a_type_checker_finds_each_name_where_it_is_imported():
     assert imports_for_types() == canopen_control._HOMES
     assert sorted(canopen_control._HOMES) == sorted(NAMES)
 

@@ -103,7 +103,7 @@ def test_starting_and_ending_twice_does_nothing():
 # -- a running one
 
 
-def test_leaving_a_robot_that_runs_elsewhere_lets_it_run(private_folders):
+def test_leaving_a_robot_that_runs_elsewhere_does_not_stop_it(private_folders):
     with running("elsewhere") as own:
         with Robot.attach() as robot:
             assert robot.name == "elsewhere"
@@ -194,7 +194,7 @@ def test_what_is_wrong_with_an_object_is_a_sentence_of_its_kind(robot):
         robot.sdo_download(3, 0x1008, 0, bytes(400_001))
 
 
-def test_events_come_as_they_happen_to_everyone_who_asked(robot):
+def test_events_are_pushed_at_once_to_every_subscriber(robot):
     first, second = robot.events(timeout=5.0), robot.events(timeout=0.1)
     with RobotClient.connect("library") as client, first, second:
         client.ask(PublishEvent(kind="greeting", text="hello"))

@@ -36,7 +36,7 @@ def measured(monkeypatch):
     return measured
 
 
-def test_check_fails_on_a_limit_and_says_which(measured, capsys):
+def test_check_fails_on_a_limit_and_reports_which(measured, capsys):
     assert bench.run(parse()) == 0
     assert bench.run(parse("--check")) == 1
     assert "short: n: 2, must be at most 1" in capsys.readouterr().err

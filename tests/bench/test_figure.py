@@ -18,6 +18,6 @@ def test_without_a_peer_the_median_itself_is_judged():
     assert not limited("rate", "1/s", [3], limit=4, direction=AT_LEAST).good
 
 
-def test_what_is_no_number_is_never_good_and_what_has_no_limit_always():
+def test_what_is_not_a_number_is_never_good_and_what_has_no_limit_always():
     assert not Figure("x", "us", math.nan, limit=1.0).good
     assert Figure("x", "us", math.nan).good

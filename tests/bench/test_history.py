@@ -60,7 +60,7 @@ def str_of(tmp_path):
     return str(now)
 
 
-def test_a_little_slower_is_no_word_worth_and_nor_is_another_machine(tmp_path):
+def test_a_little_slower_is_not_a_word_worth_and_nor_is_another_machine(tmp_path):
     assert slower(tmp_path, compared_report(0.2), compared_report(0.24)) == []
     assert slower(tmp_path, compared_report(0.2), compared_report(0.1)) == []
     for other in ({"machine": "a Pi"}, {"package": "compiled"}, {"processors": "awake"}):

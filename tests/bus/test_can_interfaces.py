@@ -125,7 +125,7 @@ def test_the_machines_own_links_are_readable_json():
     assert all(isinstance(link, CanInterface) for link in list_can_interfaces())
 
 
-def test_a_missing_ip_says_what_to_install():
+def test_a_missing_ip_suggests_what_to_install():
     def run(argv):
         raise FileNotFoundError(2, "No such file or directory")
 
@@ -195,14 +195,14 @@ def test_what_cannot_be_meant_is_one_sentence(name, entry, options, message):
         up_commands(name, link, **options)
 
 
-def test_each_step_is_said_and_run():
+def test_each_step_is_reported_and_run():
     shell, said = Shell(), []
     bring_up("vcan0", said.append, run=shell)
     assert said[-1] == "ip link set vcan0 up   # bring it up"
     assert [line.split("   #")[0] for line in said] == shell.ran
 
 
-def test_nothing_to_do_is_said_too():
+def test_nothing_to_do_is_reported_too():
     shell, said = Shell(VCAN0, CAN0), []
     bring_up("vcan0", said.append, run=shell)
     bring_down("can0", said.append, run=shell)
@@ -239,7 +239,7 @@ def test_taking_an_interface_down():
         bring_down("can5", lambda _line: None, run=shell)
 
 
-def test_without_root_and_sudo_the_commands_to_type_are_said(monkeypatch):
+def test_without_root_and_sudo_the_commands_to_type_are_reported(monkeypatch):
     monkeypatch.setattr(module.os, "geteuid", lambda: 1000)
     monkeypatch.setattr(module.shutil, "which", lambda _name: None)
     shell = Shell(VCAN0 | {"flags": []})

@@ -60,7 +60,7 @@ def proc(tmp_path, monkeypatch):
     return Proc(tmp_path, monkeypatch)
 
 
-def test_processes_are_named_with_what_they_hear_and_others_are_left_out(proc):
+def test_processes_are_named_with_what_they_receive_and_others_are_left_out(proc):
     python = "/usr/bin/python3"
     proc.add(30, ["candump", "-L", "vcan0"], d0=(1, None, None), d3=(69, "CAN_RAW", ("vcan0", -1)))
     proc.add(9, [python, "-P", "-m", "canopen_control", "run", "robby"], d5=(70, "CAN_RAW", ("vcan0", 13)))
@@ -101,7 +101,7 @@ def test_a_process_that_ends_meanwhile_or_is_another_users_is_passed_over(proc, 
     assert find_listeners("vcan0", proc.folder) == []
 
 
-def test_sockets_that_hear_are_counted_once_each_by_the_kernels_receive_lists(proc):
+def test_sockets_that_receive_are_counted_once_each_by_the_kernels_receive_lists(proc):
     lists = {
         "all": ROW.format("vcan0", 0, 0, 0xAA, "raw") + ROW.format("any", 0, 0, 0xBB, "raw"),
         "fil": ROW.format("vcan0", 0x200, 0x700, 0xCC, "raw") + ROW.format("vcan0", 0x123, 0x7FF, 0xCC, "raw"),

@@ -47,7 +47,7 @@ def test_a_virtual_interface_that_counts_twice_is_counted_once_and_has_no_load(c
     assert counters.measure(VCAN0) == {"vcan0": Traffic(200.0, None)}
 
 
-def test_what_is_down_or_goes_away_is_left_out_and_nobody_waits_for_nothing(counters):
+def test_interfaces_that_are_down_or_removed_are_omitted_without_waiting(counters):
     down = CanInterface("can1", "can", is_up=False)
     assert counters.measure(down) == {}
     assert counters.now == 10.0

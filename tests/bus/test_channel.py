@@ -77,7 +77,7 @@ def test_an_unusual_interface_counts_once_it_exists(no_interfaces):
     assert parse_channel("leftarm") == ChannelSpec(ChannelKind.SOCKETCAN, "leftarm")
 
 
-def test_an_interface_that_is_no_can_interface_is_refused(no_interfaces):
+def test_an_interface_that_is_not_a_can_interface_is_refused(no_interfaces):
     (no_interfaces / "eth0").mkdir()
     (no_interfaces / "eth0" / "type").write_text("1\n")
     with pytest.raises(ConfigError, match="eth0"):
@@ -173,5 +173,5 @@ def test_python_can_gets_the_keywords_with_their_types(monkeypatch, text, given)
         ("=can0", ("", "=can0")),
     ],
 )
-def test_the_name_of_a_bus_is_told_from_keywords(text, parts):
+def test_the_name_of_a_bus_is_reported_from_keywords(text, parts):
     assert name_and_channel(text) == parts

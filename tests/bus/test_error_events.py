@@ -14,7 +14,7 @@ from canopen_control.frame import CanFrame, pack_records
 
 
 @pytest.mark.parametrize("row", DRIVER_FRAMES, ids=NAMES)
-def test_what_a_driver_tells_becomes_its_event_and_nothing_else(row):
+def test_what_a_driver_reports_becomes_its_event_and_nothing_else(row):
     events = events_of(row.frame)
     assert tuple(event.kind for event in events) == row.kinds
     if row.counters is not None:
@@ -23,7 +23,7 @@ def test_what_a_driver_tells_becomes_its_event_and_nothing_else(row):
         assert not any("transmit errors" in event.text for event in events), "nobody marked these bytes as counters"
 
 
-def test_a_transmit_overflow_is_told():
+def test_a_transmit_overflow_is_reported():
     (event,) = events_of(CanFrame(0x20000004, bytes.fromhex("0002000000000000")))
     assert event.kind is BusEventKind.OVERRUN
 

@@ -99,7 +99,7 @@ def test_labels_are_unique_and_an_empty_one_becomes_the_process(exchange):
 # Faults
 
 
-def test_a_cut_cable_is_silent_both_ways_and_heals(exchange, trio):
+def test_a_cut_cable_is_silent_in_both_directions_until_it_is_repaired(exchange, trio):
     master, left, right = trio
     exchange.cut("left")
     exchange.receive(left, pack_records([frame(1)]), 0)
@@ -113,13 +113,13 @@ def test_a_cut_cable_is_silent_both_ways_and_heals(exchange, trio):
     assert take(exchange, master) == [frame(3)]
 
 
-def test_a_cut_cable_stays_cut_when_its_process_comes_back(exchange, trio):
+def test_a_cut_cable_stays_cut_when_its_process_returns(exchange, trio):
     exchange.cut("left")
     exchange.leave(trio[1])
     assert exchange.join("left", 99).silent
 
 
-def test_bus_off_is_told_to_the_controller_alone_and_restart_too(exchange, trio):
+def test_bus_off_is_reported_to_the_controller_alone_and_restart_too(exchange, trio):
     master, left, _right = trio
     exchange.bus_off("left")
     assert [f.can_id for f in take(exchange, left)] == [0x20000040]
@@ -180,7 +180,7 @@ def test_a_delay_holds_back_a_bounded_number_and_counts_the_rest(exchange, trio,
     assert (master.lost, exchange.dropped) == (1, 1)
 
 
-def test_clearing_mends_everything_and_tells_those_that_were_bus_off(exchange, trio):
+def test_clearing_repairs_everything_and_reports_those_that_were_bus_off(exchange, trio):
     _master, left, right = trio
     exchange.bus_off("left")
     exchange.cut("right")
@@ -238,7 +238,7 @@ def test_a_wire_that_is_behind_pushes_back_on_its_sender_alone(exchange, trio):
     assert left.rx == BACKLOG_LIMIT + 1
 
 
-def test_ending_the_bit_rate_lets_everything_out(exchange, trio):
+def test_removing_the_bit_rate_sends_everything_at_once(exchange, trio):
     master, left, _right = trio
     exchange.pace(10_000, 0)
     exchange.receive(master, pack_records([frame(n) for n in range(5)]), 0)
@@ -261,7 +261,7 @@ def test_garbage_never_raises(data, paced):
 # --- Who has said what he wants ---
 
 
-def test_who_wants_something_is_left_in_peace_by_all_that_holds_nothing_of_it(exchange, trio):
+def test_a_subscriber_is_not_woken_by_chunks_without_its_frames(exchange, trio):
     master, left, right = trio
     exchange.receive(left, pack_subscription([0x80, 0x202]), 0)
     assert not master.outbox
@@ -273,7 +273,7 @@ def test_who_wants_something_is_left_in_peace_by_all_that_holds_nothing_of_it(ex
     assert take(exchange, master) == [frame(1, 0x183)]
 
 
-def test_frames_with_flags_are_left_to_who_gets_them(exchange, trio):
+def test_frames_with_flags_are_passed_on_unfiltered(exchange, trio):
     master, left, _ = trio
     exchange.receive(left, pack_subscription([0x80]), 0)
     for each in (protocol_error_frame(), CanFrame(0x80000080), CanFrame(0x40000702)):
@@ -281,7 +281,7 @@ def test_frames_with_flags_are_left_to_who_gets_them(exchange, trio):
         assert take(exchange, left) == [each]
 
 
-def test_what_is_wanted_may_come_in_any_split_between_frames(exchange, trio):
+def test_what_is_requested_may_come_in_any_split_between_frames(exchange, trio):
     master, left, right = trio
     stream = pack_records([frame(1)]) + pack_subscription(range(0x80, 0x85)) + pack_records([frame(2)])
     for byte in stream:
@@ -292,7 +292,7 @@ def test_what_is_wanted_may_come_in_any_split_between_frames(exchange, trio):
     assert take(exchange, left) == [frame(0x84, 0x84)]
 
 
-def test_a_paced_wire_knows_what_is_wanted(exchange, trio):
+def test_a_paced_wire_filters_by_requested_identifiers(exchange, trio):
     master, left, _ = trio
     exchange.receive(left, pack_subscription([0x80]), 0)
     exchange.pace(1_000_000, 0)
@@ -319,7 +319,7 @@ def listener(exchange, trio):
     return listener
 
 
-def test_who_asks_for_stamps_gets_one_before_each_chunk_and_the_others_none(exchange, trio, listener):
+def test_a_subscriber_with_stamps_gets_one_before_each_chunk_and_the_others_none(exchange, trio, listener):
     master, left, right = trio
     exchange.receive(master, pack_records([frame(1), frame(2)]), 5 * MS)
     exchange.receive(left, pack_records([frame(3)]), 6 * MS)
@@ -338,7 +338,7 @@ def test_no_chunk_is_stamped_before_the_last_frame_of_the_one_before(exchange, t
     assert times == [MS, MS + 100_000, MS + 150_000]
 
 
-def test_own_frames_come_back_in_their_place_and_say_so(exchange, trio):
+def test_own_frames_return_in_their_place_and_report_this(exchange, trio):
     master, left, _ = trio
     loud = exchange.join("loud", 13)
     exchange.receive(loud, pack_stamp_request(echo=True), 0)

@@ -104,7 +104,7 @@ def test_a_cycle_goes_through_and_comes_out_in_one_piece(bench):
     assert received(left) == [frame(2)]
 
 
-def test_who_asks_for_some_frames_is_not_woken_for_others(bench):
+def test_a_subscriber_is_not_woken_for_other_frames(bench):
     master, left, right = (bench.join(label) for label in ("master", "left", "right"))
     left.set_filter([0x80, 0x202])
     right.send(pack_records([frame(1, 0x183)]))
@@ -141,12 +141,12 @@ def test_the_hub_is_gone_two_seconds_after_the_last_has_left(bench):
     assert list_sockets("bus") == list_sockets("busctl") == []
 
 
-def test_a_hub_that_nobody_joins_is_gone_after_two_seconds(bench):
+def test_a_hub_that_is_not_joined_is_gone_after_two_seconds(bench):
     bench.reactor.run_for(LINGER_NS)
     assert len(bench.ended) == 1
 
 
-def test_who_comes_within_the_two_seconds_keeps_it(bench):
+def test_a_member_that_joins_within_two_seconds_keeps_it(bench):
     bench.join("first").close()
     bench.reactor.run_for(LINGER_NS // 2)
     second = bench.join("second")
@@ -194,7 +194,7 @@ def was_hung_up(sock):
 
 
 @pytest.mark.parametrize("data", [b"GET / HTTP/1.1\r\n" + bytes(60), bytes(HELLO_SIZE)], ids=["http", "zeros"])
-def test_who_does_not_greet_is_shown_the_door(bench, data):
+def test_a_client_without_a_handshake_is_disconnected(bench, data):
     sock = bench.connect()
     sock.sendall(data)
     bench.settle()
@@ -202,7 +202,7 @@ def test_who_does_not_greet_is_shown_the_door(bench, data):
     assert was_hung_up(sock)
 
 
-def test_who_says_nothing_is_dropped_after_a_while_and_kept_nobody_waiting(bench):
+def test_a_silent_client_is_dropped_after_a_timeout_and_delays_no_other(bench):
     silent = bench.connect()
     a, b = bench.join("a"), bench.join("b")
     a.send(pack_records([frame(1)]))
@@ -212,7 +212,7 @@ def test_who_says_nothing_is_dropped_after_a_while_and_kept_nobody_waiting(bench
     assert silent.recv(1) == b""
 
 
-def test_a_crowd_that_says_nothing_keeps_nobody_out(bench):
+def test_many_silent_clients_do_not_block_another_client(bench):
     crowd = []
     for _ in range(70):
         crowd.append(bench.connect())
@@ -221,7 +221,7 @@ def test_a_crowd_that_says_nothing_keeps_nobody_out(bench):
     bench.join("late").close()
 
 
-def test_out_of_descriptors_it_looks_again_later_instead_of_spinning(bench):
+def test_out_of_descriptors_it_retries_later_instead_of_spinning(bench):
     accepted = []
 
     def refuse():
@@ -247,7 +247,7 @@ def test_another_version_is_answered_with_ours(bench):
 
 
 @pytest.mark.rest
-def test_a_stalled_reader_loses_only_its_own_frames_and_learns_how_many(bench):
+def test_a_stalled_reader_loses_only_its_own_frames_and_gets_their_number(bench):
     sender, quick, stalled = (bench.join(label) for label in ("sender", "quick", "stalled"))
     sent = 0
     (member,) = bench.hub.router.labelled("stalled")
@@ -270,7 +270,7 @@ def test_a_stalled_reader_loses_only_its_own_frames_and_learns_how_many(bench):
     assert received(stalled) == [frame(sent)]
 
 
-def test_who_disappears_with_frames_under_way_disturbs_nobody(bench):
+def test_a_member_that_leaves_with_frames_in_transit_does_not_affect_others(bench):
     a, b, c = (bench.join(label) for label in "abc")
     b.close()
     a.send(pack_records([frame(1)]))

@@ -81,7 +81,7 @@ def test_the_hello_names_the_bus_and_the_protocol_of_all_sockets(desk):
     assert desk.hello["hello"]["protocol"] == 2
 
 
-def test_the_status_says_who_is_there_and_what_is_wrong(desk):
+def test_the_status_reports_members_and_problems(desk):
     desk.router.receive(desk.left, pack_records([CanFrame(0x181)] * 3), 0)
     desk.ask("cut", label="right")
     desk.ask("drop", label="left", can_id=0x181, every=2, count=4)
@@ -100,7 +100,7 @@ def test_the_status_says_who_is_there_and_what_is_wrong(desk):
 
 
 @pytest.mark.parametrize(("on", "off", "field"), [("cut", "uncut", "cut"), ("bus_off", "restart", "bus_off")])
-def test_a_label_is_silenced_and_speaks_again(desk, on, off, field):
+def test_a_label_is_silenced_and_sends_again(desk, on, off, field):
     assert desk.ask(on, label="left") == {"result": {}}
     assert desk.left.silent
     assert desk.ask("status")["result"][field] == ["left"]

@@ -57,7 +57,7 @@ def test_one_message_gives_period_and_frame():
     assert struct.calcsize("@IIIllllII0q") == 56, "as on a 64-bit kernel"
 
 
-def test_a_period_is_adjusted_without_a_frame_or_a_count_begun_anew():
+def test_a_period_is_adjusted_without_a_frame_or_a_count_begun_again():
     sock = FakeSocket()
     sync = KernelSync("vcan3", COUNTED, lambda: sock)
     sync.start(10_000)
@@ -67,7 +67,7 @@ def test_a_period_is_adjusted_without_a_frame_or_a_count_begun_anew():
     assert told["flags"] == 0x1, "the timer is set, and goes on"
 
 
-def test_another_period_is_told_to_the_same_socket_which_ends_the_task_when_it_is_closed():
+def test_another_period_is_reported_to_the_same_socket_which_ends_the_task_when_it_is_closed():
     sockets = []
 
     def make():

@@ -122,7 +122,7 @@ def test_a_hub_that_does_not_read_costs_the_oldest_frames_and_they_are_counted(w
     assert len(numbers) + port.stats.lost == count
 
 
-def test_when_the_hub_is_gone_each_verb_says_so_and_an_event_once(wire):
+def test_when_the_hub_is_gone_each_verb_reports_this_and_an_event_once(wire):
     port, hub = wire
     hub.sendall(pack_records([frame(1)]))
     hub.close()
@@ -134,7 +134,7 @@ def test_when_the_hub_is_gone_each_verb_says_so_and_an_event_once(wire):
     assert port.events() == []
 
 
-def test_a_closed_port_says_that_it_was_closed_here(wire):
+def test_a_closed_port_reports_that_it_was_closed_here(wire):
     port, _hub = wire
     port.close()
     port.close()
@@ -242,7 +242,7 @@ def test_a_hub_that_cannot_start_is_one_sentence(runtime):
     listener.close()
 
 
-def test_a_name_that_is_none_is_the_users_mistake(runtime):
+def test_a_name_that_is_none_is_the_users_error(runtime):
     with pytest.raises(ConfigError):
         open_local("../etc")
 
@@ -261,12 +261,12 @@ def test_a_hub_answers(runtime):
     port.close()
 
 
-def test_a_bus_that_nobody_has_open_is_said_to_be_so(runtime):
+def test_a_bus_that_is_not_open_is_reported_to_be_so(runtime):
     with pytest.raises(BusNotOpen, match="bus local:none: no program has it open"):
         ask_hub("none", GetHubStatus())
 
 
-def test_a_hub_of_another_version_is_no_mistake_of_the_request(runtime):
+def test_a_hub_of_another_version_is_not_an_error_of_the_request(runtime):
     reactor = Reactor()
     greet = lambda connection: say(connection, {"hello": {"bus": "old", "protocol": 1, "pid": 5}})  # noqa: E731
     server = json_server(reactor, socket_path("busctl", "old"), greet, lambda *_: None)

@@ -47,7 +47,7 @@ def test_everybody_but_the_sender_receives_in_order(ports):
     assert (a.stats.tx, b.stats.rx) == (2, 3)
 
 
-def test_a_bus_is_found_by_name_as_long_as_somebody_holds_it():
+def test_a_bus_is_found_by_name_as_long_as_a_process_has_it_open():
     port = MemoryBus.get("shared").open("a")
     assert MemoryBus.get("shared") is port.bus
     port.close()
@@ -75,7 +75,7 @@ def test_the_descriptor_is_readable_exactly_while_something_waits(ports):
     b.close()
 
 
-def test_the_history_knows_who_sent_what(bus, ports):
+def test_the_history_records_the_sender_of_each_frame(bus, ports):
     send(ports[0], ONE)
     send(ports[1], TWO)
     assert bus.history == [("a", ONE), ("b", TWO)]
@@ -83,7 +83,7 @@ def test_the_history_knows_who_sent_what(bus, ports):
     assert bus.history == []
 
 
-def test_dropped_frames_reach_nobody_and_are_counted(bus, ports):
+def test_dropped_frames_reach_no_port_and_are_counted(bus, ports):
     bus.drop(lambda label, frame: label == "a" and frame.can_id == TWO.can_id)
     send(ports[0], ONE, TWO)
     send(ports[1], TWO)
@@ -110,7 +110,7 @@ def test_held_frames_arrive_late_and_not_at_their_sender(bus, ports):
     assert received(ports[0]) == []
 
 
-def test_a_cut_port_neither_sends_nor_receives_until_mended(bus, ports):
+def test_a_cut_port_neither_sends_nor_receives_until_repaired(bus, ports):
     a, b, c = ports
     bus.cut("b")
     send(b, ONE)
@@ -123,7 +123,7 @@ def test_a_cut_port_neither_sends_nor_receives_until_mended(bus, ports):
     assert received(a) == [THREE]
 
 
-def test_bus_off_silences_and_tells_the_port_and_restart_brings_it_back(bus, ports):
+def test_bus_off_silences_and_reports_the_port_and_restart_brings_it_back(bus, ports):
     a, b, _c = ports
     bus.bus_off("b")
     assert [frame.is_error for frame in received(b)] == [True]
@@ -144,7 +144,7 @@ def test_an_injected_frame_comes_from_nowhere(bus, ports):
     assert [received(port) for port in ports] == [[ONE]] * 3
 
 
-def test_a_reader_that_stalls_loses_its_own_frames_and_is_told(bus, ports, monkeypatch):
+def test_a_reader_that_stalls_loses_its_own_frames_and_is_reported(bus, ports, monkeypatch):
     monkeypatch.setattr(memory, "QUEUE_LIMIT", 32)
     a, b, c = ports
     for frame in (ONE, TWO, THREE, ONE):
@@ -169,7 +169,7 @@ def test_a_closed_port_is_gone_for_itself_alone(bus, ports):
             verb()
 
 
-def test_when_the_bus_closes_what_waits_is_still_read_and_then_it_is_said(bus, ports):
+def test_when_the_bus_closes_what_waits_is_still_read_and_then_it_is_reported(bus, ports):
     a, b, _c = ports
     fd = a.fileno()
     send(a, ONE)

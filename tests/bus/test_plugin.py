@@ -70,7 +70,7 @@ def test_filters_are_python_cans(port, bus):
     assert bus.recv(TIMEOUT_S).arbitration_id == 0x182
 
 
-def test_own_messages_come_back_in_their_place_as_copies_that_say_so(port):
+def test_own_messages_return_in_their_place_as_copies_that_report_this(port):
     with LocalBus("plug", receive_own_messages=True) as bus:
         port.send(pack_records([CanFrame(1)]))
         assert select.select([bus], [], [], TIMEOUT_S)[0]
@@ -95,7 +95,7 @@ def test_its_descriptor_is_readable_as_long_as_a_message_waits(port, bus):
     assert not select.select([bus], [], [], 0)[0]
 
 
-def test_who_first_asks_for_the_descriptor_while_messages_wait_finds_it_readable(port, bus):
+def test_a_descriptor_requested_while_messages_wait_is_readable(port, bus):
     port.send(pack_records([CanFrame(n) for n in range(3)]))
     assert bus.recv(TIMEOUT_S).arbitration_id == 0
     assert select.select([bus], [], [], 0)[0]

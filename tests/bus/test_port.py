@@ -28,7 +28,7 @@ def test_events_come_once_and_in_order():
     assert log.drain() == []
 
 
-def test_an_owner_who_never_asks_costs_no_memory():
+def test_an_owner_without_requests_uses_no_memory():
     log = BusEventLog()
     for number in range(EVENT_LIMIT + 5):
         log.add(BusEventKind.OVERRUN, str(number))
@@ -51,7 +51,7 @@ def test_the_oldest_whole_frame_is_dropped_and_the_half_sent_one_stays():
 
 
 @given(st.lists(st.tuples(st.integers(0, 12), st.integers(0, 100)), max_size=50), st.integers(1, 10))
-def test_a_reader_sees_whole_frames_in_order_and_every_gap_was_counted(steps, limit):
+def test_a_reader_receives_whole_frames_in_order_and_every_gap_was_counted(steps, limit):
     queue, stream, number, dropped = SendQueue(limit), b"", 0, 0
     for count, taken in steps:
         dropped += queue.put(pack_records([frame(number + n) for n in range(count)]))

@@ -44,7 +44,7 @@ class Knowing:
         return pack_records([ONE] * len(self.told)), [*self.told]
 
 
-def test_a_port_that_knows_better_is_asked_at_once():
+def test_a_port_with_its_own_state_is_asked_at_once():
     port = Knowing([3000])
     arrivals = Arrivals(port, lambda: 99_000)
     assert port.asked == 1
@@ -107,7 +107,7 @@ class Filters:
         self.heard = sorted(can_ids)
 
 
-def test_a_port_that_can_filter_is_told():
+def test_a_port_that_can_filter_is_reported():
     port = Filters()
     set_filter(port, {0x183: "anything", 0x80: "else"})
     assert port.heard == [0x80, 0x183]

@@ -76,7 +76,7 @@ def test_two_names_are_two_buses(pair):
     other.close()
 
 
-def test_a_closed_port_says_so(pair):
+def test_a_closed_port_reports_this(pair):
     pair[0].close()
     pair[0].close()
     assert pair[0].fileno() == -1
@@ -94,7 +94,7 @@ def test_the_writer_sends_in_order(scripted):
     assert port.wants_write is False
 
 
-def test_a_refused_frame_is_tried_again_and_the_trouble_told_once(scripted):
+def test_a_refused_frame_is_tried_again_and_the_trouble_reported_once(scripted):
     bus, port = scripted
     for _ in range(2):
         bus.send_errors.put(can.CanOperationError("transmit buffer full"))
@@ -110,7 +110,7 @@ def test_a_refused_frame_is_tried_again_and_the_trouble_told_once(scripted):
     assert port.stats.lost == 0
 
 
-def test_a_receive_error_is_told_and_reception_goes_on(scripted):
+def test_a_receive_error_is_reported_and_reception_continues(scripted):
     bus, port = scripted
     bus.incoming.put(can.CanOperationError("Network is down", 100))
     assert wait_for_event(port).kind is BusEventKind.DOWN
@@ -131,7 +131,7 @@ def next_event(port):
 
 
 @pytest.mark.parametrize("error", [DriverError("closed by its peer"), ValueError(""), MemoryError()])
-def test_whatever_an_adapter_raises_it_is_down_opened_anew_and_up(error, monkeypatch):
+def test_whatever_an_adapter_raises_it_is_down_opened_again_and_up(error, monkeypatch):
     monkeypatch.setattr("canopen_control.bus.pythoncan._BROKEN_S", {"receive": 0.05, "send": 0.05})
     monkeypatch.setattr("canopen_control.bus.pythoncan._REOPEN_S", (0.01,))
     broken, whole = ScriptedBus(), ScriptedBus()
@@ -171,7 +171,7 @@ def test_what_was_to_be_sent_while_it_was_down_is_lost_and_counted():
     port.close()
 
 
-def test_a_driver_that_hangs_keeps_nobody(monkeypatch):
+def test_a_driver_that_hangs_blocks_no_client(monkeypatch):
     monkeypatch.setattr("canopen_control.bus.pythoncan._SHUTDOWN_S", 0.1)
     forever = threading.Event()
 
@@ -308,7 +308,7 @@ def test_a_clock_of_its_own_is_laid_by_what_was_read_soonest(zero, drift):
 
 
 @pytest.mark.parametrize("zero", [0.000_1, 5000.0])
-def test_a_clock_that_begins_anew_is_laid_anew(zero):
+def test_a_clock_that_restarts_is_laid_again(zero):
     clocks = Clocks(4294.0)
     clocks.stamp(100_000)
     clocks.later(S)

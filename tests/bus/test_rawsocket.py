@@ -25,7 +25,7 @@ def test_a_filter_matches_one_identifier_with_its_flags():
         assert matched == [identifier]
 
 
-def test_what_comes_beside_a_frame_is_found_in_any_order_and_a_stranger_is_passed_over():
+def test_what_comes_alongside_a_frame_is_found_in_any_order_and_a_stranger_is_passed_over():
     stranger = (socket.SOL_SOCKET, 99, b"12345678")
     other_level = (socket.SOL_SOCKET + 1, 35, STAMP[2])
     for ancillary in ([STAMP, LOST], [other_level, LOST, stranger, STAMP]):
@@ -39,5 +39,5 @@ def test_what_comes_beside_a_frame_is_found_in_any_order_and_a_stranger_is_passe
 @pytest.mark.parametrize(
     ("address", "name"), [(("can0",), "can0"), (("vcan12", 3), "vcan12"), ((), ""), (None, ""), ("can0", "")]
 )
-def test_a_frame_says_where_it_is_from(address, name):
+def test_a_frame_reports_where_it_is_from(address, name):
     assert rawsocket.interface_of(address) == name

@@ -108,7 +108,7 @@ def test_every_row_is_a_frame_or_counted(text, frames):
 @pytest.mark.parametrize(
     ("status", "detail"), [("00 00 00 00", "40"), ("00 00 00 02", "01"), ("00 04 00 00", "30"), ("00 04 00 08", "3C")]
 )
-def test_a_status_becomes_what_a_controller_of_linux_would_say(status, detail):
+def test_a_status_becomes_what_a_controller_of_linux_would_report(status, detail):
     text = [*V21.splitlines(keepends=True)[:3], f"      9      1334.231 ST 1         - Rx -  4    {status}\n"]
     [(_, frame)] = read_trc(io.StringIO("".join(text)))
     assert frame == error(0x004, f"00{detail}000000000000")
@@ -275,7 +275,7 @@ def test_a_recording_that_was_cut_is_read_up_to_the_cut(tmp_path, suffix):
 
 @pytest.mark.rest
 @pytest.mark.parametrize("kept", [0.3, 0.6, 0.9])
-def test_a_blf_that_was_cut_says_that_it_ends_in_the_middle(tmp_path, kept):
+def test_a_blf_that_was_cut_reports_that_it_ends_in_the_middle(tmp_path, kept):
     path = tmp_path / "x.blf"
     write(path, PLAIN * 4000)
     whole = path.read_bytes()
@@ -288,7 +288,7 @@ def test_a_blf_that_was_cut_says_that_it_ends_in_the_middle(tmp_path, kept):
 
 
 @pytest.mark.parametrize(("suffix", "size"), [(".blf", 50), (".blf", 150), (".trc", 300)])
-def test_a_recording_that_was_cut_in_its_head_is_no_riddle_either(tmp_path, suffix, size):
+def test_a_recording_that_was_cut_in_its_head_is_not_a_riddle_either(tmp_path, suffix, size):
     path = tmp_path / f"x{suffix}"
     write(path, PLAIN)
     path.write_bytes(path.read_bytes()[:size])
@@ -299,7 +299,7 @@ def test_a_recording_that_was_cut_in_its_head_is_no_riddle_either(tmp_path, suff
 
 
 @pytest.mark.parametrize("suffix", ALL)
-def test_what_is_no_recording_says_so_and_never_raises(tmp_path, suffix):
+def test_what_is_not_a_recording_reports_this_and_never_raises(tmp_path, suffix):
     path = tmp_path / f"x{suffix}"
     path.write_bytes(bytes(range(256)) * 8)
     recording = Recording(path)
@@ -326,7 +326,7 @@ def test_a_packed_recording_is_read_as_an_unpacked_one(tmp_path, suffix):
     assert (recording.skipped, recording.problem) == (0, "")
 
 
-def test_a_log_is_written_packed_where_its_name_says_so(tmp_path):
+def test_a_log_is_written_packed_where_its_name_reports_this(tmp_path):
     path = tmp_path / "x.log.gz"
     with RecordingWriter(path, "can0") as writer:
         for each in stream(PLAIN * 100):
@@ -336,7 +336,7 @@ def test_a_log_is_written_packed_where_its_name_says_so(tmp_path):
     assert [each.frame for each in Recording(path)] == PLAIN * 100
 
 
-def test_a_packed_recording_that_was_cut_says_so(tmp_path):
+def test_a_packed_recording_that_was_cut_reports_this(tmp_path):
     path = tmp_path / "x.log.gz"
     with RecordingWriter(path, "can0") as writer:
         for number in range(20_000):
@@ -354,7 +354,7 @@ def test_a_packed_recording_that_was_cut_says_so(tmp_path):
     ("name", "reason"),
     [("x.blf.gz", "compressed already"), ("x.asc.gz", "written compressed"), ("x.gz", "unknown recording format")],
 )
-def test_what_is_not_written_packed_is_said(tmp_path, name, reason):
+def test_what_is_not_written_packed_is_reported(tmp_path, name, reason):
     with pytest.raises(ConfigError, match=reason):
         RecordingWriter(tmp_path / name)
 
@@ -369,7 +369,7 @@ def test_times_that_are_a_microsecond_apart_stay_apart(tmp_path, suffix):
     assert all(later > earlier for earlier, later in itertools.pairwise(times))
 
 
-def test_the_name_says_the_format(tmp_path):
+def test_the_name_specifies_the_format(tmp_path):
     assert format_of("/a/B.LOG") == ".log"
     with pytest.raises(ConfigError, match=r"\.log, \.asc, \.blf, \.trc"):
         format_of("x.db")
@@ -397,7 +397,7 @@ def test_frames_are_in_the_file_after_a_flush(tmp_path):
 
 @pytest.mark.process
 @pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".trc"])
-def test_a_full_disk_is_said_with_the_file_and_what_is_in_it(tmp_path, suffix):
+def test_a_full_disk_is_reported_with_the_file_and_what_is_in_it(tmp_path, suffix):
     """In a process of its own, whose files may have no more than 100 kB: the kernel refuses as a full disk does."""
     path = tmp_path / f"run{suffix}"
     script = f"""
@@ -441,7 +441,7 @@ ODD = (b"", b"\xff\xff\xff\xff", b"\0\0\0\0", b"-1", b"9" * 5000, b"nan", b"1e99
 
 
 @given(data=st.data())
-def test_whatever_is_changed_in_a_recording_it_is_read_or_said(recordings, tmp_path_factory, data):
+def test_whatever_is_changed_in_a_recording_it_is_read_or_reported(recordings, tmp_path_factory, data):
     suffix = data.draw(st.sampled_from(sorted(recordings)))
     content = bytearray(recordings[suffix])
     for _ in range(data.draw(st.integers(1, 4))):

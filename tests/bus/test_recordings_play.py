@@ -45,7 +45,7 @@ def played(times_ms, name, late=0, speed=1.0, frames=None):
     return result, sent_at, heard
 
 
-def test_frames_are_sent_with_the_spacing_they_were_heard_with():
+def test_frames_are_sent_with_the_spacing_they_were_received_with():
     result, sent_at, heard = played([0, 20, 20, 45], "play")
     assert sent_at == [0, 20, 20, 45]
     assert (result.frames, heard, result.late_max) == (4, 4, 0.0)

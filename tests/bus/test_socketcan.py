@@ -105,7 +105,7 @@ def test_a_batch_is_received_in_one_call_and_sent_frame_by_frame(bench):
     assert bench.kinds() == []
 
 
-def test_what_overflowed_the_receive_buffer_is_counted_and_told_where_it_is_missing(bench):
+def test_what_overflowed_the_receive_buffer_is_counted_and_reported_where_it_is_missing(bench):
     bench.socket.put(ONE)
     bench.socket.put(TWO, overflows=1722)
     bench.socket.put(THREE, overflows=1722)
@@ -135,7 +135,7 @@ def test_eagain_makes_frames_wait_until_the_descriptor_is_writable(bench):
     assert bench.port.wants_write is False
 
 
-def test_a_queue_that_stays_full_drops_the_oldest_and_says_so(bench):
+def test_a_queue_that_stays_full_drops_the_oldest_and_reports_this(bench):
     bench.socket.refusals = [failure(errno.ENOBUFS)] * 3
     bench.port.send(pack_records([ONE] * SEND_LIMIT))
     bench.send(TWO, THREE)
@@ -147,14 +147,14 @@ def test_a_queue_that_stays_full_drops_the_oldest_and_says_so(bench):
     assert bench.socket.sent[-2:] == [TWO, THREE]
 
 
-def test_a_frame_that_the_kernel_finds_wrong_stops_nobody(bench):
+def test_a_frame_that_the_kernel_rejects_stops_no_client(bench):
     bench.socket.refusals = [failure(errno.EINVAL)]
     bench.send(ONE, TWO)
     assert bench.socket.sent == [TWO]
     assert bench.port.stats.lost == 1
 
 
-def test_a_down_interface_is_told_once_loses_what_is_sent_and_is_told_up_again(bench):
+def test_a_down_interface_is_reported_once_loses_what_is_sent_and_is_reported_up_again(bench):
     bench.socket.incoming = [failure(errno.ENETDOWN)]
     bench.socket.refusals = [failure(errno.ENETDOWN)] * 2
     assert bench.received() == []
@@ -169,7 +169,7 @@ def test_a_down_interface_is_told_once_loses_what_is_sent_and_is_told_up_again(b
     assert bench.kinds() == [BusEventKind.UP]
 
 
-def test_an_interface_that_only_listens_notices_it_is_up_by_the_first_frame(bench):
+def test_a_listen_only_interface_is_reported_up_with_the_first_frame(bench):
     bench.socket.incoming = [failure(errno.ENETDOWN)]
     bench.received()
     bench.socket.put(ONE)
@@ -200,7 +200,7 @@ def test_an_unplugged_adapter_is_bound_again_when_it_is_back(bench, number):
     assert bench.port.stats.lost == 5
 
 
-def test_an_interface_that_is_removed_is_told_as_gone_although_it_went_down_first(bench):
+def test_an_interface_that_is_removed_is_reported_as_gone_although_it_went_down_first(bench):
     bench.socket.incoming = [failure(errno.ENETDOWN), failure(errno.ENODEV), failure(errno.ENODEV)]
     for _ in range(3):
         bench.received()
@@ -214,7 +214,7 @@ def filters(bench):
     return [*struct.iter_unpack("=II", bench.socket.options[101, 1])]
 
 
-def test_the_kernel_is_told_which_identifiers_are_wanted_and_only_when_they_change(bench):
+def test_the_kernel_is_reported_with_which_identifiers_are_requested_and_only_when_they_change(bench):
     bench.port.set_filter([0x703, 0x80, 0x40000703, 0x90000001])
     assert filters(bench) == [
         (0x80, 0xC00007FF),
@@ -229,7 +229,7 @@ def test_the_kernel_is_told_which_identifiers_are_wanted_and_only_when_they_chan
     assert filters(bench) == []
 
 
-def test_the_wanted_identifiers_are_wanted_of_the_interface_made_again_too(bench):
+def test_the_requested_identifiers_are_requested_of_the_interface_made_again_too(bench):
     bench.port.set_filter([0x703])
     del bench.socket.options[101, 1]
     bench.socket.incoming = [failure(errno.ENODEV)]
@@ -242,7 +242,7 @@ def test_the_wanted_identifiers_are_wanted_of_the_interface_made_again_too(bench
     assert filters(bench) == [(0x703, 0xC00007FF)]
 
 
-def test_who_only_listens_hears_the_interface_made_again_by_its_first_frame(bench):
+def test_a_listen_only_port_detects_a_recreated_interface_by_its_first_frame(bench):
     bench.socket.incoming = [failure(errno.ENETDOWN), failure(errno.ENODEV)]
     bench.received()
     bench.received()
@@ -258,7 +258,7 @@ def test_who_only_listens_hears_the_interface_made_again_by_its_first_frame(benc
     assert bench.port.stats.rx == 3
 
 
-def test_an_interface_that_is_heard_and_gone_again_before_it_is_bound_is_waited_for_again(bench):
+def test_an_interface_that_is_received_and_gone_again_before_it_is_bound_is_waited_for_again(bench):
     bench.socket.incoming = [failure(errno.ENODEV)]
     bench.received()
     bench.socket.bind_errors = [failure(errno.ENODEV)]
@@ -319,7 +319,7 @@ def test_more_identifiers_than_the_kernel_can_choose_are_all_of_eleven_bits(benc
 
 
 @pytest.mark.parametrize("row", DRIVER_FRAMES, ids=NAMES)
-def test_what_a_driver_tells_is_an_event_of_the_port_and_stays_among_the_records(bench, row):
+def test_what_a_driver_reports_is_an_event_of_the_port_and_stays_among_the_records(bench, row):
     bench.socket.put(ONE, row.frame, TWO)
     assert bench.received() == [ONE, row.frame, TWO]
     assert tuple(bench.kinds()) == row.kinds
@@ -457,7 +457,7 @@ def test_any_other_failure_is_a_bus_error(sysfs):
         open_socketcan("can0", make_socket=lambda: sock, network_class=sysfs.root)
 
 
-def test_a_closed_port_is_closed_once_and_says_so(bench):
+def test_a_closed_port_is_closed_once_and_reports_this(bench):
     bench.port.close()
     bench.port.close()
     assert bench.socket.closed == 1

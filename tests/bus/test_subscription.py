@@ -24,7 +24,7 @@ from canopen_control.frame import RECORD_SIZE, CanFrame, pack_records
 
 
 @given(st.integers(0, 2**32 - 1), st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=80))
-def test_a_greeting_comes_back_with_its_label_cut_between_characters(pid, label):
+def test_a_greeting_returns_with_its_label_cut_between_characters(pid, label):
     hello = parse_hello(pack_hello(pid, label))
     assert (hello.version, hello.pid) == (VERSION, pid)
     fitting = max(end for end in range(len(label) + 1) if len(label[:end].encode()) <= LABEL_SIZE)
@@ -32,7 +32,7 @@ def test_a_greeting_comes_back_with_its_label_cut_between_characters(pid, label)
 
 
 @given(st.binary(min_size=HELLO_SIZE, max_size=HELLO_SIZE))
-def test_garbage_is_no_greeting(data):
+def test_garbage_is_not_a_greeting(data):
     assert (parse_hello(data) is None) is (data[:8] != MAGIC)
 
 
@@ -45,7 +45,7 @@ FRAME = pack_records([CanFrame(0x181, b"\xff" * 8)])
 
 
 @given(st.sets(st.integers(0, 0xFFFFFFFF), max_size=50))
-def test_what_is_asked_for_is_what_is_heard(can_ids):
+def test_what_is_asked_for_is_what_is_received(can_ids):
     wanted = Subscription()
     assert wanted.take(FRAME + pack_subscription(can_ids) + FRAME) == FRAME * 2
     assert wanted.ids == can_ids
@@ -62,7 +62,7 @@ def test_nothing_changes_before_the_last_identifier_is_there():
     assert wanted.ids == {0x80}
 
 
-def test_who_asks_for_more_than_can_be_kept_hears_everything():
+def test_a_subscription_with_too_many_identifiers_receives_everything():
     wanted = Subscription()
     wanted.take(pack_subscription(range(5000)))
     assert wanted.ids is None
@@ -71,7 +71,7 @@ def test_who_asks_for_more_than_can_be_kept_hears_everything():
 NOTHING = Chunk(0, own=False, records=b"")
 
 
-def test_stamps_and_own_frames_are_asked_for_beside_identifiers():
+def test_stamps_and_own_frames_are_asked_for_alongside_identifiers():
     wanted = Subscription()
     assert (wanted.stamps, wanted.echoes) == (False, False)
     assert wanted.take(pack_stamp_request() + FRAME + pack_subscription([0x80])) == FRAME
@@ -87,7 +87,7 @@ def test_frames_are_parted_at_their_stamps():
     assert [stamp for part in parts for stamp in part.stamps] == [0, 5000, 6000, 7000, 9000]
 
 
-def test_a_chunk_that_comes_in_two_readings_goes_on_in_time():
+def test_a_chunk_that_comes_in_two_readings_continues_in_time():
     *_, last = chunks_of(own_stamp(pack_stamp(5000)) + FRAME * 2, NOTHING)
     assert list(chunks_of(FRAME + pack_stamp(9000) + FRAME, last)) == [(7000, True, FRAME), (9000, False, FRAME)]
     *_, last = chunks_of(pack_stamp(5000), last)
@@ -95,7 +95,7 @@ def test_a_chunk_that_comes_in_two_readings_goes_on_in_time():
 
 
 @given(st.lists(st.one_of(st.integers(1, 2**62), st.binary(min_size=8, max_size=8)), max_size=30))
-def test_any_data_and_any_times_are_told_apart(things):
+def test_any_data_and_any_times_are_distinguished(things):
     data, frames = b"", b""
     for each in things:
         record = pack_records([CanFrame(0x181, each)]) if isinstance(each, bytes) else b""

@@ -17,7 +17,7 @@ def path(direction=Direction.CCW):
 
 
 @pytest.mark.rest
-def test_it_drives_a_square_and_tells_where_it_ended_by_odometry_and_in_truth(floor):
+def test_it_drives_a_square_and_reports_where_it_ended_by_odometry_and_in_truth(floor):
     bench, client, link = floor("link", track=1.02)
     driven = link.drive(path())
     assert driven.odometry == pytest.approx((0.0, 0.0, math.tau), abs=0.05)
@@ -40,7 +40,7 @@ def test_both_directions_of_an_ideal_robot_mirror_on_the_whole_stack(tmp_path):
     assert (ccw.truth[0], ccw.truth[1]) == pytest.approx((cw.truth[0], -cw.truth[1]), abs=1e-4)  # whole counts
 
 
-def test_the_wheels_are_told_with_the_limits_and_can_be_set(floor):
+def test_the_wheels_are_reported_with_the_limits_and_can_be_set(floor):
     _, _, link = floor("values")
     values = link.wheel_values()
     assert (values.separation, values.factors) == (0.24, (1.0, 1.0, 1.0))
@@ -91,7 +91,7 @@ def test_a_program_that_was_suspended_does_not_drive_on(floor, monkeypatch):
     assert client.twists[-1] == (0.0, 0.0)
 
 
-def test_a_robot_that_tells_nothing_ends_it(floor):
+def test_a_robot_that_reports_nothing_ends_it(floor):
     _, client, link = floor("mute")
     client.messages = lambda _timeout=None: iter(())
     with pytest.raises(ControlError, match="has sent nothing for 1 s"):
@@ -127,7 +127,7 @@ def reading(name, state="active", offers=(WHEEL_CALIBRATION,)):
     return ControllerReading(name=name, type="x/Y", state=state, offers=offers)
 
 
-def test_the_base_is_the_one_that_is_wanted_or_the_only_one():
+def test_the_base_is_the_one_that_is_requested_or_the_only_one():
     others = (reading("arm", offers=()), reading("old", "inactive"))
     assert choose_base((*others, reading("base")), None).name == "base"
     assert choose_base((reading("base"), reading("other")), "other").name == "other"
@@ -146,7 +146,7 @@ def test_the_base_is_the_one_that_is_wanted_or_the_only_one():
         ((reading("base", "inactive"),), None, "base is inactive; activate it: .* --activate base, with --deactivate"),
     ],
 )
-def test_where_there_is_none_or_a_choice_it_says_what_to_do(controllers, wanted, words):
+def test_where_there_is_none_or_a_choice_it_suggests_what_to_do(controllers, wanted, words):
     with pytest.raises(ConfigError, match=words):
         choose_base(controllers, wanted)
 

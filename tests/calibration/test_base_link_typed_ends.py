@@ -22,7 +22,7 @@ def test_whatever_is_typed_is_two_finite_numbers_or_a_sentence(text):
         assert all(map(math.isfinite, parse_end(text)))
 
 
-def test_who_types_nonsense_is_asked_again():
+def test_an_invalid_answer_is_asked_for_again():
     answers, told = iter(["", "1", "nan 2", "0.01 -0.02"]), []
     ends = TypedEnds(lambda _prompt: next(answers), told.append)
     ends.before("run 1")
@@ -31,7 +31,7 @@ def test_who_types_nonsense_is_asked_again():
     assert ["is not an end" in each for each in told[1:]] == [True, True]
 
 
-def test_who_has_left_ends_it():
+def test_a_client_that_leaves_ends_it():
     def gone(_prompt):
         raise EOFError
 
@@ -57,7 +57,7 @@ def test_a_file_gives_its_ends_in_order(tmp_path):
         (None, "cannot be read"),
     ],
 )
-def test_mistakes_of_a_file_are_told_before_anything_moves(tmp_path, text, words):
+def test_errors_of_a_file_are_reported_before_anything_moves(tmp_path, text, words):
     path = tmp_path / "ends.txt"
     if text is not None:
         path.write_text(text)

@@ -43,7 +43,7 @@ def test_values_that_are_there_are_changed_and_nothing_else(tmp_path):
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_values_that_are_not_there_are_put_beside_the_wheels(tmp_path, end):
+def test_values_that_are_not_there_are_put_alongside_the_wheels(tmp_path, end):
     text = (HEAD + "base:\n  ros__parameters:\n    # the wheels\n    wheel_separation: 0.24\n    x: 1").replace(
         "\n", end
     )
@@ -73,7 +73,7 @@ def test_bundled_robots_files_can_be_copied(tmp_path):
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values=st.fixed_dictionaries(dict.fromkeys(NAMES, st.floats(0.5, 2.0))), given_one=st.booleans())
-def test_whatever_the_values_are_the_copy_says_them(tmp_path, values, given_one):
+def test_whatever_the_values_are_the_copy_reports_them(tmp_path, values, given_one):
     more = "\n    right_wheel_radius_multiplier: 1.0" if given_one else ""
     text = HEAD + f"base:\n  ros__parameters:\n    left_wheel_names: [l]{more}\n"
     written(tmp_path, text, values)
@@ -82,13 +82,13 @@ def test_whatever_the_values_are_the_copy_says_them(tmp_path, values, given_one)
         assert config.params.flat.get(name).value == pytest.approx(value, rel=1e-8)
 
 
-def test_a_controller_that_is_not_there_is_told(tmp_path):
+def test_a_controller_that_is_not_there_is_reported(tmp_path):
     (tmp_path / "a.yaml").write_text(HEAD + "base: {ros__parameters: {wheel_radius: 1.0}}\n")
     with pytest.raises(ConfigError, match=r"a.yaml has no controller 'bass'.*base"):
         write_corrected(tmp_path / "a.yaml", tmp_path / "b.yaml", "bass", VALUES)
 
 
-def test_a_value_that_is_no_number_is_told_with_its_place(tmp_path):
+def test_a_value_that_is_not_a_number_is_reported_with_its_place(tmp_path):
     (tmp_path / "a.yaml").write_text(HEAD + f"base: {{ros__parameters: {{wheel_radius: 1.0, {LEFT}: true}}}}\n")
     for work in (
         lambda: write_corrected(tmp_path / "a.yaml", tmp_path / "b.yaml", "base", VALUES),
@@ -108,7 +108,7 @@ def test_the_file_itself_is_never_written(tmp_path):
         write_corrected(path, tmp_path / "none" / "a.yaml", "base", VALUES)
 
 
-def test_values_of_a_params_file_are_told_to_stand_there(tmp_path):
+def test_values_of_a_params_file_are_commanded_to_stand_there(tmp_path):
     (tmp_path / "more.yaml").write_text("base: {ros__parameters: {left_wheel_radius_multiplier: 1.0}}\n")
     (tmp_path / "a.yaml").write_text(
         "controller_manager: {ros__parameters: {base: {type: diff_drive_controller/DiffDriveController, "
@@ -119,13 +119,13 @@ def test_values_of_a_params_file_are_told_to_stand_there(tmp_path):
     assert not (tmp_path / "b.yaml").exists()
 
 
-def test_a_base_that_names_no_wheels_is_told_what_to_write(tmp_path):
+def test_a_base_that_names_no_wheels_is_reported_with_what_to_write(tmp_path):
     (tmp_path / "a.yaml").write_text(HEAD)
     with pytest.raises(ConfigError, match=r"write wheel_separation_multiplier: 1.0175 by hand"):
         write_corrected(tmp_path / "a.yaml", tmp_path / "b.yaml", "base", VALUES)
 
 
-def test_a_layout_in_which_one_value_is_said_for_two_is_refused_and_no_copy_is_left(tmp_path):
+def test_a_layout_in_which_one_value_is_reported_for_two_is_refused_and_no_copy_is_left(tmp_path):
     text = HEAD + (
         "base:\n  ros__parameters:\n    left_wheel_radius_multiplier: &one 1.0\n"
         "    right_wheel_radius_multiplier: *one\n    wheel_radius: 1.0\n"

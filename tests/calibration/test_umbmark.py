@@ -180,6 +180,6 @@ def test_a_pose_seen_from_another_one_is_where_it_was(start, way):
     assert relative(end, start) == pytest.approx(way, abs=1e-9)
 
 
-def test_factors_go_on_top_of_those_in_use():
+def test_factors_continue_top_of_those_in_use():
     assert WheelFactors(1.1, 1.0, 2.0).after(WheelFactors(2.0, 0.5, 3.0)) == WheelFactors(2.2, 0.5, 6.0)
     assert Correction(1.0, 1.0, 0.0, None).factors == WheelFactors()

@@ -55,7 +55,7 @@ class Floor:
         return Driven((0.0, 0.0, sign * math.tau), (x, y, sign * math.tau))
 
 
-def test_what_is_no_gain_is_told_and_the_old_values_are_given_back():
+def test_what_is_not_a_gain_is_reported_and_the_old_values_are_given_back():
     base = Floor((0.05, 0.01), (0.05, -0.01), (0.06, 0.02), (0.06, -0.02))
     with pytest.raises(
         ControlError, match=r"63\.2 mm with the corrected values and was 51\.0 mm before: .*not an improvement"
@@ -87,7 +87,7 @@ def test_ends_that_cannot_be_end_it_before_anything_is_changed():
     assert base.set == []
 
 
-def test_measured_ends_count_less_what_odometry_said():
+def test_measured_ends_count_less_what_odometry_reported():
     base = Floor((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
     ends = FiledEnds([(0.05, 0.02), (0.05, -0.02), (0.001, 0.0), (0.001, 0.0)], lambda _: None)
     outcome = calibrate(base, ends, CalibrationPlan(), lambda _: None)
@@ -95,18 +95,18 @@ def test_measured_ends_count_less_what_odometry_said():
     assert outcome.gain == pytest.approx(math.hypot(50, 20))
 
 
-def test_a_simulation_that_tells_no_pose_is_told():
+def test_a_simulation_that_reports_no_pose_is_reported():
     with pytest.raises(ControlError, match="run 1: the simulation has reported no true pose"):
         TrueEnds(lambda _: None).end("run 1", Driven((0.0, 0.0, 0.0)))
 
 
-def test_the_pace_is_what_the_controllers_limits_let_through():
+def test_the_pace_is_limited_by_the_controllers_limits():
     limits = WheelValues(0.24, (1.0, 1.0, 1.0), 0.1, 0.5, 0.25, 0.5)
     assert fitting_pace(Pace(), limits) == Pace(0.1, 0.5, 0.2, 0.4)
     assert fitting_pace(Pace(), WheelValues(0.24, (1.0, 1.0, 1.0))) == Pace()
 
 
-def test_a_plan_says_how_much_it_drives_and_needs():
+def test_a_plan_reports_how_much_it_drives_and_needs():
     plan = CalibrationPlan(side=1.0, runs=5, passes=2)
     assert plan.squares == 30
     assert plan.seconds == pytest.approx(30 * 40, rel=0.15)

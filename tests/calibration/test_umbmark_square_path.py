@@ -92,13 +92,13 @@ def test_a_side_that_is_begun_askew_is_steered_back():
     assert path.twist((0.1, -0.02, 0.0), 0.5)[1] > 0.0
 
 
-def test_a_base_that_does_not_move_is_told():
+def test_a_base_that_does_not_move_is_reported():
     path, base = SquarePath(1.0, Direction.CCW, Pace()), Base(deaf=True)
     with pytest.raises(ControlError, match=r"does not move as it is commanded: .* s at side 1 of the square"):
         drive(path, base)
 
 
-def test_a_base_that_does_not_come_to_rest_is_told():
+def test_a_base_that_does_not_come_to_rest_is_reported():
     path = SquarePath(1.0, Direction.CCW, Pace())
     path.twist((0.0, 0.0, 0.0), 0.0)
     path.twist((1.0, 0.0, 0.0), 5.0)
@@ -117,7 +117,7 @@ def test_an_encoder_that_changes_by_a_count_at_rest_does_not_keep_it():
 
 
 @pytest.mark.parametrize("pose", [(1.5, 0.0, 0.0), (0.5, -0.4, 0.0), (math.nan, 0.0, 0.0)])
-def test_a_base_that_is_somewhere_else_is_told(pose):
+def test_a_base_that_is_somewhere_else_is_reported(pose):
     path = SquarePath(1.0, Direction.CCW, Pace())
     path.twist((0.0, 0.0, 0.0), 0.0)
     with pytest.raises(ControlError, match="has left the square of 1 m"):

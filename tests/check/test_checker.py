@@ -36,7 +36,7 @@ def test_every_bundled_robot_may_be_run(name):
     assert report.passes(), texts(report, Severity.ERROR)
 
 
-def test_mistakes_of_all_three_files_are_found_together_and_each_once(tmp_path):
+def test_errors_of_all_three_files_are_found_together_and_each_once(tmp_path):
     config = copy_robby(
         tmp_path,
         bus={"node_id: 3": "node_id: 300", "sync_period: 20000": "sync_perriod: 20000"},
@@ -52,7 +52,7 @@ def test_mistakes_of_all_three_files_are_found_together_and_each_once(tmp_path):
     assert not report.passes()
 
 
-def test_a_link_that_stands_twice_is_told_with_its_place(tmp_path):
+def test_a_link_that_occurs_twice_is_reported_with_its_place(tmp_path):
     config = copy_robby(tmp_path, description={"</robot>": '  <link name="base_link"/>\n</robot>'})
     (told,) = [each for each in check(config).findings if "is defined twice" in each.text]
     assert (told.severity, told.column) == (Severity.ERROR, 3)
@@ -73,7 +73,7 @@ def test_a_file_that_cannot_be_read_is_named_once(tmp_path, monkeypatch, name):
         assert errors[0].count(name) == 1
 
 
-def test_a_mistake_of_bus_yml_is_shown_with_its_line_and_a_caret(tmp_path):
+def test_an_error_of_bus_yml_is_shown_with_its_line_and_a_caret(tmp_path):
     report = check(copy_robby(tmp_path, bus={"node_id: 3": "node_id: 300"}))
     finding = next(each for each in report.findings if each.severity is Severity.ERROR)
     lines = (tmp_path / "robby" / "bus.yml").read_text().splitlines()
@@ -94,7 +94,7 @@ def report(tmp_path, name, controllers=None):
 
 
 @pytest.mark.parametrize("name", ["baudrate_and_rpdo_inhibit", "identity_keys"])
-def test_keys_that_ros2_canopen_takes_are_no_warning(tmp_path, name):
+def test_keys_that_ros2_canopen_takes_are_not_warning(tmp_path, name):
     checked = check(report(tmp_path, name))
     assert checked.passes(strict=True), checked.findings
 
@@ -106,7 +106,7 @@ def test_pdos_that_are_off_may_be_missing_in_the_eds(tmp_path):
     assert all("the node's own" in each for each in told), told
 
 
-def test_keys_with_the_wrong_names_are_told_the_right_ones(tmp_path):
+def test_keys_with_wrong_names_are_reported_with_the_right_ones(tmp_path):
     path = tmp_path / "r"
     shutil.copytree(REPORTS / "misnamed_keys", path)
     errors = texts(check(path), Severity.ERROR)
@@ -127,7 +127,7 @@ def test_keys_with_the_wrong_names_are_told_the_right_ones(tmp_path):
 
 
 @pytest.mark.parametrize("path", sorted((REPORTS / "yaml_wild").iterdir()), ids=lambda path: path.stem)
-def test_wildcards_and_nested_namespaces_of_parameter_files_are_no_warning(tmp_path, path):
+def test_wildcards_and_nested_namespaces_of_parameter_files_are_not_warning(tmp_path, path):
     checked = check(report(tmp_path, "yaml_wild", path))
     assert checked.passes(strict=True), checked.findings
 
@@ -216,7 +216,7 @@ def test_several_buses_are_checked_each_for_itself_and_together(tmp_path):
     assert sum("a node named left_drive is also in" in error for error in errors) == 1
 
 
-def test_peer_merge_and_the_difference_to_it_are_told(tmp_path):
+def test_peer_merge_and_the_difference_to_it_are_reported(tmp_path):
     changed = {"  left_drive:\n    node_id: 3\n": "  left_drive:\n    node_id: 3\n    heartbeat_producer: 50\n"}
     config = copy_robby(tmp_path, bus=changed)
     (ours,) = texts(check(config), Severity.WARNING)
@@ -251,7 +251,7 @@ def test_a_robot_on_drives_needs_one(tmp_path):
     assert check(config, mock=True).passes()
 
 
-def test_a_description_that_names_another_bus_file_tells_it_and_no_lack_of_interfaces(tmp_path):
+def test_a_description_that_names_another_bus_file_reports_it_and_no_lack_of_interfaces(tmp_path):
     config = without_bus(tmp_path, "robby")  # a fork of ros2_canopen renamed its bus.yml to bus.yaml
     named = tmp_path / "config" / "bus.yml"
     named.parent.mkdir()
@@ -268,7 +268,7 @@ def test_a_description_that_names_another_bus_file_tells_it_and_no_lack_of_inter
     ]
 
 
-def test_a_start_tells_every_warning_of_the_check_and_no_note(tmp_path):
+def test_a_start_reports_every_warning_of_the_check_and_no_note(tmp_path):
     config = copy_robby(tmp_path, bus={"polling: false": "polling: false\n  foo_bar: 1"})
     shutil.copy(REPORTS.parent / "tutorials" / "gazebo_diff_drive.yaml", config / "ros2_controllers.yaml")
     wanted = [each for each in check(config).findings if each.severity is Severity.WARNING]

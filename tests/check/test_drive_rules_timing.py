@@ -31,7 +31,7 @@ def arm(folder, **edits):
 
 
 @pytest.mark.parametrize("kind", [254, 255])
-def test_set_points_that_act_on_arrival_are_told_where_the_type_stands(tmp_path, kind):
+def test_set_points_that_act_on_arrival_are_reported_with_where_the_type_stands(tmp_path, kind):
     told = warnings(arm(tmp_path, bus=(RPDO_TYPE, f"      transmission: {kind}\n")))
     assert len(told) == 1, "it stands once, in `defaults`"
     assert re.match(
@@ -44,7 +44,7 @@ def test_set_points_that_act_on_arrival_are_told_where_the_type_stands(tmp_path,
 
 @pytest.mark.rest
 @pytest.mark.parametrize("who", ["kernel", "other"])
-def test_a_cycle_that_comes_half_a_period_behind_the_sync_of_others_is_told(tmp_path, who):
+def test_a_cycle_that_comes_half_a_period_behind_the_sync_of_others_is_notified(tmp_path, who):
     keys = f"sync_period: 20000\n  sync_producer: {who}\n  sync_order: last"
     (told,) = warnings(arm(tmp_path, bus=("sync_period: 20000", keys)))
     assert "bus.yml:" in told
@@ -54,7 +54,7 @@ def test_a_cycle_that_comes_half_a_period_behind_the_sync_of_others_is_told(tmp_
     assert warnings(arm(tmp_path / "b", bus=("sync_period: 20000", keys.replace("last", "first")))) == []
 
 
-def test_positions_that_are_sent_for_several_syncs_are_told(tmp_path):
+def test_positions_that_are_sent_for_several_syncs_are_reported(tmp_path):
     told = warnings(arm(tmp_path, controllers=("update_rate: 50 ", "update_rate: 25 ")))
     (text,) = [each for each in told if "is sent" in each]
     assert "each position of joint_1, joint_2" in text
@@ -62,13 +62,13 @@ def test_positions_that_are_sent_for_several_syncs_are_told(tmp_path):
     assert re.match(r".*ros2_controllers\.yaml:\d+: warning", text)
 
 
-def test_rates_that_are_no_whole_multiples_are_told_with_both_ways_out(tmp_path):
+def test_rates_that_are_not_whole_multiples_are_reported_with_both_ways_out(tmp_path):
     told = warnings(arm(tmp_path, controllers=("update_rate: 50 ", "update_rate: 20 ")))
     (text,) = [each for each in told if "integer fraction" in each]
     assert "controllers run on one of 2 SYNCs, at 25 Hz; set update_rate: 25, or sync_period: 25000" in text
 
 
-def test_feedback_that_an_inhibit_time_holds_back_is_told_where_it_stands(tmp_path):
+def test_feedback_that_an_inhibit_time_holds_back_is_reported_with_where_it_stands(tmp_path):
     slow = TPDO_2.replace("0x01", "255") + "      inhibit_time: 300\n"
     told = [each for each in warnings(arm(tmp_path, bus=(TPDO_2, slow))) if "inhibit" in each]
     assert len(told) == 1, told
@@ -78,7 +78,7 @@ def test_feedback_that_an_inhibit_time_holds_back_is_told_where_it_stands(tmp_pa
     assert not any("is sent every" in each for each in warnings(arm(tmp_path / "2", bus=(TPDO_2, quick))))
 
 
-def test_an_interpolation_period_that_is_not_syncs_is_told_where_it_stands(tmp_path):
+def test_an_interpolation_period_that_is_not_syncs_is_reported_with_where_it_stands(tmp_path):
     told = warnings(arm(tmp_path, bus=("sub_index: 1, value: 20} ", "sub_index: 1, value: 10} ")))
     assert "bus.yml:20:7: warning: defaults.sdo[1]: 0x60C2 is 10 * 10^-3 s, but the SYNC period 0.02 s" in told[0]
 
@@ -92,7 +92,7 @@ def test_an_interpolation_period_that_is_not_syncs_is_told_where_it_stands(tmp_p
         ("event_deadline: 0", ""),
     ],
 )
-def test_a_deadline_that_a_late_cycle_misses_is_told_where_it_stands(tmp_path, key, told):
+def test_a_deadline_that_a_late_cycle_misses_is_reported_with_where_it_stands(tmp_path, key, told):
     report = check_robot(find_robot(str(arm(tmp_path, bus=(RPDO_TYPE, f"      {key}\n{RPDO_TYPE}")))), CheckOptions())
     found = [str(each) for each in report.findings if "EMCY 0x8250" in str(each)]
     assert len(found) == bool(told), found
@@ -103,7 +103,7 @@ def test_a_deadline_that_a_late_cycle_misses_is_told_where_it_stands(tmp_path, k
 
 
 @pytest.mark.parametrize(("kind", "seconds"), [(5, ""), (6, "0.12"), (240, "4.8"), (255, "")])
-def test_feedback_on_one_of_many_syncs_is_told(tmp_path, kind, seconds):
+def test_feedback_on_one_of_many_syncs_is_reported(tmp_path, kind, seconds):
     config = arm(tmp_path, bus=(TPDO_2, TPDO_2.replace("0x01", str(kind))))
     told = [each for each in warnings(config) if "SYNCs" in each]
     assert len(told) == bool(seconds)

@@ -9,7 +9,7 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.urdf.description import read_description
 
 
-def test_a_finding_is_told_with_its_place_its_weight_and_its_fix():
+def test_a_finding_is_reported_with_its_place_its_weight_and_its_fix():
     assert str(Finding("bus.yml", 7, Severity.WARNING, "it is late", "start earlier")) == (
         "bus.yml:7: warning: it is late; start earlier"
     )

@@ -61,7 +61,7 @@ def told(tmp_path, text, files=None, name="base.launch"):
         ),
     ],
 )
-def test_a_mistake_is_told_with_its_line_and_the_way_out(tmp_path, old, new, line, message):
+def test_an_error_is_reported_with_its_line_and_the_remedy(tmp_path, old, new, line, message):
     assert old in GOOD
     (text,) = told(tmp_path, GOOD.replace(old, new))
     assert text == f"base.launch:{line}: {message}"
@@ -121,7 +121,7 @@ def test_yaml_is_read_too(tmp_path):
     assert "base.launch.yaml:1" in told_text
 
 
-def test_what_is_no_xml_or_python_is_told(tmp_path):
+def test_what_is_not_a_xml_or_python_is_reported(tmp_path):
     (text,) = told(tmp_path, "<launch>")
     assert re.match(r"base\.launch:1: error: .*no element found", text)
     (text,) = told(tmp_path, "import launch", name="base.launch.py")
@@ -148,7 +148,7 @@ def of_python(folder, old="", new=""):
     return [each.removeprefix(here) for each in found(files, launch=path, notes=True) if each.startswith(here)]
 
 
-def test_what_a_file_in_python_declares_and_starts_is_told_in_notes(tmp_path):
+def test_what_a_file_in_python_declares_and_starts_is_reported_in_notes(tmp_path):
     texts = [re.sub(r"^\d+: note: ", "", each) for each in of_python(tmp_path)]
     assert texts == [
         "argument mock: default 'false'",
@@ -169,7 +169,7 @@ def test_what_a_file_in_python_declares_and_starts_is_told_in_notes(tmp_path):
         '"--controller-ros-args", "-r /controller/topic:=/cmd vel"',
     ],
 )
-def test_the_value_of_an_option_of_a_spawner_is_no_controller(tmp_path, more):
+def test_the_value_of_an_option_of_a_spawner_is_not_a_controller(tmp_path, more):
     texts = of_python(tmp_path, '"robby_forward_controller"', f'"robby_forward_controller", {more}')
     assert any(each.endswith("starts controller_manager/spawner of robby_forward_controller") for each in texts)
     assert not any("error" in each for each in texts)
@@ -189,6 +189,6 @@ def test_the_value_of_an_option_of_a_spawner_is_no_controller(tmp_path, more):
         ('PACKAGE = "robby_bringup"', "PACKAGE = name()", "note: a command is computed, and unknown without running"),
     ],
 )
-def test_a_mistake_of_a_file_in_python_has_its_line(tmp_path, old, new, message):
+def test_an_error_of_a_file_in_python_has_its_line(tmp_path, old, new, message):
     (text,) = [each for each in of_python(tmp_path, old, new) if message in each]
     assert re.match(r"\d+: ", text)

@@ -62,12 +62,12 @@ def test_a_pass_is_kept_found_and_replaced(tmp_path):
         ({"left_drive": 3, "right_drive": None}, "right_drive does not answer"),
     ],
 )
-def test_another_drive_is_no_pass(tmp_path, serials, reason):
+def test_another_drive_is_not_a_pass(tmp_path, serials, reason):
     setup = setup_of(copy_robby(tmp_path))
     assert reason in explain(setup, PreflightRecord(config_hash(setup), SERIALS), serials)
 
 
-def test_no_pass_and_changed_files_are_told_apart(tmp_path):
+def test_no_pass_and_changed_files_are_distinguished(tmp_path):
     setup = setup_of(copy_robby(tmp_path))
     assert "has not passed" in explain(setup, None, SERIALS)
     assert "files have changed" in explain(setup, PreflightRecord("0", SERIALS), SERIALS)
@@ -120,7 +120,7 @@ def test_serial_numbers_are_asked_of_the_drives(private_folders):
 
 
 @pytest.mark.usefixtures("private_folders")
-def test_a_joint_that_is_only_measured_is_no_doubt(tmp_path, monkeypatch):
+def test_a_joint_that_is_only_measured_is_not_a_doubt(tmp_path, monkeypatch):
     setup = setup_of(with_measured_joint(tmp_path))
     monkeypatch.setattr(preflight_record, "read_serials", lambda _setup: SERIALS)
     save_record(setup, SERIALS, JOINTS)

@@ -63,7 +63,7 @@ def test_a_controller_that_is_not_due_does_not_hold_the_joint_up():
     assert command.value == -1.0
 
 
-def test_a_joint_that_has_not_followed_starts_anew_where_it_is():
+def test_a_joint_that_has_not_followed_restarts_where_it_is():
     registry, cap = capped(["position"], position=0.0)
     command, here = registry.of("position"), registry.state("position")
     for _ in range(100):
@@ -86,7 +86,7 @@ def test_without_a_controller_or_a_command_nothing_is_made_up():
     assert command.value == 4.0
 
 
-def test_a_joint_of_which_nobody_knows_where_it_is_stays():
+def test_a_joint_at_an_unknown_position_stays():
     registry, cap = capped(["position"], position=math.nan)
     command = registry.of("position")
     command.value = 1.0

@@ -25,7 +25,7 @@ def test_nothing_is_wrong_with_a_bundled_robot(name):
     assert found(find_robot(name)) == []
 
 
-def test_what_a_ros_1_file_says_in_other_words_is_noted_once_each():
+def test_what_a_ros_1_file_specifies_in_other_words_is_noted_once_each():
     files = find_robot("mobile_base_ros1")
     findings = find(
         files, read_bus(files.bus), read_controllers(files.controllers), read_description(files.description)
@@ -226,7 +226,7 @@ def test_an_update_rate_below_the_sync(name, tmp_path):
     assert not any("controllers run at" in each for each in found(files, notes=True))
 
 
-def test_what_is_published_more_often_than_anybody_asks_for_is_told(tmp_path):
+def test_what_is_published_more_often_than_anybody_asks_for_is_reported(tmp_path):
     states = "JointStateBroadcaster\n"
     edits = {"update_rate: 50": "update_rate: 500", states: f"{states}      update_rate: 250\n"}
     files = changed(tmp_path, "robby", bus={"sync_period: 20000": "sync_period: 2000"}, controllers=edits)
@@ -257,7 +257,7 @@ PLUGINS = {
 
 
 @pytest.mark.parametrize("name", PLUGINS)
-def test_a_plugin_that_nobody_has(name, tmp_path):
+def test_an_unknown_plugin(name, tmp_path):
     old, new = PLUGINS[name]
     (text,) = found(changed(tmp_path, name, description={old: new}))
     assert re.fullmatch(
@@ -266,7 +266,7 @@ def test_a_plugin_that_nobody_has(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_gazebo_plugin_with_a_typing_mistake(name, tmp_path):
+def test_a_gazebo_plugin_with_a_typing_error(name, tmp_path):
     tag = '  <gazebo><plugin name="control" filename="libgazebo_ros_contol.so"/></gazebo>\n</robot>'
     files = changed(tmp_path, name, description={"</robot>": tag})
     line = line_of(files, "description", "libgazebo")
@@ -279,7 +279,7 @@ def test_a_gazebo_plugin_with_a_typing_mistake(name, tmp_path):
 
 
 @pytest.mark.parametrize("sensor", ["ft_sensor", "contact", "camera"])
-def test_another_gazebo_plugin_is_no_typing_mistake(sensor, tmp_path):
+def test_another_gazebo_plugin_is_not_a_typing_error(sensor, tmp_path):
     tag = f'  <gazebo><plugin name="sensor" filename="libgazebo_ros_{sensor}.so"/></gazebo>\n</robot>'
     assert found(changed(tmp_path, "robby", description={"</robot>": tag})) == []
 
@@ -302,7 +302,7 @@ def test_a_key_that_is_unknown_or_repeated(name, tmp_path):
     assert re.match(r"ros2_controllers\.yaml:\d+:\d+: warning: .*duplicate key '\w+' \(first at line \d+\)", told)
 
 
-def test_a_name_for_all_nodes_that_no_controller_has_is_told_where_one_has_nearly(tmp_path):
+def test_a_name_for_all_nodes_that_no_controller_has_is_reported_with_where_one_has_nearly(tmp_path):
     block = "/**:\n  ros__parameters: {comand_timeout: 1.0, other_nodes: 1}\n"
     (told,) = found(changed(tmp_path, "robby", controllers={"controller_manager:\n": block + "controller_manager:\n"}))
     assert "'comand_timeout'; did you mean 'command_timeout'?" in told
@@ -340,13 +340,13 @@ def errors(files, **how):
     return [each for each in found(files, **how) if ": error: " in each]
 
 
-def test_a_plugin_that_nobody_knows_is_no_mistake_where_an_option_overrules_it(tmp_path):
+def test_a_plugin_that_is_unknown_is_not_an_error_where_an_option_overrules_it(tmp_path):
     files = changed(tmp_path, "robby", description={"canopen_ros2_control/": "other_ros2_control/"})
     assert "no hardware plugin 'other_ros2_control/RobotSystem'" in errors(files)[0]
     assert errors(files, mock=True) == errors(files, real=True) == []
 
 
-def test_a_type_that_nobody_knows_matters_where_its_controller_is_started(tmp_path):
+def test_an_unknown_type_is_an_error_only_if_its_controller_is_started(tmp_path):
     files = changed(tmp_path, "robby", controllers={"diff_drive_controller/": "other_controller/"})
     (told,) = found(files)
     assert "warning: controller robby_base_controller: unknown type 'other_controller/DiffDriveController'" in told
@@ -359,7 +359,7 @@ def test_a_type_that_nobody_knows_matters_where_its_controller_is_started(tmp_pa
         assert "controller robby_base_controller: unknown type 'other_controller/DiffDriveController'" in started[0]
 
 
-def test_a_mistake_of_a_controller_that_waits_is_a_warning_where_another_one_is_chosen(tmp_path):
+def test_an_error_of_a_controller_that_waits_is_a_warning_where_another_one_is_chosen(tmp_path):
     files = changed(tmp_path, "robby", controllers={"[left_wheel_joint]": "[left_whel_joint]"})
     assert "joint 'left_whel_joint' is not in" in errors(files)[0]
     for how in ({"controllers": ["robby_forward_controller"]}, {"mock": True}):
@@ -377,7 +377,7 @@ def test_a_joint_may_have_its_interfaces_in_two_tags(tmp_path):
     assert found(changed(tmp_path, "diffbot_sim", description={"</robot>": sensor})) == []
 
 
-def test_a_gpio_that_names_no_device_is_told(tmp_path):
+def test_a_gpio_that_names_no_device_is_reported(tmp_path):
     anchor = '    <xacro:drive side="right"/>'
     part = f'{anchor}\n    <gpio name="lamps"><state_interface name="di0"/></gpio>'
     files = changed(tmp_path, "robby", description={anchor: part})

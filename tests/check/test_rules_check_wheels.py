@@ -103,7 +103,7 @@ def test_a_wheel_size_that_is_missing(name, tmp_path):
     )
 
 
-def test_a_wheel_size_that_nobody_knows_is_an_error(tmp_path):
+def test_a_wheel_size_that_is_unknown_is_an_error(tmp_path):
     files = changed(tmp_path, "mobile_base_ros1")
     text = re.sub(r"<(visual|collision)>.*?</\1>", "", files.description.read_text(), flags=re.DOTALL)
     files.description.write_text(text)

@@ -73,7 +73,7 @@ def test_a_joint_with_the_name_of_its_node_is_named_once():
         ({0x6085: 0}, math.inf, "0x6085 is unknown"),
     ],
 )
-def test_the_drive_stops_as_its_option_codes_say_when_the_master_is_lost(objects, ramp, by):
+def test_the_drive_stops_according_to_its_option_code_when_the_master_is_lost(objects, ramp, by):
     found = case("master", objects=OBJECTS | objects)
     assert (found.ramp_s, found.by) == (ramp, by)
 
@@ -83,7 +83,7 @@ def test_without_a_deceleration_the_master_ramps_half_a_second():
     assert (found.ramp_s, found.by) == (0.5, "the master's ramp")
 
 
-def test_a_stop_that_nothing_bounds_says_what_does_not():
+def test_a_stop_that_nothing_bounds_reports_what_does_not():
     assert stop_time(facts(objects=OBJECTS | {0x6007: 0})).words == (
         "stop of left_wheel (left_drive): no limit if the master is silent: 0x6007 is 0, a reaction without a ramp"
     )

@@ -22,5 +22,5 @@ def test_every_code_has_a_text_of_its_own(code):
     assert sum(other.text == code.text for other in AbortCode) == 1
 
 
-def test_a_vendors_code_is_said_to_be_unknown():
+def test_a_vendors_code_is_reported_to_be_unknown():
     assert abort_text(0x12345678) == "unknown code"

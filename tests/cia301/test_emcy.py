@@ -106,7 +106,7 @@ def test_a_report_is_taken_back_at_once(text):
     assert (producer.error_register, producer.active, producer.history) == (0, (), (code,))
 
 
-def test_a_report_of_what_is_active_already_says_and_clears_nothing():
+def test_a_report_of_what_is_active_already_reports_and_clears_nothing():
     producer = EmcyProducer(3)
     producer.raise_error(0x8110, COMMUNICATION, 0)
     producer.frames()
@@ -156,7 +156,7 @@ class Line(RuleBasedStateMachine):
 TestOneTruth = Line.TestCase
 
 
-def test_a_consumer_forgets_what_a_later_error_shows_gone():
+def test_a_consumer_clears_errors_that_a_later_emcy_shows_as_gone():
     consumer = EmcyConsumer(3)
     for text in ("083#1082110000000000", "083#1042090000000000"):  # 0x8210 with bit 4, then 0x4210 without it
         consumer.receive(frame(text), 0)
@@ -185,7 +185,7 @@ def test_an_error_without_any_bit_stays_until_an_error_reset():
     assert consumer.active == ()
 
 
-def test_a_cleared_error_says_what_remains():
+def test_a_cleared_error_reports_what_remains():
     producer = EmcyProducer(3)
     producer.raise_error(0x8611, PROFILE, 0)
     producer.raise_error(0x8130, COMMUNICATION, 0)
@@ -257,7 +257,7 @@ def test_waiting_messages_are_dropped_where_the_state_carries_none():
     assert producer.next_deadline() is None
 
 
-def test_the_cob_id_can_be_moved_and_reset_forgets_all():
+def test_the_cob_id_can_be_changed_and_reset_clears_all():
     producer = EmcyProducer(3, inhibit_ns=100)
     producer.cob_id = 0x90
     producer.raise_error(0x1000, 1, 0)

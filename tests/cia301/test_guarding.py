@@ -47,7 +47,7 @@ def test_answers_alternate_their_toggle_bit_from_zero():
     assert slave.frames() == [frame("703#05")]
 
 
-def test_master_and_slave_understand_each_other():
+def test_master_and_slave_are_compatible():
     master, slave = guarding(), operational_slave()
     for now in range(0, 1000, 100):
         master.tick(now)
@@ -61,7 +61,7 @@ def test_master_and_slave_understand_each_other():
     assert master.state_of(3) is NmtState.STOPPED
 
 
-def test_a_silent_node_is_lost_after_its_life_time_and_comes_back():
+def test_a_silent_node_is_lost_after_its_life_time_and_returns():
     master = guarding()
     master.receive(frame("703#05"), 50)
     master.tick(349)
@@ -73,7 +73,7 @@ def test_a_silent_node_is_lost_after_its_life_time_and_comes_back():
     assert kinds(master) == [KIND.RESOLVED, KIND.CHANGED]
 
 
-def test_a_wrong_toggle_bit_is_told_and_is_no_sign_of_life():
+def test_a_wrong_toggle_bit_is_reported_and_is_not_a_sign_of_life():
     master = guarding()
     master.receive(frame("703#05"), 0)
     master.receive(frame("703#05"), 100)
@@ -150,7 +150,7 @@ def test_a_node_that_was_running_before_it_was_guarded_begins_with_either_toggle
     assert kinds(master) == [KIND.STARTED]
 
 
-def test_nobody_is_lost_for_not_being_asked_nor_for_an_answer_that_waited():
+def test_no_node_is_lost_without_a_request_or_for_a_queued_answer():
     master = guarding()
     master.receive(frame("703#05"), 0)
     master.postpone(1000)

@@ -106,7 +106,7 @@ def test_monitoring_starts_with_the_first_heartbeat_and_not_with_the_boot_up():
     assert consumer.next_deadline() == 10**12 + 100 * MS
 
 
-def test_a_changed_state_is_told_once():
+def test_a_changed_state_is_reported_once():
     consumer = watching()
     for text in ("703#7F", "703#05", "703#05"):
         consumer.receive(frame(text), 0)
@@ -114,7 +114,7 @@ def test_a_changed_state_is_told_once():
     assert consumer.state_of(3) is NmtState.OPERATIONAL
 
 
-def test_silence_is_told_once_at_the_nanosecond_and_resolved_by_the_next_heartbeat():
+def test_silence_is_reported_once_at_the_nanosecond_and_resolved_by_the_next_heartbeat():
     consumer = watching(100)
     consumer.receive(frame("703#05"), 1000)
     consumer.tick(1099)
@@ -172,14 +172,14 @@ def test_a_toggled_zero_is_neither_boot_up_nor_heartbeat():
     assert (consumer.events(), consumer.unknown, consumer.age_ns(3, 5)) == ([], 1, None)
 
 
-def test_remote_and_foreign_frames_are_not_heard():
+def test_remote_and_foreign_frames_are_not_received():
     consumer = watching()
     for text in ("703#R1", "700#05", "780#05", "083#05"):
         consumer.receive(frame(text), 0)
     assert (consumer.events(), consumer.malformed) == ([], 0)
 
 
-def test_unwatched_nodes_are_known_and_their_boot_up_is_told():
+def test_unwatched_nodes_are_known_and_their_boot_up_is_reported():
     consumer = HeartbeatConsumer()
     consumer.receive(frame("70A#05"), 0)
     consumer.receive(frame("70A#00"), 10)
@@ -198,7 +198,7 @@ def test_unwatching_ends_the_supervision_and_is_a_no_op_twice():
     assert kinds(consumer) == [KIND.STARTED]
 
 
-def test_watching_what_is_no_node_is_refused_and_changes_nothing():
+def test_watching_what_is_not_a_node_is_refused_and_changes_nothing():
     consumer = watching()
     for node_id, timeout in ((0, 1), (128, 1), (3, -1)):
         with pytest.raises(LocalProtocolError):
@@ -218,7 +218,7 @@ def test_a_heartbeat_that_waited_for_a_late_reader_is_none_that_came_late():
 @pytest.mark.parametrize("states", [(0x05, 0x05, 0x05), (0x00, 0x05, 0x05), (0x7F, 0x05, 0x05, 0x7F, 0x05)])
 @pytest.mark.parametrize("times", [(0, 50, 120, 190, 260), (0, 50, 150, 200, 260), (0, 50, 151, 400, 401)])
 @pytest.mark.parametrize("waited", [0, 60])
-def test_a_heartbeat_that_only_goes_on_changes_what_taking_it_in_full_would(states, times, waited):
+def test_a_heartbeat_that_only_continues_changes_what_taking_it_in_full_would(states, times, waited):
     quick, full = watching(), watching()
     for state, time in zip(states, times, strict=False):
         now, since = time * MS, None if not waited else max(0, time - waited) * MS
@@ -236,7 +236,7 @@ def test_a_heartbeat_that_only_goes_on_changes_what_taking_it_in_full_would(stat
             consumer.tick(now + 30 * MS)
 
 
-def test_only_a_watched_node_in_time_and_in_its_state_goes_on():
+def test_only_a_watched_node_in_time_and_in_its_state_continues():
     consumer = watching()
     assert not consumer.record_unchanged(3, NmtState.OPERATIONAL, 0)
     consumer.receive(CanFrame(0x703, b"\x05"), 0)

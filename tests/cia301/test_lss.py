@@ -269,7 +269,7 @@ def test_selective_switching_and_identification():
     assert [request.result for request in requests] == [None, True, False]
 
 
-def test_a_scan_of_an_empty_bus_finds_nobody_after_one_question():
+def test_a_scan_of_an_empty_bus_finds_no_node_after_one_request():
     master = LssMaster(scan_timeout_ns=20 * MS)
     request = master.fast_scan()
     assert len(questions(master)) == 1
@@ -340,7 +340,7 @@ def test_a_refusal_is_an_error_with_its_reason(answer, reason):
     assert reason in str(request.error)
 
 
-def test_answers_nobody_waits_for_are_counted():
+def test_answers_without_a_pending_request_are_counted():
     master = LssMaster()
     master.receive(FRAMES_OF_MASTER["answer ok"], 0)
     request = master.store()

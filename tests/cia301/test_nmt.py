@@ -107,7 +107,7 @@ def test_boot_sends_the_boot_up_and_enters_pre_operational():
     assert (slave.frames(), slave.next_deadline()) == ([], None)
 
 
-def test_a_self_starting_node_goes_on_to_operational():
+def test_a_self_starting_node_continues_to_operational():
     slave = NmtSlave(3, self_starting=True)
     slave.boot()
     assert slave.state is NmtState.OPERATIONAL
@@ -123,14 +123,14 @@ def test_every_state_obeys_every_command_to_its_node_and_to_all(state, command):
         assert slave.state is TRANSITIONS[state, command]
 
 
-def test_a_command_to_another_node_is_not_heard():
+def test_a_command_to_another_node_is_not_received():
     slave = slave_in(NmtState.PRE_OPERATIONAL)
     slave.receive(nmt_frame(NmtCommand.START, 4), 0)
     slave.receive(frame("080#0103"), 0)
     assert (slave.state, slave.malformed, slave.ignored) == (NmtState.PRE_OPERATIONAL, 0, 0)
 
 
-def test_an_initialising_node_hears_nothing():
+def test_an_initialising_node_receives_nothing():
     slave = NmtSlave(3)
     slave.receive(nmt_frame(NmtCommand.START), 0)
     assert (slave.state, slave.ignored, slave.events()) == (NmtState.INITIALISING, 1, [])
@@ -149,7 +149,7 @@ def test_a_reset_asks_the_owner_and_boots_again(command):
     assert slave.frames() == [frame("703#00")]
 
 
-def test_a_command_to_the_reached_state_tells_nothing():
+def test_a_command_to_the_reached_state_reports_nothing():
     slave = slave_in(NmtState.OPERATIONAL)
     slave.command(NmtCommand.START)
     assert slave.events() == []
@@ -166,7 +166,7 @@ def test_services_by_state():
     assert NmtSlave(3).allows(CommunicationService.BOOT_UP)
 
 
-def test_a_heartbeat_of_the_wanted_state_confirms_the_command():
+def test_a_heartbeat_of_the_requested_state_confirms_the_command():
     master = NmtMaster(retry_ns=1500 * MS)
     master.command(NmtCommand.START, 3, 0)
     assert master.frames() == [frame("000#0103")]
@@ -213,7 +213,7 @@ def test_a_broadcast_is_confirmed_by_the_named_nodes_and_repeated_to_the_silent_
     assert master.pending(2) is None
 
 
-def test_a_cancelled_wait_tells_nothing_and_foreign_frames_are_ignored():
+def test_a_cancelled_wait_reports_nothing_and_foreign_frames_are_ignored():
     master = NmtMaster()
     master.command(NmtCommand.START, 3, 0)
     master.receive(frame("703#"), 0)

@@ -180,7 +180,7 @@ def test_a_stopped_or_invalid_pdo_is_silent():
     assert Device(243).change(1, 1) == []
 
 
-def test_starting_again_forgets_the_past():
+def test_starting_again_clears_the_history():
     device = Device(2)
     device.tpdo.sync(1)
     device.tpdo.stop()
@@ -234,14 +234,14 @@ def test_a_synchronous_rpdo_is_held_until_the_next_sync_and_the_newest_counts(tr
     assert rpdo.received == 2
 
 
-def test_short_data_are_dropped_and_told():
+def test_short_data_are_dropped_and_reported():
     rpdo = running()
     rpdo.receive(frame("203#0F00"), 0)
     assert rpdo.events() == [RpdoEvent(KIND.TOO_SHORT, length=2)]
     assert (rpdo.short, rpdo.received, EMCY_OF[KIND.TOO_SHORT]) == (1, 0, 0x8210)
 
 
-def test_of_long_data_the_mapped_part_counts_and_the_rest_is_told():
+def test_of_long_data_the_mapped_part_counts_and_the_rest_is_reported():
     rpdo = running()
     rpdo.receive(frame("203#0F00030405"), 0)
     assert rpdo.events() == [
@@ -251,7 +251,7 @@ def test_of_long_data_the_mapped_part_counts_and_the_rest_is_told():
     assert (rpdo.long, EMCY_OF[KIND.TOO_LONG]) == (1, 0x8220)
 
 
-def test_the_deadline_starts_with_the_first_data_and_is_told_once():
+def test_the_deadline_starts_with_the_first_data_and_is_reported_once():
     rpdo = running(event_timer_ms=10)
     assert rpdo.next_deadline() is None
     rpdo.receive(frame("203#0F0003"), 0)
@@ -289,7 +289,7 @@ def test_an_invalid_rpdo_is_deaf(settings):
     assert rpdo.events() == []
 
 
-def test_stopping_forgets_held_data_and_deadline():
+def test_stopping_clears_held_data_and_deadline():
     rpdo = running(1, event_timer_ms=1)
     rpdo.receive(frame("203#0F0003"), 0)
     rpdo.stop()
@@ -320,7 +320,7 @@ def test_new_parameters_and_length_count_at_once():
         (1, "010203", {"enabled": False}),
     ],
 )
-def test_what_is_held_without_a_look_is_what_would_be_held_after_one(kind, data, settings):
+def test_an_unchecked_frame_gives_the_same_result_as_a_checked_one(kind, data, settings):
     looked, held = running(kind, **settings), running(kind, **settings)
     looked.receive(frame(f"203#{data}"), 0)
     usual = kind == 1 and data == "010203" and not settings
@@ -333,7 +333,7 @@ def test_what_is_held_without_a_look_is_what_would_be_held_after_one(kind, data,
     assert (held.received, held.events()) == (looked.received, looked.events())
 
 
-def test_nothing_is_held_without_a_look_after_a_wrong_length_or_before_the_start():
+def test_no_frame_is_applied_unchecked_after_a_wrong_length_or_before_the_start():
     rpdo = running(1)
     rpdo.receive(frame("203#0102"), 0)
     assert not rpdo.hold(b"123")
@@ -505,7 +505,7 @@ def test_any_mapping_agrees_with_a_string_of_bits(fields, data):
 
 
 @given(mappings(), st.binary(min_size=8, max_size=8))
-def test_any_data_come_back_but_for_the_bits_nobody_mapped(fields, data):
+def test_any_data_round_trips_except_for_unmapped_bits(fields, data):
     one = codec(*fields)
     used = (1 << one.bits) - 1
     again = int.from_bytes(one.pack(one.unpack(data)), "little")

@@ -198,14 +198,14 @@ def test_an_answer_about_another_object_is_counted_and_changes_nothing(phase, co
 
 @PHASES
 @pytest.mark.parametrize("command", [0x4F, 0x41, 0x60, 0x80, 0xA4, 0xC6])
-def test_what_comes_before_the_request_has_left_is_no_answer_to_it(phase, command):
+def test_what_comes_before_the_request_has_left_is_not_an_answer_to_it(phase, command):
     exchange = waiting(phase, sent=False)
     exchange.receive(bytes((command, 0x00, 0x20, 0, 1, 0, 0, 0)), 1)
     assert (exchange.ignored, type(exchange.phase).__name__, len(exchange.out)) == (1, phase, 1)
 
 
 @given(st.sampled_from(list(REQUESTS)), st.lists(st.binary(min_size=1, max_size=8), max_size=12))
-def test_whatever_the_server_sends_the_request_ends_once_or_goes_on_with_a_deadline(phase, answers):
+def test_whatever_the_server_sends_the_request_ends_once_or_continues_with_a_deadline(phase, answers):
     exchange = waiting(phase)
     for now, answer in enumerate(answers):
         if now % 2:  # about the object that was asked for
@@ -266,7 +266,7 @@ class TestTimeouts:
         client.tick(HALF)
         assert said(client)[0] == "603#8064601200000405"
 
-    def test_after_the_last_try_the_error_says_who_and_where(self, client):
+    def test_after_the_last_try_the_error_names_node_and_step(self, client):
         request = client.read(0x6064, now=0)
         client.frames()
         client.tick(HALF)
@@ -380,7 +380,7 @@ class TestMatching:
         assert request.error.code == AbortCode.GENERAL_ERROR
 
     @pytest.mark.parametrize("answer", ["583#", "583#80", "583#806460", "583#8064600002"])
-    def test_a_cut_abort_is_no_answer_and_raises_nothing(self, client, answer):
+    def test_a_cut_abort_is_not_an_answer_and_raises_nothing(self, client, answer):
         """In the `canopen` package it is a struct.error."""
         request = client.read(0x6064, now=0)
         client.frames()
@@ -432,7 +432,7 @@ class TestQueue:
         client.cancel(request, BusClosed("vcan0"))
         assert said(client) == []
 
-    def test_cancelling_one_lets_the_next_go_and_quarantines_its_object(self, client):
+    def test_cancelling_one_starts_the_next_and_quarantines_its_object(self, client):
         first, second, third = client.read(0x2000), client.read(0x2000), client.read(0x2001)
         client.frames()
         client.cancel(first, BusClosed("vcan0"))
@@ -618,7 +618,7 @@ class TestLengths:
             assert request.error.code == AbortCode.OUT_OF_MEMORY
             assert said(client) == ["603#8008100005000405"]
 
-    def test_one_that_does_not_say_its_size_is_stopped_at_the_limit(self):
+    def test_one_that_does_not_report_its_size_is_stopped_at_the_limit(self):
         client = SdoClient(NODE, options=SdoOptions(max_size=10))
         request = client.read(0x1008, block=False, now=0)
         client.frames()
@@ -633,7 +633,7 @@ class TestLengths:
         client.write(0x6040, 0, b"\6\0", now=0)
         assert said(client) == ["603#2240600006000000"]
 
-    def test_an_answer_that_is_no_upload_at_all_ends_it(self, client):
+    def test_an_answer_that_is_not_a_upload_at_all_ends_it(self, client):
         request = client.read(0x6041, now=0)
         client.frames()
         hear(client, "583#5E41600040060000")

@@ -294,7 +294,7 @@ def test_a_run_keeps_the_transfer_alive():
     assert client.next_deadline() == 800 * MS
 
 
-def test_without_a_block_transfer_there_are_no_runs():
+def test_without_a_block_transfer_there_are_not_runs():
     client, server = SdoClient(NODE), SdoServer(NODE, MemoryStore())
     records = pack_records(segments(20))
     assert (client.receive_records(records, 0, 0), server.receive_records(records, 0, 0)) == (0, 0)

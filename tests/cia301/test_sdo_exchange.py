@@ -189,7 +189,7 @@ def test_the_abort_of_a_cancelled_transfer_leaves_although_the_next_is_cancelled
     assert [str(one) for one in client.frames()] == ["603#8000200000000008"]
 
 
-def test_segments_that_nobody_wants_any_more_do_not_leave():
+def test_segments_that_is_not_needed_any_more_do_not_leave():
     client = SdoClient(NODE)
     client.write(0x2000, 0, bytes(800), block=True, now=0)
     client.frames()
@@ -358,7 +358,7 @@ def test_a_block_of_a_program_that_was_refused_is_not_sent_again_and_the_next_ti
     assert (client.retried, client.block_supported) == (0, True)
 
 
-def test_a_server_that_knows_no_blocks_gets_a_program_in_segments():
+def test_a_server_without_block_transfer_gets_a_program_in_segments():
     client = SdoClient(5, timeout_ns=100, retries=1)
     request = client.write(0x1F50, 1, bytes(2000), block=True, now=0)
     client.frames()

@@ -87,7 +87,7 @@ def test_our_client_moves_any_length_on_their_server(length, block):
 @pytest.mark.parametrize(
     ("index", "subindex", "code"), [(0x3000, 0, 0x06020000), (0x2002, 0, 0x06010002), (0x2001, 0, 0x06070010)]
 )
-def test_our_client_understands_their_aborts(index, subindex, code):
+def test_our_client_decodes_their_aborts(index, subindex, code):
     pair = TheirServer()
     request = pair.run(pair.client.write(index, subindex, b"\1\2\3\4"))
     assert request.error.code == code
@@ -115,7 +115,7 @@ def test_their_client_uses_our_block_transfer(length, crc, block_size):
     assert pair.initiates >= {0xC2, 0xA0}  # without the CRC bit
 
 
-def test_their_client_understands_our_aborts():
+def test_their_client_decodes_our_aborts():
     pair = TheirClient()
     with pytest.raises(canopen.SdoAbortedError) as missing:
         pair.sdo.upload(0x3000, 0)

@@ -105,7 +105,7 @@ def assert_usable(client, server, now):
         assert (written.error, read.error, read.data) == (None, None, b"new value")
 
 
-def test_nobody_fetches_the_servers_answers_and_it_does_not_grow():
+def test_unfetched_answers_of_the_server_do_not_accumulate():
     server = SdoServer(NODE, MemoryStore({(0x2000, 0): b"\1"}))
     for number in range(5000):
         server.receive(CanFrame(0x600 + NODE, bytes((0x40, 0, 0x20, number & 0xFF, 0, 0, 0, 0))), 0)
@@ -260,7 +260,7 @@ def test_two_callers_interleave_a_thousand_requests_without_an_error():
     assert (client.ignored, client.retried, client.waiting) == (0, 0, 0)
 
 
-def test_time_does_not_run_away_when_nobody_answers():
+def test_time_does_not_advance_without_an_answer():
     client = SdoClient(NODE)
     request = client.read(0x2000, 0, now=0)
     steps = 0

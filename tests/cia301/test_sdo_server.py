@@ -46,7 +46,7 @@ def test_a_frame_of_another_length_is_counted_and_not_answered(device, request_)
         ("603#2701200007080900", None, b"\7\x08\x09"),
     ],
 )
-def test_an_expedited_download_has_as_many_bytes_as_it_says(device, request_, size, value):
+def test_an_expedited_download_has_as_many_bytes_as_it_reports(device, request_, size, value):
     if size:
         device.store.sizes[0x2001, 0] = size
     assert device.ask(request_) == ["583#6001200000000000"]
@@ -55,7 +55,7 @@ def test_an_expedited_download_has_as_many_bytes_as_it_says(device, request_, si
 
 @pytest.mark.parametrize("code", [0x06010001, 0x06010002, 0x06090011, 0x08000021, 0x08000022])
 @pytest.mark.parametrize("command", ["40", "23", "21", "A4", "C6", "22"])
-def test_what_the_store_says_no_to_is_aborted_with_its_code(device, command, code):
+def test_what_the_store_reports_no_to_is_aborted_with_its_code(device, command, code):
     device.store.aborts[0x2000, 0] = code
     answer = device.ask(f"603#{command}0020007F000000")
     assert answer == [f"583#80002000{code.to_bytes(4, 'little').hex().upper()}"]
@@ -121,7 +121,7 @@ def test_the_clients_abort_ends_the_transfer(device):
     assert device.next_deadline() is None
 
 
-def test_a_transfer_that_stands_still_is_aborted():
+def test_a_transfer_that_is_at_standstill_is_aborted():
     device = Device(timeout_ns=1000 * MS)
     device.ask("603#4007200000000000")
     device.tick(999 * MS)
@@ -159,6 +159,6 @@ def test_a_reset_drops_everything(device):
     assert device.ask("603#6000000000000000") == ["583#8000000001000405"]
 
 
-def test_a_server_without_block_transfer_does_not_know_the_command():
+def test_a_server_without_block_transfer_aborts_the_command_as_unknown():
     device = Device(block=False)
     assert device.ask("603#A40020007F000000", "603#C600200008000000") == ["583#8000000001000405"] * 2

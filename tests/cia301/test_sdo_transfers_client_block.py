@@ -73,7 +73,7 @@ def test_after_that_what_was_still_under_way_does_not_count():
     assert said(client) == []
 
 
-def test_with_crc_it_says_so_again_when_the_first_segment_is_lost_as_well():
+def test_with_crc_it_reports_this_again_when_the_first_segment_is_lost_as_well():
     client, _ = reading(SEGMENTS[0])
     for number, expected in enumerate(["01", "00", "00", "00"], 1):
         client.tick(number * HALF)
@@ -176,7 +176,7 @@ def test_the_progress_of_a_download_is_what_was_acknowledged():
     assert client.progress == (20, 20)
 
 
-def test_a_copy_of_a_last_segment_that_looks_like_the_end_is_ignored():
+def test_a_copy_of_a_last_segment_that_resembles_the_end_is_ignored():
     data = bytes(range(7)) * 65  # the last segment is number 65: its first byte, 0xC1, is that of the end
     segments = [f"583#{number | (0x80 if number == 65 else 0):02X}{bytes(range(7)).hex()}" for number in range(1, 66)]
     client, request = reading(*segments, segments[-1], size=len(data).to_bytes(4, "little").hex(), crc=False)

@@ -47,7 +47,7 @@ def test_a_doubled_start_sends_one_sub_block():
     assert len(server.frames()) == 3
 
 
-def test_after_a_gap_it_goes_on_behind_it_numbered_from_1():
+def test_after_a_gap_it_continues_behind_it_numbered_from_1():
     said = ask(device(), READ, START, "603#A2017F0000000000")
     assert said[-2:] == ["583#010708090A0B0C0D", "583#820E0F1011121300"]
 
@@ -93,7 +93,7 @@ def test_doubled_segments_are_taken_once():
     assert server.store.objects[0x2008, 0] == bytes(range(20))
 
 
-def test_a_segment_that_looks_like_another_command_is_a_segment():
+def test_a_segment_that_resembles_another_command_is_a_segment():
     """0x40 is segment 64, 0x60 is 96, 0x23 is 35: none of them begins another transfer."""
     server = device()
     server.receive(frame("603#C208200000030000"), 0)
@@ -123,7 +123,7 @@ def test_silence_before_the_first_segment_is_the_clients_affair():
 
 
 @pytest.mark.parametrize(("write", "again"), [(WRITE, 3), (WRITE_NO_CRC, 0)], ids=["with CRC", "without"])
-def test_with_crc_it_says_so_again_when_the_first_segment_is_lost_as_well(write, again):
+def test_with_crc_it_reports_this_again_when_the_first_segment_is_lost_as_well(write, again):
     server = device()
     ask(server, write, SEGMENTS[0])
     said = []

@@ -41,7 +41,7 @@ def test_a_request_that_is_repeated_after_its_answer_has_not_alternated():
     assert ask(server, "603#7000000000000000") == ["583#8000000001000405"]  # the transfer is over
 
 
-def test_a_doubled_request_for_the_last_segment_is_no_error():
+def test_a_doubled_request_for_the_last_segment_is_not_an_error():
     said = ask(device(), "603#4007200000000000", "603#6000000000000000", *["603#7000000000000000"] * 2)
     assert len(said) == 3
 

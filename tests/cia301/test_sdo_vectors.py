@@ -66,7 +66,7 @@ def start(exchange) -> tuple[SdoClient, SdoRequest]:
 
 
 @pytest.mark.parametrize("name", [name for name in EXCHANGES if name not in FAULTY_CLIENT])
-def test_the_client_speaks_the_exchange(name):
+def test_the_client_follows_the_documented_exchange(name):
     exchange = Exchange(EXCHANGES[name])
     client, request = start(exchange)
     said = []
@@ -84,7 +84,7 @@ def test_the_client_speaks_the_exchange(name):
 
 
 @pytest.mark.parametrize("name", [name for name in EXCHANGES if name != LOST])
-def test_the_server_speaks_the_exchange(name):
+def test_the_server_follows_the_documented_exchange(name):
     exchange = Exchange(EXCHANGES[name])
     store = MemoryStore({(exchange.index, exchange.subindex): b"" if exchange.is_write else exchange_value(name)})
     server = SdoServer(NODE, store, block_size=2 if "server blksize 2" in name else 127)

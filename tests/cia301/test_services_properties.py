@@ -172,13 +172,13 @@ def flood(core: Any) -> int:
 
 
 @pytest.mark.parametrize("make", CORES)
-def test_memory_is_bounded_when_nobody_drains(make):
+def test_memory_is_bounded_if_nothing_is_drained(make):
     assert flood(make()) < 12_000
 
 
 @pytest.mark.rest
 @pytest.mark.sources
-def test_the_scale_sees_a_core_that_grows():
+def test_the_scaling_test_detects_a_core_that_grows():
     class Growing(SyncConsumer):
         """Keeps every frame, as no core may."""
 
@@ -204,7 +204,7 @@ def test_an_nmt_slave_still_obeys(many):
 
 
 @given(frames_and_gaps)
-def test_a_heartbeat_consumer_still_sees_a_node_come_and_go(many):
+def test_a_heartbeat_consumer_still_detects_when_a_node_appears_or_disappears(many):
     core = consumer()
     now = play(core, many)
     core.receive(frame("70A#00"), now)
@@ -216,7 +216,7 @@ def test_a_heartbeat_consumer_still_sees_a_node_come_and_go(many):
 
 
 @given(frames_and_gaps)
-def test_a_guarding_master_still_sees_a_node_come_and_go(many):
+def test_a_guarding_master_still_detects_when_a_node_appears_or_disappears(many):
     core = guarding_master()
     now = play(core, many)
     core.receive(frame("70A#00"), now)
@@ -255,7 +255,7 @@ def test_pdos_still_work(many):
 
 
 @given(frames_and_gaps)
-def test_an_emcy_consumer_still_hears(many):
+def test_an_emcy_consumer_still_receives(many):
     core = EmcyConsumer(3)
     now = play(core, many)
     core.receive(frame("083#0000000000000000"), now)

@@ -94,7 +94,7 @@ def test_the_timer_keeps_its_grid_and_skips_what_was_missed():
     assert producer.next_deadline() is None
 
 
-def test_the_consumer_tells_each_sync_with_its_counter():
+def test_the_consumer_reports_each_sync_with_its_counter():
     consumer = SyncConsumer(overflow=4)
     for now, text in enumerate(("080#03", "080#04", "080#01", "081#", "080#R0")):
         consumer.receive(frame(text), now)
@@ -114,14 +114,14 @@ def test_a_lost_counter_is_counted():
 
 
 @pytest.mark.parametrize(("overflow", "text"), [(4, "080#"), (0, "080#01"), (4, "080#0102")])
-def test_a_wrong_length_is_told_and_still_a_sync(overflow, text):
+def test_a_wrong_length_is_reported_and_still_a_sync(overflow, text):
     consumer = SyncConsumer(overflow=overflow)
     consumer.receive(frame(text), 7)
     assert consumer.events() == [SyncEvent(KIND.LENGTH_ERROR, 7), SyncEvent(KIND.SYNC, 7)]
     assert consumer.count == 1
 
 
-def test_a_missing_sync_is_told_after_one_and_a_half_periods():
+def test_a_missing_sync_is_reported_after_one_and_a_half_periods():
     consumer = SyncConsumer(period_ns=100)
     consumer.receive(frame("080#"), 0)
     assert consumer.next_deadline() == 150

@@ -228,7 +228,7 @@ def act(rig: Rig, action: str) -> None:
         rig.machine.enable()
 
 
-def test_verbs_may_be_said_again_and_do_nothing_then():
+def test_verbs_may_be_reported_again_and_do_nothing_then():
     rig = Rig().enabled()
     for _ in range(3):
         rig.machine.enable()
@@ -247,7 +247,7 @@ def test_verbs_may_be_said_again_and_do_nothing_then():
 
 
 @pytest.mark.parametrize("option", [2, 6])
-def test_enable_goes_on_from_wherever_the_quick_stop_ended(option):
+def test_enable_continues_from_wherever_the_quick_stop_ended(option):
     rig = Rig(quick_stop_option=option).enabled()
     rig.machine.quick_stop()
     rig.cycle(20)
@@ -270,7 +270,7 @@ def test_enable_during_the_stop_does_not_cut_the_power(option):
     assert rig.drive.taken == ([11, 12, 2, 3, 4] if option == 2 else [11, 16])
 
 
-def test_a_drive_that_does_not_know_transition_16_is_led_the_long_way():
+def test_a_drive_without_transition_16_is_enabled_through_switch_on_disabled():
     rig = Rig(quick_stop_option=6, knows_16=False).enabled()
     rig.machine.quick_stop()
     rig.cycle(20)
@@ -292,7 +292,7 @@ def test_disable_in_a_quick_stop_waits_for_its_end():
     assert rig.drive.taken == [11, 12]
 
 
-def test_a_standstill_that_somebody_knows_of_shortens_the_wait():
+def test_a_confirmed_standstill_shortens_the_wait():
     rig = Rig(quick_stop_option=6, ramp_steps=50).enabled()
     rig.machine.quick_stop()
     rig.until(ref.QSA)
@@ -303,7 +303,7 @@ def test_a_standstill_that_somebody_knows_of_shortens_the_wait():
     assert rig.machine.state is State.SWITCH_ON_DISABLED
 
 
-def test_a_quick_stop_that_never_ends_is_told_and_then_ended():
+def test_a_quick_stop_that_never_ends_is_reported_and_then_ended():
     rig = Rig(quick_stop_option=6, ramp_steps=10_000).enabled()
     rig.machine.quick_stop()
     rig.until(ref.QSA)
@@ -324,7 +324,7 @@ def test_disable_does_not_take_back_a_quick_stop_that_is_on_its_way():
     assert list(dict.fromkeys(rig.words)) == [0x02, 0x00]
 
 
-def test_enable_takes_back_a_quick_stop_at_once_and_as_often_as_it_is_said():
+def test_enable_takes_back_a_quick_stop_at_once_and_as_often_as_it_is_reported():
     rig = Rig(quick_stop_option=6).enabled()
     for _ in range(5):
         rig.machine.quick_stop()
@@ -397,7 +397,7 @@ def test_a_reset_is_an_edge_and_the_drive_stays_disabled_after_it():
     assert not rig.machine.resetting
 
 
-def test_a_cause_that_stays_is_told_and_a_later_reset_is_a_new_edge():
+def test_a_cause_that_stays_is_reported_and_a_later_reset_is_a_new_edge():
     rig = Rig().enabled()
     rig.drive.fault()
     rig.drive.cause_present = True
@@ -427,7 +427,7 @@ def test_enable_in_a_fault_is_refused_and_changes_nothing():
     assert rig.machine.goal is DriveGoal.DISABLED
 
 
-def test_an_enable_asked_for_before_the_fault_was_seen_is_forgotten():
+def test_an_enable_asked_for_before_the_fault_was_seen_is_discarded():
     machine = DriveMachine("x")
     machine.enable()
     machine.fault_reset()
@@ -528,7 +528,7 @@ def test_a_transition_that_does_not_come_gives_the_enable_up(stuck, number, comm
     assert machine.controlword != 0x0F
 
 
-def test_a_drive_that_never_speaks_is_told_too():
+def test_a_drive_that_never_sends_is_reported_too():
     machine = DriveMachine("x", transition_timeout_ns=100)
     machine.enable()
     machine.update(None, None, 0)
@@ -539,7 +539,7 @@ def test_a_drive_that_never_speaks_is_told_too():
     assert machine.goal is DriveGoal.DISABLED
 
 
-def test_a_drive_that_does_not_stop_is_told_once_and_asked_on():
+def test_a_drive_that_does_not_stop_is_reported_once_and_commanded_again():
     machine = DriveMachine("x", transition_timeout_ns=100)
     for now in range(0, 1000, 10):
         assert machine.update(0x0237, None, now) == 0x07
@@ -547,7 +547,7 @@ def test_a_drive_that_does_not_stop_is_told_once_and_asked_on():
     assert (event.transition, event.gave_up) == (5, False)
 
 
-def test_a_quick_stop_that_is_not_obeyed_is_told_and_a_disable_then_asks_otherwise():
+def test_a_quick_stop_that_is_not_obeyed_is_reported_and_a_disable_then_asks_otherwise():
     rig = Rig().enabled()
     rig.deaf = True
     rig.machine.quick_stop()
@@ -599,7 +599,7 @@ def test_a_mode_changed_while_enabled_keeps_targets_back_until_it_is_confirmed()
     assert rig.machine.mode_bits == 0
 
 
-def test_a_drive_that_stays_in_its_old_mode_goes_on_in_it():
+def test_a_drive_that_stays_in_its_old_mode_continues_in_it():
     machine = DriveMachine("x", mode_timeout_ns=100)
     machine.set_mode(1)
     machine.enable()
@@ -699,7 +699,7 @@ def test_bits_that_mean_nothing_here_are_still_kept():
     assert any(isinstance(event, EnableLost) for event in rig.machine.events())
 
 
-def test_an_undefined_statusword_keeps_the_state_is_counted_and_then_told():
+def test_an_undefined_statusword_keeps_the_state_is_counted_and_then_reported():
     rig = Rig().enabled()
     for _ in range(9):
         assert rig.machine.update(0x0001, None, rig.now) == 0x0F
@@ -718,7 +718,7 @@ def test_an_undefined_statusword_keeps_the_state_is_counted_and_then_told():
     assert rig.machine.undefined == 30
 
 
-def test_local_control_is_told_when_it_begins_and_ends_but_not_while_the_drive_starts():
+def test_local_control_is_reported_when_it_begins_and_ends_but_not_while_the_drive_starts():
     rig = Rig()
     rig.drive.remote = False
     rig.cycle(1)

@@ -17,7 +17,7 @@ def test_nothing_asked_for_is_confirmed_whatever_the_display_shows():
     assert request.mode is None
 
 
-def test_a_mode_is_confirmed_by_the_display_alone_and_told_once():
+def test_a_mode_is_confirmed_by_the_display_alone_and_reported_once():
     request = ModeRequest(100)
     assert request.ask(8)
     assert not request.ask(8)

@@ -41,7 +41,7 @@ def test_the_same_command_is_one_step_until_the_state_or_the_goal_changes():
     assert timer.deadline == NEVER
 
 
-def test_the_event_names_the_transition_or_else_what_was_wanted_in_the_end():
+def test_the_event_names_the_transition_or_else_what_was_requested_in_the_end():
     timer = StepTimer(100, {})
     timer.arm(Command.SHUTDOWN, 2, 0)
     assert timer.timeout_event(
@@ -77,7 +77,7 @@ def test_to_disable_the_end_of_the_stop_is_waited_for():
     assert leave.command(False, MOVING, False, True) is Command.DISABLE_VOLTAGE
 
 
-def test_a_bit_10_that_was_there_before_the_stop_is_no_standstill():
+def test_a_bit_10_that_was_there_before_the_stop_is_not_a_standstill():
     leave = QuickStopExit()
     leave.evaluate(REACHED)
     assert leave.command(False, REACHED, False, True) is Command.QUICK_STOP
@@ -130,7 +130,7 @@ def test_the_edge_waits_for_the_end_of_the_fault_reaction():
     assert (reset.bit, reset.rising) == (0x80, False)
 
 
-def test_a_cause_that_is_still_there_is_told_when_the_time_is_over_and_bit_7_falls():
+def test_a_cause_that_is_still_there_is_reported_when_the_time_is_over_and_bit_7_falls():
     reset = FaultReset(100)
     reset.start()
     for now in range(0, 100, 10):

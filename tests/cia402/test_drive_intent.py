@@ -52,7 +52,7 @@ def test_what_is_sent_whatever_the_state_enables_nothing():
     assert not any(GOALS[intent] is DriveGoal.ENABLED for intent in SENT_FIRST)
 
 
-def test_a_quick_stop_of_an_enabled_drive_goes_on_until_it_is_left_whatever_is_wanted_afterwards():
+def test_a_quick_stop_of_an_enabled_drive_continues_until_it_is_left_whatever_is_requested_afterwards():
     intent = make(EnableTrigger.ENABLE, EnableTrigger.QUICK_STOP_ENABLED, EnableTrigger.DISABLE)
     assert intent.goal is DriveGoal.DISABLED
     assert intent.choose(State.OPERATION_ENABLED, 0x237, standstill=False, may_enable=True) is Command.QUICK_STOP
@@ -60,7 +60,7 @@ def test_a_quick_stop_of_an_enabled_drive_goes_on_until_it_is_left_whatever_is_w
     assert intent.state is EnableRequest.DISABLED
 
 
-def test_an_enable_that_overtook_a_disable_may_see_it_arrive_once():
+def test_an_enable_that_overtook_a_disable_tolerates_it_once():
     intent = make(EnableTrigger.OVERTAKE)
     assert not intent.lost_enable(State.OPERATION_ENABLED, State.SWITCHED_ON)
     assert intent.state is EnableRequest.ENABLED

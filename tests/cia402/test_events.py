@@ -77,7 +77,7 @@ SAID = [
 
 
 @pytest.mark.parametrize(("event", "text"), SAID, ids=lambda value: type(value).__name__)
-def test_an_event_says_what_happened(event, text):
+def test_an_event_reports_what_happened(event, text):
     assert event.text == text
 
 

@@ -46,6 +46,6 @@ def of_maker(name, *addresses):
         ("Somebody", [(0x60F9, 1), (0x60F9, 2)], []),
     ],
 )
-def test_makers_hold_gains_in_objects_of_their_own_whose_scale_is_not_known(maker, objects, places):
+def test_manufacturers_hold_gains_in_objects_of_their_own_whose_scale_is_not_known(maker, objects, places):
     od = of_maker(maker, *objects)
     assert [*gain_places(od).values()] == places

@@ -26,7 +26,7 @@ def test_each_bit_of_0x6502_is_the_mode_of_the_vectors():
         assert f"{mode.name}({mode.value})" == text
 
 
-def test_reserved_and_vendor_bits_are_no_modes():
+def test_reserved_and_vendor_bits_are_not_modes():
     assert supported_modes(1 << 4 | 1 << 11 | 0xFFFF0000) == ()
 
 
@@ -89,7 +89,7 @@ def test_a_drive_that_lists_no_mode_is_not_judged():
     assert not is_refused(8, ())
 
 
-def test_every_mode_with_a_target_knows_its_object():
+def test_every_mode_with_a_target_has_its_object():
     assert {mode: address[0] for mode, address in TARGET_OBJECTS.items()} == {
         1: 0x607A, 2: 0x6042, 3: 0x60FF, 4: 0x6071, 7: 0x60C1, 8: 0x607A, 9: 0x60FF, 10: 0x6071,
     }  # fmt: skip

@@ -22,7 +22,7 @@ from canopen_control.cia402.state import Command, State
 QUICK_STOP = OPTION_CODES[objects.QUICK_STOP_OPTION]
 
 
-def test_a_quick_stop_leaves_or_stays_as_its_code_says():
+def test_a_quick_stop_leaves_or_stays_as_its_code_specifies():
     for code in range(5):
         assert QUICK_STOP[code].final_state is State.SWITCH_ON_DISABLED
     for code in range(5, 9):
@@ -78,7 +78,7 @@ def test_axes_are_counted_without_gaps():
     assert axis_count({axis_index(CONTROLWORD, axis) for axis in range(8)}) == 8
 
 
-def test_names_are_words_and_say_the_axis():
+def test_names_are_words_and_include_the_axis():
     assert object_name(STATUSWORD) == "statusword"
     assert object_name(0x6841) == "statusword (axis 1)"
     assert object_name(0x60FF) == "target velocity"

@@ -127,7 +127,7 @@ def test_a_move_is_taken_once_and_reached_where_it_should(delay, busy_ack):
     assert events[1].text == "set-point 200 reached"
 
 
-def test_a_second_set_point_waits_for_its_turn_and_only_the_last_is_told_as_reached():
+def test_a_second_set_point_waits_for_its_turn_and_only_the_last_is_reported_as_reached():
     machine, drive = SetPointHandshake(), PositionDrive()
     machine.move(100)
     machine.update(drive.statusword, True, 0)
@@ -192,7 +192,7 @@ def test_a_newer_set_point_takes_the_place_of_one_that_waits_for_the_end_of_a_mo
     assert drive.taken == [500, 100]
 
 
-def test_an_acknowledge_bit_that_is_already_1_is_no_acknowledgement():
+def test_an_acknowledge_bit_that_is_already_1_is_not_an_acknowledgement():
     machine = SetPointHandshake(low_timeout_ns=100)
     machine.move(7)
     assert {machine.update(ENABLED | ACK, True, now) for now in range(0, 110, 10)} == {0}
@@ -213,7 +213,7 @@ def test_an_acknowledgement_that_never_comes_ends_with_bit_4_low():
     assert event.phase is SetPointPhase.ACKNOWLEDGE
 
 
-def test_an_acknowledgement_that_never_goes_is_told():
+def test_an_acknowledgement_that_never_goes_is_reported():
     machine = SetPointHandshake(release_timeout_ns=50)
     machine.move(7)
     words = [ENABLED, ENABLED, *[ENABLED | ACK] * 20]
@@ -289,7 +289,7 @@ def test_while_halted_bit_10_means_standstill_and_nothing_is_judged():
     assert not machine.busy
 
 
-def test_a_following_error_is_told_once_per_set_point():
+def test_a_following_error_is_reported_once_per_set_point():
     machine = SetPointHandshake()
     machine.move(1)
     for now, word in enumerate([ENABLED, ENABLED, ENABLED | ACK, ENABLED | FOLLOWING, ENABLED | FOLLOWING]):

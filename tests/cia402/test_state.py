@@ -23,7 +23,7 @@ STATUSWORDS, CONTROLWORDS = VECTORS["cia402_statusword"], VECTORS["cia402_contro
 LADDER = [State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED]
 
 
-def test_every_statusword_decodes_as_the_mask_table_of_the_vectors_says():
+def test_every_statusword_decodes_as_the_mask_table_of_the_vectors_reports():
     table = [(int(row["mask"], 16), int(row["value"], 16), row["state"]) for row in STATUSWORDS["mask_table"]]
     decoded = 0
     for word in range(0x10000):
@@ -131,7 +131,7 @@ def test_no_goal_but_operation_enabled_ever_goes_up_or_sends_0x0f(goal):
             assert LADDER.index(transition.target) < LADDER.index(state)
 
 
-def test_nothing_is_commanded_in_a_fault_at_start_or_towards_what_is_no_goal():
+def test_nothing_is_commanded_in_a_fault_at_start_or_towards_what_is_not_a_goal():
     for state in (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE, State.FAULT):
         assert next_command(state, State.OPERATION_ENABLED) is None
     assert next_command(State.SWITCHED_ON, State.FAULT) is None

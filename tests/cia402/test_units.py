@@ -35,7 +35,7 @@ def test_a_small_target_is_rounded_not_truncated():
 
 
 @pytest.mark.parametrize("raw", [32768.0, -32769.0, 1e30, 1e308, math.inf, -math.inf, math.nan])
-def test_what_does_not_fit_is_no_target(raw):
+def test_what_does_not_fit_is_not_a_target(raw):
     assert to_object(raw, -(1 << 15), (1 << 15) - 1) is None
 
 
@@ -81,7 +81,7 @@ def test_wrapping_keeps_the_low_32_bits(value):
 
 
 @given(INT32, st.lists(st.integers(-(2**31) + 1, 2**31 - 1), max_size=50))
-def test_a_position_goes_on_across_every_wrap(start, steps):
+def test_a_position_continues_across_every_wrap(start, steps):
     unwrapper = PositionUnwrapper()
     assert not unwrapper.started
     count = unwrapper.update(start)
@@ -94,7 +94,7 @@ def test_a_position_goes_on_across_every_wrap(start, steps):
 
 
 @given(st.integers(0, 999), st.lists(st.integers(-499, 499), max_size=50), st.sampled_from([None, 10, 5000]))
-def test_a_position_goes_on_across_the_ends_of_its_range(start, steps, most):
+def test_a_position_continues_across_the_ends_of_its_range(start, steps, most):
     """0x607B with 1000 counts; a largest step of more than half the range accepts every step."""
     unwrapper = PositionUnwrapper(most, span=1000)
     count = unwrapper.update(start)
@@ -107,7 +107,7 @@ def test_a_position_goes_on_across_the_ends_of_its_range(start, steps, most):
 
 
 @pytest.mark.parametrize(("start", "step"), [(INT32_MAX - 5, 10), (INT32_MIN + 5, -10)])
-def test_a_position_goes_on_beyond_either_end_of_the_counter(start, step):
+def test_a_position_continues_beyond_either_end_of_the_counter(start, step):
     unwrapper = PositionUnwrapper()
     unwrapper.update(start)
     assert unwrapper.update(wrap_int32(start + step)) == start + step
@@ -115,7 +115,7 @@ def test_a_position_goes_on_beyond_either_end_of_the_counter(start, step):
     assert unwrapper.jumps == 0
 
 
-def test_a_step_that_no_motor_makes_is_counted_and_is_no_motion():
+def test_a_step_that_no_motor_makes_is_counted_and_is_not_a_motion():
     unwrapper = PositionUnwrapper(max_step=1000)
     unwrapper.update(1_000_000)
     assert unwrapper.update(1_001_000) == 1_001_000
@@ -174,5 +174,5 @@ def test_the_unit_of_velocities_is_read_with_its_power_of_ten(unit, rpm):
         ((2000, 0), None, None, None),
     ],
 )
-def test_counts_of_a_turn_are_told_where_somebody_has_set_them(encoder, gear, feed, counts):
+def test_counts_per_turn_are_reported_with_the_place_where_they_are_set(encoder, gear, feed, counts):
     assert counts_of_objects(encoder, gear, feed) == counts

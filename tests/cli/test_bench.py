@@ -29,7 +29,7 @@ def test_it_runs_what_the_bench_runs(monkeypatch):
     assert main(["bench", "--quick"]) == 7
 
 
-def test_without_the_package_a_sentence_says_where_it_is(monkeypatch, capsys):
+def test_without_the_package_a_sentence_reports_where_it_is(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "canopen_control_bench", None)
     assert main(["bench", "cycle"]) == 2
     said = capsys.readouterr().err

@@ -50,7 +50,7 @@ def test_list_names_interfaces_buses_and_adapters(ports, capsys):
     assert found["interfaces"][1]["state"] == "BUS-OFF"
 
 
-def test_status_of_a_local_bus_shows_who_is_there_and_counters(ports, capsys):
+def test_status_of_a_local_bus_shows_members_and_counters(ports, capsys):
     ports[0].send(pack_records([CanFrame(0x80)] * 3))
     receive(ports[1], 3)
     assert main(["bus", "fault", "local:cli", "cut", "left_drive"]) == 0
@@ -62,14 +62,14 @@ def test_status_of_a_local_bus_shows_who_is_there_and_counters(ports, capsys):
     assert drive.split()[:1] + drive.split()[2:] == ["left_drive", "0", "3", "0", "0", "cut"]
 
 
-def test_status_of_an_interface_tells_its_state(capsys):
+def test_status_of_an_interface_reports_its_state(capsys):
     assert main(["bus", "status", "can0"]) == 0
     assert capsys.readouterr().out == "can0: can, down, BUS-OFF, 500000 bit/s, transmit errors 248, receive errors 0\n"
     assert main(["bus", "status", "vcan0"]) == 0
     assert capsys.readouterr().out == "vcan0: vcan, up\n  rx_packets 3\n"
 
 
-def test_a_cut_cable_stops_frames_until_mended(ports):
+def test_a_cut_cable_stops_frames_until_repaired(ports):
     robot, drive = ports
     assert main(["bus", "fault", "local:cli", "cut", "left_drive"]) == 0
     robot.send(pack_records([CanFrame(1)]))
@@ -149,7 +149,7 @@ def robby(monkeypatch):
 
 
 @pytest.mark.parametrize("word", ["left_drive", "left_wheel_joint", "3", "drive 3"])
-def test_a_virtual_drive_is_cut_by_every_name_that_its_user_knows(robby, word, capsys):
+def test_a_virtual_drive_is_disconnected_by_each_of_its_names(robby, word, capsys):
     assert main(["bus", "fault", "local:cli", "cut", word]) == 0
     assert main(["bus", "status", "local:cli"]) == 0
     drive = next(line for line in capsys.readouterr().out.splitlines() if "drive 3" in line)
@@ -158,13 +158,13 @@ def test_a_virtual_drive_is_cut_by_every_name_that_its_user_knows(robby, word, c
     assert main(["bus", "fault", "local:cli", "uncut", word]) == 0
 
 
-def test_a_drive_may_be_mended_after_its_process_has_gone(robby):
+def test_a_drive_may_be_repaired_after_its_process_has_gone(robby):
     assert main(["bus", "fault", "local:cli", "cut", "left_drive"]) == 0
     robby[1].close()
     assert main(["bus", "fault", "local:cli", "uncut", "left_drive"]) == 0
 
 
-def test_delays_and_losses_are_told_by_these_names(robby, capsys):
+def test_delays_and_losses_are_reported_by_these_names(robby, capsys):
     assert main(["bus", "fault", "local:cli", "delay", "left_drive", "--ms", "3"]) == 0
     assert main(["bus", "fault", "local:cli", "drop", "left_drive", "--count", "1"]) == 0
     assert main(["bus", "status", "local:cli"]) == 0
@@ -174,13 +174,13 @@ def test_delays_and_losses_are_told_by_these_names(robby, capsys):
     assert "from left_drive (drive 3), 0 of 1 lost" in said
 
 
-def test_who_is_not_there_is_answered_with_the_names_of_those_who_are(robby, capsys):
+def test_an_unknown_name_is_answered_with_the_known_ones(robby, capsys):
     assert main(["bus", "fault", "local:cli", "cut", "right_drive"]) == 2
     said = capsys.readouterr().err
     assert "no member called 'right_drive' on local:cli; available: master, left_drive (drive 3)" in said
 
 
-def test_up_says_each_command(monkeypatch, capsys):
+def test_up_reports_each_command(monkeypatch, capsys):
     ran = []
 
     def run(argv, **_options):

@@ -33,7 +33,7 @@ def lines(link):
     return render_interface(status)
 
 
-def test_load_and_frames_are_told_where_there_are_any(kernel):
+def test_load_and_frames_are_reported_with_where_there_are_any(kernel):
     kernel(traffic={"can0": Traffic(3906.2, 0.412)})
     assert lines(CAN0) == [
         "can0: can, up, ERROR-ACTIVE, 1000000 bit/s, transmit errors 0, receive errors 0, 3906 frames/s, load 41 %"
@@ -42,7 +42,7 @@ def test_load_and_frames_are_told_where_there_are_any(kernel):
     assert lines(VCAN0) == ["vcan0: vcan, up, 350 frames/s", "  tx_packets 7"]
 
 
-def test_every_listener_is_one_line_that_says_what_it_does(kernel):
+def test_every_listener_is_one_line_that_reports_what_it_does(kernel):
     kernel(
         [
             Listener(9, "canopen-control run robby --can vcan0", "CAN_RAW", "vcan0", 13),
@@ -74,7 +74,7 @@ def test_every_listener_is_one_line_that_says_what_it_does(kernel):
     ]
 
 
-def test_sockets_that_nobody_but_root_can_name_are_counted(kernel):
+def test_sockets_that_only_root_can_name_are_counted(kernel):
     kernel([Listener(10, "candump vcan0", "CAN_RAW", "vcan0", -1)], hearing=1)
     assert len(lines(VCAN0)) == 3
     kernel(hearing=2)

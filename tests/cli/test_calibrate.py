@@ -80,7 +80,7 @@ def test_measured_ends_come_from_a_file_where_no_true_pose_is_known(invented, tm
     assert "has 4 end positions for 20 squares" in capsys.readouterr().err
 
 
-def test_somebody_at_a_terminal_is_asked(invented, capsys, monkeypatch):
+def test_a_user_at_a_terminal_is_asked(invented, capsys, monkeypatch):
     invented(simulated=False)
     answers = iter(["", "0.02 0.02", "", "0.02 -0.02", "", "0 0", "", "0 0"])
     monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: True))
@@ -109,7 +109,7 @@ def test_ctrl_c_ends_it_with_a_sentence(floor, capsys):
     assert client.twists[-1] == (0.0, 0.0)
 
 
-def test_a_real_base_is_not_driven_where_nobody_can_be_asked(invented, capsys, monkeypatch):
+def test_a_real_base_is_not_driven_without_a_terminal(invented, capsys, monkeypatch):
     base = invented(simulated=False)
     monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: False))
     assert main(["calibrate"]) == 2
@@ -126,7 +126,7 @@ def test_a_real_base_is_not_driven_where_nobody_can_be_asked(invented, capsys, m
         ("calibrate --controller robby_forward_controller", "is not a diff drive controller of the robot"),
     ],
 )
-def test_mistakes_are_told_before_anything_moves(floor, tmp_path, capsys, words, sentence):
+def test_errors_are_reported_before_anything_moves(floor, tmp_path, capsys, words, sentence):
     client = floor()
     (tmp_path / "there.yaml").write_text("mine: 1\n")
     assert main(shlex.split(words)) == 2

@@ -23,7 +23,7 @@ def test_a_good_robot_is_exit_code_0_with_its_bus_budget(capsys):
 
 
 @pytest.mark.parametrize("options", [["--no-drives"], ["--name", "x"]])
-def test_what_only_means_something_to_run_is_no_option(options, capsys):
+def test_what_only_means_something_to_run_is_not_an_option(options, capsys):
     with pytest.raises(SystemExit) as stop:
         main(["check", "robby", *options])
     assert stop.value.code == 2
@@ -54,7 +54,7 @@ def test_as_json_every_finding_has_its_place_and_every_bus_its_figures(tmp_path,
     assert json.loads(capsys.readouterr().out)["buses"]["can"]["worst_bits"] == 935
 
 
-def test_as_json_a_finding_and_a_budget_have_the_keys_that_scripts_know(tmp_path, capsys):
+def test_a_finding_and_a_budget_have_the_stable_json_keys(tmp_path, capsys):
     config = copy_robby(tmp_path, bus={"baudrate: 1000": "baudrate: 20"})
     main(["check", str(config), "--json"])
     finding = json.loads(capsys.readouterr().out)["findings"][0]
@@ -65,21 +65,21 @@ def test_as_json_a_finding_and_a_budget_have_the_keys_that_scripts_know(tmp_path
     assert budget["frames"][0] == {"name": "SYNC", "cob_id": 128, "length": 0, "per_cycle": 1.0}
 
 
-def test_a_caret_stands_below_the_mistake(tmp_path, capsys):
+def test_a_caret_stands_below_the_error(tmp_path, capsys):
     main(["check", str(copy_robby(tmp_path, bus={"node_id: 3": "node_id: 300"}))])
     lines = capsys.readouterr().out.splitlines()
     at = next(number for number, line in enumerate(lines) if line.strip() == "^")
     assert lines[at - 1][lines[at].index("^") :].startswith("300")
 
 
-def test_without_a_robot_it_says_what_to_name(capsys):
+def test_without_a_robot_it_suggests_what_to_name(capsys):
     assert main(["check", "no-such-robot"]) == 2
     assert "it is neither a folder nor a bundled robot" in capsys.readouterr().err
     assert main(["check", "robbie"]) == 2
     assert capsys.readouterr().err.endswith("in ROS_PACKAGE_PATH (did you mean 'robby'?)\n")
 
 
-def test_one_option_accepts_drives_that_nothing_would_stop_and_tells_which(tmp_path, capsys):
+def test_one_option_accepts_drives_that_nothing_would_stop_and_reports_which(tmp_path, capsys):
     config = copy_robby(tmp_path, bus={"heartbeat_consumer: true": "heartbeat_consumer: false"})
     assert main(["check", str(config)]) == 2
     assert main(["check", str(config), "--allow-unsupervised"]) == 0
@@ -95,7 +95,7 @@ def test_an_argument_that_the_description_does_not_have_is_an_error_with_the_nea
 
 
 @pytest.mark.rest
-def test_the_longest_stop_of_each_joint_is_told_and_as_json_every_reason(capsys):
+def test_the_longest_stop_of_each_joint_is_reported_and_as_json_every_reason(capsys):
     assert main(["check", "arm6"]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("stop of ")]
     assert len(lines) == 6

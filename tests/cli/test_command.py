@@ -48,7 +48,7 @@ def test_what_the_controller_refuses_is_one_sentence(mock_robot, capsys, argumen
     assert error.count("\n") == 1
 
 
-def test_without_a_robot_it_says_how_to_start_one(capsys):
+def test_without_a_robot_it_suggests_how_to_start_one(capsys):
     assert main(["command", FORWARD, "1", "1"]) == 2
     assert "canopen-control run" in capsys.readouterr().err
 

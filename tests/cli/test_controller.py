@@ -21,7 +21,7 @@ def states(controller):
     return {each["name"]: each["state"] for each in json.loads(controller("list", "--json"))}
 
 
-def test_the_list_tells_what_each_commands(controller):
+def test_the_list_reports_what_each_commands(controller):
     lines = controller("list").splitlines()
     assert lines[0].split() == ["controller", "type", "state", "commands", "joints"]
     (line,) = [line for line in lines if line.startswith(FORWARD)]

@@ -31,7 +31,7 @@ def test_it_is_the_verb_drive():
     assert "generic_cia401.eds" in device.EXAMPLE
 
 
-def test_inputs_are_set_and_told(node, capsys):
+def test_inputs_are_set_and_reported(node, capsys):
     assert main(["fault", "5", "di3=1,ai1=-20", "--can", CAN]) == 0
     assert capsys.readouterr().out == "node 5: di3 is 1, ai1 is -20\n"
     assert (node.get(0x6000, 1), node.get(0x6401, 2)) == (8, -20)
@@ -41,7 +41,7 @@ def test_inputs_are_set_and_told(node, capsys):
     assert "  outputs: do0 0," in said
 
 
-def test_they_are_told_as_json_too(node, capsys):
+def test_they_are_reported_as_json_too(node, capsys):
     assert main(["fault", "5", "di0=1", "--can", CAN, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"node_id": 5, "signals": {"di0": 1.0}}
     assert main(["drive", "--node-id", "5", "--can", CAN, "--status", "--json"]) == 0

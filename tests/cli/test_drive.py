@@ -71,7 +71,7 @@ def processes(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_drive_is_a_process_that_says_when_it_is_ready_and_ends_cleanly(processes, number):
+def test_a_drive_is_a_process_that_reports_when_it_is_ready_and_ends_cleanly(processes, number):
     process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive")
     assert wait_for(process, "ready") == "drive 3 (TMCM-1270) ready on local:clidrive"
     process.send_signal(number)
@@ -118,7 +118,7 @@ def test_its_control_socket_goes_with_it(processes):
     assert list_sockets("drive") == []
 
 
-def test_a_local_bus_whose_hub_dies_and_comes_back_is_joined_again(processes):
+def test_a_local_bus_whose_hub_dies_and_returns_is_joined_again(processes):
     process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:cliback")
     wait_for(process, "ready")
     kill_hub("cliback")
@@ -158,7 +158,7 @@ def test_files_for_store_plant_and_scenario_are_used(processes, tmp_path):
 
 
 @pytest.mark.parametrize("option", ["--scenario", "--plant", "--store"])
-def test_mistakes_in_files_are_told_before_the_drive_runs(processes, tmp_path, option):
+def test_errors_in_files_are_reported_before_the_drive_runs(processes, tmp_path, option):
     path = tmp_path / "wrong.yml"
     path.write_text("nonsense: 5\n")
     process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive", option, str(path))
@@ -173,12 +173,12 @@ def test_mistakes_in_files_are_told_before_the_drive_runs(processes, tmp_path, o
     ("options", "words"),
     [((), "drive needs --eds FILE"), (("--eds", "TMCM-1270.eds", "--json"), "--json requires drive --status")],
 )
-def test_what_running_a_drive_needs_and_does_not_know_is_told(options, words):
+def test_missing_facts_that_running_a_drive_needs_are_reported(options, words):
     with pytest.raises(ConfigError, match=words):
         run(parser_of("drive").parse_args(["--node-id", "3", "--can", "local:x", *options]))
 
 
-def test_a_running_drive_tells_its_status(capsys):
+def test_a_running_drive_reports_its_status(capsys):
     with OnBus("memory:status", {3: EDS}) as drives:
         control = drives.call(lambda: NodeControl(drives._host, drives.nodes[3]))
         ask = ["--node-id", "3", "--can", "memory:status", "--status"]
@@ -215,6 +215,6 @@ def test_nodes_of_one_process_may_have_an_eds_each(given, others):
         (["a.eds", "3=b.eds", "2-3=c.eds"], "node 3: another file is given for it"),
     ],
 )
-def test_an_eds_that_fits_no_node_or_too_many_is_told(given, words):
+def test_an_eds_that_fits_no_node_or_too_many_is_reported(given, words):
     with pytest.raises(ConfigError, match=re.escape(words)):
         _eds_files(given, [2, 3])

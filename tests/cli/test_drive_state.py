@@ -49,7 +49,7 @@ def test_a_node_and_its_axes_have_a_line_each():
     ]
 
 
-def test_what_is_wrong_stands_beside_the_node():
+def test_what_is_wrong_stands_alongside_the_node():
     (line,) = state_lines(drive(errors=[0x8611], faults=["rpdo_late"]))
     assert line == "node 3, servo: OPERATIONAL, error 0x8611; active faults: rpdo_late"
 

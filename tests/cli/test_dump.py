@@ -46,12 +46,12 @@ def test_a_dump_as_csv_has_a_line_for_each_object(drive, tmp_path):
     assert rows[1]["value"] == "0x00000286"
 
 
-def test_a_file_that_cannot_be_written_is_told(drive, tmp_path, capsys):
+def test_a_file_that_cannot_be_written_is_reported(drive, tmp_path, capsys):
     assert dump("0x1018", "-o", str(tmp_path / "no" / "file")) == 2
     assert "cannot be written" in capsys.readouterr().err
 
 
-def test_a_dump_of_nothing_that_can_be_read_is_no_success(drive, capsys):
+def test_a_dump_of_nothing_that_can_be_read_is_not_a_success(drive, capsys):
     drive.store.on_read(0x1001, 0, lambda: refuse(0x08000000))
     assert dump("0x1001") == 1
     assert "node 5: none of these objects can be read" in capsys.readouterr().err

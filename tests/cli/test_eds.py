@@ -46,7 +46,7 @@ def test_the_bundled_files_are_good(cli, name):
     assert out.endswith("entries: no issue\n")
 
 
-def test_an_error_is_told_with_its_line_and_exit_code_1(cli):
+def test_an_error_is_reported_with_its_line_and_exit_code_1(cli):
     code, out, _ = cli("check", malformed("24_my_node_id"))
     assert code == 1
     assert "24_my_node_id.eds:93: error: DefaultValue=$MY_NODE_ID+0x200" in out
@@ -59,7 +59,7 @@ def test_warnings_alone_are_good(cli):
     assert ":131: warning:" in out
 
 
-def test_a_file_that_is_no_eds_is_an_error_among_the_others(cli_json):
+def test_a_file_that_is_not_an_eds_is_an_error_among_the_others(cli_json):
     code, reports = cli_json("check", TMCM, malformed("44_xdd"))
     assert code == 2
     assert [report["errors"] for report in reports] == [0, 1]
@@ -92,7 +92,7 @@ def test_wrong_usage_is_exit_code_2(cli, arguments):
 
 
 @pytest.mark.parametrize("action", ["show", "pdos"])
-def test_a_file_that_is_no_eds_cannot_be_shown(capsys, action):
+def test_a_file_that_is_not_an_eds_cannot_be_shown(capsys, action):
     assert main(["eds", action, str(malformed("43_empty"))]) == 2
     said = capsys.readouterr()
     assert said.out == ""
@@ -162,7 +162,7 @@ def test_files_with_the_same_objects_do_not_differ(cli):
     assert cli("diff", TMCM, TMCM) == (0, "", "")
 
 
-def test_differences_are_told_value_by_value(cli, cli_json, tmp_path):
+def test_differences_are_reported_value_by_value(cli, cli_json, tmp_path):
     a, b = tmp_path / "a.eds", tmp_path / "b.eds"
     a.write_text(eds("2000", DefaultValue=1) + eds("2001"))
     b.write_text(eds("2000", DefaultValue=2, data_type=6, name="Other") + eds("2002"))

@@ -38,7 +38,7 @@ def test_whatever_is_in_a_file_has_its_documents(path):
     assert [pdo_document(pdo).bits for pdo in pdos_of(file.od)] == [pdo.bits for pdo in pdos_of(file.od)]
 
 
-def test_an_entry_has_the_keys_that_scripts_know(tmcm):
+def test_an_entry_has_the_stable_json_keys(tmcm):
     entry = plain(entry_document(tmcm.od, tmcm.od[0x607D, 1]))
     assert " ".join(entry) == (
         "index subindex name object object_type data_type access pdo_mappable rpdo_mappable tpdo_mappable default "
@@ -53,7 +53,7 @@ def test_a_pdo_has_its_identifier_without_and_with_its_flags(tmcm):
     assert pdo["mapped"][0] == {"index": "0x6040", "subindex": 0, "bits": 16, "name": "Controlword"}
 
 
-def test_a_change_says_which_fields_an_addition_has_none(tmcm):
+def test_a_change_reports_which_fields_an_addition_has_none(tmcm):
     other = read_eds(data_path("eds", "TMCM-1270.eds")).od
     del other.entries[0x6040, 0]
     changes = [plain(each) for each in changes_of(tmcm.od, other)]

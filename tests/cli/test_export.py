@@ -14,7 +14,7 @@ def recording(tmp_path):
     return str(path)
 
 
-def test_a_robots_layout_goes_into_a_file_and_it_is_said_what_is_in_it(tmp_path, capsys):
+def test_a_robots_layout_goes_into_a_file_and_it_is_reported_what_is_in_it(tmp_path, capsys):
     path = tmp_path / "robby.dbc"
     assert main(["export", "dbc", "robby", "-o", str(path)]) == 0
     assert capsys.readouterr().out == f"{path}: 2 nodes, 8 PDOs\n"

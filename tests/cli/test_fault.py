@@ -24,7 +24,7 @@ def node(tmp_path, monkeypatch):
         yield device
 
 
-def test_list_explains_every_fault_in_sentences_and_says_where_the_wire_is_broken(capsys):
+def test_list_explains_every_fault_in_sentences_and_reports_where_the_wire_is_broken(capsys):
     assert main(["fault", "list"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     for fault in FAULTS.values():
@@ -40,7 +40,7 @@ def test_list_as_json_has_one_entry_for_each(capsys):
     assert {key for each in listed for key in each} == {"name", "row", "acts", "does", "reaction", "once"}
 
 
-def test_a_fault_goes_on_and_off_without_a_master(node, capsys):
+def test_a_fault_is_switched_on_and_off_without_a_master(node, capsys):
     assert main(["fault", "5", "drive_fault", "on", "--can", CAN]) == 0
     assert node.drives[0].state.name == "FAULT"
     assert main(["fault", "0x05", "silent", "on", "--can", CAN]) == 0
@@ -100,7 +100,7 @@ def test_a_drive_that_is_not_there_is_named_with_those_that_are(node, capsys):
     assert f"available: 5 on the bus {CAN.partition(':')[2]}" in capsys.readouterr().err
 
 
-def test_without_any_drive_it_says_how_to_start_one(private_folders, capsys):
+def test_without_any_drive_it_suggests_how_to_start_one(private_folders, capsys):
     assert main(["fault", "6", "silent", "on", "--can", "memory:other"]) == 1
     assert "no virtual drive runs; start one with: canopen-control drive" in capsys.readouterr().err
 

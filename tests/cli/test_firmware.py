@@ -54,7 +54,7 @@ def test_without_an_eds_and_in_the_loader_too(bus, program, capsys):
 
 
 @pytest.mark.parametrize(("expected", "code"), [("2025-01-25T12:00:00", 0), ("2025-01-26", 1)])
-def test_the_date_of_a_program_is_told_and_compared(bus, tmp_path, capsys, expected, code):
+def test_the_date_of_a_program_is_reported_and_compared(bus, tmp_path, capsys, expected, code):
     path = tmp_path / "dated.bin"
     path.write_bytes(whole_program(b"dated", days=15_000, milliseconds=43_200_000))
     assert main(["firmware", "3", str(path), *bus.options, "--eds", bus.eds, "--expect-date", expected]) == code
@@ -67,13 +67,13 @@ def test_the_date_of_a_program_is_told_and_compared(bus, tmp_path, capsys, expec
 
 
 @pytest.mark.parametrize("text", ["yesterday", "2025-13-01", "2025-01-25T25:00"])
-def test_what_is_no_date_is_told(program, capsys, text):
+def test_what_is_not_a_date_is_reported(program, capsys, text):
     with pytest.raises(SystemExit):
         main(["firmware", "3", program, "--expect-date", text])
     assert "is not a date: 2026-11-21" in capsys.readouterr().err
 
 
-def test_a_flash_that_fails_is_told_and_the_same_command_mends_it(bus, program, capsys):
+def test_a_flash_that_fails_is_reported_and_the_same_command_repairs_it(bus, program, capsys):
     switches = FaultSwitches(bus.nodes[3])
     bus.call(lambda: switches.set("flash_fails", True, time.monotonic_ns()))
     assert main(["firmware", "3", program, *bus.options, "--eds", bus.eds]) == 1
@@ -82,7 +82,7 @@ def test_a_flash_that_fails_is_told_and_the_same_command_mends_it(bus, program, 
     assert main(["firmware", "3", program, *bus.options, "--eds", bus.eds]) == 0
 
 
-def test_a_node_without_program_download_is_told(bus, program, capsys):
+def test_a_node_without_program_download_is_reported(bus, program, capsys):
     assert main(["firmware", "4", program, *bus.options, "--eds", TMCM]) == 2
     assert "cannot be loaded over CANopen: 0x1F51:01: abort 0x06020000" in capsys.readouterr().err
 
@@ -108,7 +108,7 @@ def test_another_product_an_enabled_drive_and_bad_files_send_nothing(bus, progra
     assert bus.nodes[3].program.runs
 
 
-def test_a_damaged_file_is_told_and_the_right_one_mends_it(bus, program, tmp_path, capsys):
+def test_a_damaged_file_is_reported_and_the_right_one_repairs_it(bus, program, tmp_path, capsys):
     damaged = tmp_path / "damaged.bin"
     damaged.write_bytes(NEW[:-1] + b"?")
     assert main(["firmware", "3", str(damaged), *bus.options, "--eds", bus.eds]) == 1

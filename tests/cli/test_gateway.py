@@ -70,7 +70,7 @@ def test_half_a_line_at_the_end_is_not_carried_out(bus, gateway):
     assert error == ("canopen-control: standard input ended in the middle of a line, which was not carried out\n")
 
 
-def test_the_nodes_of_a_running_robot_are_served_and_it_goes_on(private_folders, gateway):
+def test_the_nodes_of_a_running_robot_are_served_and_it_continues(private_folders, gateway):
     with live_robot("gwrobot") as drives:
         code, answers, _ = gateway(
             lines=b"[1] 3 r 0x1018 1 x32\n[2] 9 r 0x1000 0\n[3] 3 r 0x4444 0\n[4] lss_switch_glob 1\n[5] 3 preop\n"

@@ -76,6 +76,6 @@ def test_usage_errors(cell, capsys, arguments, words):
     assert words in capsys.readouterr().err
 
 
-def test_without_a_gripper_it_says_so(mock_robot, capsys):
+def test_without_a_gripper_it_reports_this(mock_robot, capsys):
     assert main(["gripper", "0.01"]) == 2
     assert "no gripper action controller is active; name one with --controller" in capsys.readouterr().err

@@ -107,7 +107,7 @@ def test_what_cannot_be_is_one_sentence_and_no_folder(what, capsys):
 
 
 @pytest.mark.parametrize("path", sorted(MALFORMED.glob("4[1-4]*.eds")), ids=lambda path: path.stem)
-def test_a_file_that_is_no_eds_says_so(path, capsys):
+def test_a_file_that_is_not_an_eds_reports_this(path, capsys):
     assert str(path) in refused(capsys, "fresh", "--eds", str(path), "--node-id", "3")
 
 
@@ -200,7 +200,7 @@ def test_a_robot_may_be_made_at_a_path(capsys):
     assert main(["check", "robots/fresh"]) == 0
 
 
-def test_a_problem_is_marked_and_told_in_one_sentence(capsys):
+def test_a_problem_is_marked_and_reported_in_one_sentence(capsys):
     eds = str(Path(__file__).parents[1] / "data" / "eds_edits" / "nohb.eds")
     assert main(["init", "fresh", "--eds", eds, "--node-id", "2,3"]) == 0
     out = capsys.readouterr().out
@@ -210,7 +210,7 @@ def test_a_problem_is_marked_and_told_in_one_sentence(capsys):
     assert main(["check", "fresh"]) == 2
 
 
-def test_who_is_on_the_bus_gets_the_eds_that_fits(monkeypatch, capsys):
+def test_a_device_on_the_bus_gets_the_matching_eds(monkeypatch, capsys):
     found(
         monkeypatch,
         FoundNode(2, who(0x4F6, revision_number=1, serial_number=77, device_name="TMCM-1270")),
@@ -247,7 +247,7 @@ class Answering:
         return {address: self.answers.get(address, SdoAbort(*address, 0x06020000)) for address in wanted}
 
 
-def test_what_a_drive_says_of_itself_goes_before_its_eds(here, monkeypatch):
+def test_what_a_drive_reports_of_itself_goes_before_its_eds(here, monkeypatch):
     ask = init.ask_drives
     own = write_shape(here, shape(), "own.eds")
     found(monkeypatch, FoundNode(4, who(0x1234, vendor=0x99)))
@@ -261,14 +261,14 @@ def test_what_a_drive_says_of_itself_goes_before_its_eds(here, monkeypatch):
     assert "position_mode: 8 " in text  # of positions alone, though the EDS has velocities too
 
 
-def test_a_bus_where_nobody_is_makes_nothing(monkeypatch, capsys):
+def test_an_empty_bus_creates_no_files(monkeypatch, capsys):
     found(monkeypatch)
     assert main(["init", "found", "--can", "local:x"]) == 1
     assert "no node answers on local:x" in capsys.readouterr().err
     assert not Path("found").exists()
 
 
-def test_a_bus_whose_nodes_nobody_knows_makes_nothing(monkeypatch, capsys):
+def test_a_bus_with_unknown_nodes_creates_no_files(monkeypatch, capsys):
     found(monkeypatch, FoundNode(9, who(0x123)))
     assert main(["init", "found", "--can", "local:x"]) == 2
     assert (
@@ -300,7 +300,7 @@ def test_a_robot_is_made_of_the_drives_on_a_bus(stage):
     assert stage.call("check", "found", "--strict").wait() == 0
 
 
-def test_a_mode_that_stands_in_the_file_is_not_proposed_again(tmp_path):
+def test_a_mode_that_is_in_the_file_is_not_proposed_again(tmp_path):
     words = ["--eds", "generic_cia402.eds", "--node-id", "2", "--like", "vfd"]
     assert main(["init", str(tmp_path / "fan"), *words]) == 0
     assert (tmp_path / "fan" / "bus.yml").read_text().count("velocity_mode: 2") == 1

@@ -92,7 +92,7 @@ def test_held_keys_turn_it_both_ways_and_their_release_stops_it(bench, monkeypat
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
 
 
-def test_a_drive_whose_units_nobody_tells_is_turned_in_counts(private_folders, no_terminal, capsys):
+def test_a_drive_with_unknown_units_is_turned_in_counts(private_folders, no_terminal, capsys):
     with jog_bench(TMCM, "memory:counts") as bench:
         assert bench.jog("--velocity", "500pps", "--for", "0.5") == 0
         assert 0 < bench.get(0x6064) < 500
@@ -116,7 +116,7 @@ def test_a_drive_whose_units_nobody_tells_is_turned_in_counts(private_folders, n
         ((), "so keys cannot be read; give a duration with --for S"),
     ],
 )
-def test_what_is_no_jog_is_refused_before_anything_moves(bench, no_terminal, capsys, words, why):
+def test_what_is_not_a_jog_is_refused_before_anything_moves(bench, no_terminal, capsys, words, why):
     assert bench.jog(*words) == 2
     assert why in capsys.readouterr().err
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
@@ -129,7 +129,7 @@ def test_another_device_than_the_eds_describes_is_refused(bench, no_terminal, ca
     assert "so the device is not a CiA 402 drive" in capsys.readouterr().err
 
 
-def test_a_fault_is_told_and_reset_only_on_demand_which_moves_nothing(bench, no_terminal, capsys):
+def test_a_fault_is_reported_and_reset_only_on_demand_which_moves_nothing(bench, no_terminal, capsys):
     axis = bench.drive.drives[0]
     bench.bus.call(lambda: axis.fault(0x3220, bench.bus.reactor.now()))
     assert bench.jog("--for", "1") == 1
@@ -160,7 +160,9 @@ def test_a_drive_that_its_robot_commands_is_left_to_it(private_folders, no_termi
         (signal.SIGCONT, 1, "this program was suspended"),
     ],
 )
-def test_a_signal_without_a_terminal_ends_it_and_is_told(bench, no_terminal, monkeypatch, capsys, number, code, why):
+def test_a_signal_without_a_terminal_ends_it_and_is_reported(
+    bench, no_terminal, monkeypatch, capsys, number, code, why
+):
     asked = suspend_after(monkeypatch, CommandController, 2, LONGEST_SUSPENSION_S + 0.1, number)
     assert bench.jog("--velocity", "60rpm", "--for", "60") == code
     assert capsys.readouterr().out.endswith(f"{why}: stopped and disabled\n")

@@ -74,7 +74,7 @@ def test_one_slave_of_several_is_switched_by_its_identity(slaves, capsys):
     assert json.loads(capsys.readouterr().out) == {**OTHER._asdict(), "node_id": 5}
 
 
-def test_a_slave_without_a_node_id_says_so(slaves, capsys):
+def test_a_slave_without_a_node_id_reports_this(slaves, capsys):
     slaves.new.mode = LssMode.CONFIGURATION
     assert lss("inquire", "node-id") == 0
     assert capsys.readouterr().out == "node-id: none (0xFF)\n"

@@ -55,7 +55,7 @@ def test_the_version_is_the_packages(capsys):
     assert capsys.readouterr().out == f"canopen-control {__version__} ({build()}{how})\n"
 
 
-def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys):
+def test_an_error_of_the_user_is_one_sentence_and_exit_code_2(capsys):
     assert main(["status"]) == 2
     error = capsys.readouterr().err
     assert error == "canopen-control: no robot is running; start one: canopen-control run robby\n"
@@ -128,7 +128,7 @@ def program(*arguments, **how):
 
 @pytest.mark.process
 @pytest.mark.parametrize("arguments", [["eds", "show", "TMCM-1270.eds"], ["bus", "list"], ["--help"]])
-def test_a_reader_that_goes_is_no_failure_however_little_was_to_be_said(private_folders, arguments):
+def test_a_reader_that_goes_is_not_a_failure_however_little_was_to_be_reported(private_folders, arguments):
     """Without PYTHONUNBUFFERED a short text is written at the end of Python, where it would be a traceback."""
     reader, writer = os.pipe()
     os.close(reader)

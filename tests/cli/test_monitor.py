@@ -21,7 +21,7 @@ def test_what_is_wrong_is_a_sentence_and_exit_code_2(private_folders, arguments,
 
 
 @pytest.mark.process
-def test_without_a_terminal_it_says_what_a_script_can_ask(private_folders, capsys):
+def test_without_a_terminal_it_reports_what_a_script_can_ask(private_folders, capsys):
     port = open_local("x", "other")
     assert main(["monitor", "--can", "local:x"]) == 2
     assert "the monitor needs a terminal; for a script: canopen-control status --json" in capsys.readouterr().err
@@ -35,7 +35,7 @@ def test_a_robot_and_a_bare_bus_exclude_each_other():
     assert caught.value.code == 2
 
 
-def test_without_textual_it_says_what_to_type(monkeypatch, capsys):
+def test_without_textual_it_suggests_what_to_type(monkeypatch, capsys):
     found = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "textual" else found(name))
     assert main(["monitor"]) == 2

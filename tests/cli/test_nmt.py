@@ -25,7 +25,7 @@ def state_of(drives, node_id):
     return drives.call(lambda: drives.nodes[node_id].nmt.state)
 
 
-def test_a_command_reaches_its_node_alone_and_silence_is_told(bus, capsys):
+def test_a_command_reaches_its_node_alone_and_silence_is_reported(bus, capsys):
     assert main(["nmt", "start", "3", *ON_BUS, "--wait", "0.05"]) == 0
     assert capsys.readouterr().out == "node 3: start was sent; no heartbeat confirmed it within 0.05 s\n"
     assert (state_of(bus, 3), state_of(bus, 5)) == (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL)

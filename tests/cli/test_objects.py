@@ -18,7 +18,7 @@ def objects(*words):
     return main(["objects", "5", *words, "--can", BUS, "--eds", TMCM])
 
 
-def test_a_drive_tells_what_it_holds_and_what_that_means(drive, capsys):
+def test_a_drive_reports_what_it_holds_and_what_that_means(drive, capsys):
     assert objects("0x6041", "0x1018:01", "--live") == 0
     said = capsys.readouterr().out.splitlines()
     assert said[1].split()[:2] == ["0x1018:01", "Identity"]
@@ -35,7 +35,7 @@ def test_what_is_not_as_by_default_is_marked_and_can_be_had_alone(drive, capsys)
     assert (row["index"], row["value"], row["default"], row["changed"]) == ("0x1017", "900", "0", True)
 
 
-def test_without_a_live_look_an_eds_is_enough(private_folders, capsys):
+def test_without_live_reading_an_eds_is_enough(private_folders, capsys):
     assert main(["objects", "5", "0x1400*", "--eds", GENERIC, "--tree"]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0].startswith("0x1400 ")
@@ -43,7 +43,7 @@ def test_without_a_live_look_an_eds_is_enough(private_folders, capsys):
     assert "0x00000205" in said[2]
 
 
-def test_what_is_not_there_is_told(drive, capsys):
+def test_what_is_not_there_is_reported(drive, capsys):
     assert objects("nosuch", "--live") == 2
     assert "no object 'nosuch' in the EDS" in capsys.readouterr().err
     assert main(["objects", "6", "--live", "--can", BUS, "--eds", TMCM, "--timeout", "0.1"]) == 1

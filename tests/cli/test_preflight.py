@@ -57,7 +57,7 @@ def test_the_link_is_held_against_the_bus_file(monkeypatch, link, expected, word
     assert any(words in step.text for step in found)
 
 
-def test_a_channel_without_an_interface_is_only_told():
+def test_a_channel_without_an_interface_is_only_reported():
     assert results(link_steps("local:anything", 1000)) == [("link", None)]
 
 
@@ -137,7 +137,7 @@ def test_a_joint_that_has_a_position_only_is_led_by_it_and_back_for_stop(private
     assert (others, jog.turned) == ([0] * 5, ["joint_1"])
 
 
-def test_a_joint_without_room_before_its_limit_is_said_and_not_turned(private_folders):
+def test_a_joint_without_room_before_its_limit_is_reported_and_not_turned(private_folders):
     setup = read_robot(find_robot("arm6"), can=["memory:narrow-arm"])
     with drives_on("memory:narrow-arm", dict.fromkeys(range(2, 8), GENERIC)), Jog(setup, 1.0) as jog:
         assert jog.range_refusal("joint_2") is None, "2 rad are enough for two seconds"
@@ -173,7 +173,7 @@ def real_run(stage, *options):
 
 @pytest.mark.process
 @pytest.mark.rest
-def test_a_pass_is_written_and_lets_a_real_run_be_fast(stage, drives, tmp_path):
+def test_a_preflight_pass_is_recorded_and_permits_full_speed(stage, drives, tmp_path):
     done = flight(stage, "--yes", "--report", tmp_path / "report.json")
     assert done.wait() == 0, done
     assert "FAIL" not in done.out
@@ -188,7 +188,7 @@ def test_a_pass_is_written_and_lets_a_real_run_be_fast(stage, drives, tmp_path):
 
 @pytest.mark.process
 @pytest.mark.rest
-def test_without_a_pass_a_real_run_is_slow_and_says_so(stage, drives):
+def test_without_a_pass_a_real_run_is_slow_and_reports_this(stage, drives):
     robot = real_run(stage)
     assert eventually(lambda: speeds() == pytest.approx([1.0, 1.0], rel=0.01))
     assert not eventually(lambda: max(speeds()) > 1.01, 0.5)
@@ -207,7 +207,7 @@ def test_full_speed_overrules(stage, drives):
 
 @pytest.mark.process
 @pytest.mark.rest
-def test_looking_alone_moves_nothing_and_is_no_pass(stage, drives):
+def test_looking_alone_moves_nothing_and_is_not_a_pass(stage, drives):
     done = flight(stage, "--no-jog")
     assert done.wait() == 0, done
     assert "without the jog robby has not passed" in done.out
@@ -284,7 +284,7 @@ class FakeJog:
         return PreflightStep("STOP", True, "stopped")
 
 
-def test_what_could_not_be_turned_is_said_and_not_covered_by_the_pass(monkeypatch):
+def test_what_could_not_be_turned_is_reported_and_not_covered_by_the_pass(monkeypatch):
     monkeypatch.setattr(preflight, "Jog", FakeJog)
     interfaces = {"gripper": None, "wheel": "velocity", "lift": "position"}
     monkeypatch.setattr(preflight, "jog_interfaces", lambda _setup: interfaces)
@@ -313,7 +313,7 @@ def test_what_could_not_be_turned_is_said_and_not_covered_by_the_pass(monkeypatc
         (["--speed", "5", "--yes"], "'5' is not a speed above 0 and up to 1 rad/s"),
     ],
 )
-def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(options, words, capsys, monkeypatch):
+def test_an_error_of_the_user_is_one_sentence_and_exit_code_2(options, words, capsys, monkeypatch):
     monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
     try:
         code = main(["preflight", "robby", *options])

@@ -38,7 +38,7 @@ def test_list_as_json_has_one_entry_for_each(capsys):
     assert listed[0].keys() == {"name", "acts", "does", "clause", "source", "unit", "default", "low", "high"}
 
 
-def test_a_quirk_goes_on_and_off_without_a_master(node, capsys):
+def test_a_quirk_is_switched_on_and_off_without_a_master(node, capsys):
     assert main(["quirk", "5", "--can", CAN]) == 0
     assert main(["quirk", "5", "brake_delay=0.7", "on", "--can", CAN]) == 0
     assert main(["quirk", "5", "remote_never", "on", "--can", CAN]) == 0
@@ -74,7 +74,7 @@ def test_what_is_wrong_is_one_sentence(node, capsys, words, sentence):
     assert len(error.splitlines()) == 1
 
 
-def test_a_drive_is_not_started_with_what_is_no_quirk(capsys):
+def test_a_drive_is_not_started_with_what_is_not_a_quirk(capsys):
     start = ["drive", "--node-id", "3", "--eds", "generic_cia402.eds", "--can", "memory:no-quirk", "--quirk"]
     assert main([*start, "brake_dely"]) == 2
     assert "did you mean 'brake_delay'" in capsys.readouterr().err

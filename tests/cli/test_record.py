@@ -36,7 +36,7 @@ def session():
 
 
 @pytest.mark.parametrize("suffix", list(FORMATS))
-def test_a_recording_tells_what_the_live_bus_told(tmp_path, session, suffix):
+def test_a_recording_reports_what_the_live_bus_reported(tmp_path, session, suffix):
     path, live, replayed = tmp_path / f"run{suffix}", robby_decoder(), robby_decoder()
     with RecordingWriter(path, "local:robby") as writer:
         for each in session:
@@ -73,7 +73,7 @@ def recorded(path, frames, *options):
 
 
 @pytest.mark.process
-def test_it_listens_until_it_is_ended_and_says_how_many_frames_there_are(folders, tmp_path, capsys):
+def test_it_listens_until_it_is_ended_and_reports_how_many_frames_there_are(folders, tmp_path, capsys):
     path, before = tmp_path / "x.log", signal.getsignal(signal.SIGTERM)
     frames = [CanFrame(0x80), CanFrame(0x183, b"\x37\x06\x03")]
     assert recorded(path, frames) == 0
@@ -94,7 +94,7 @@ def test_a_duration_ends_it(folders, tmp_path, capsys):
 
 
 @pytest.mark.process
-def test_the_old_form_is_understood_and_told(folders, tmp_path, capsys):
+def test_the_old_form_is_understood_and_reported(folders, tmp_path, capsys):
     port = open_local("old", "other")
     path = tmp_path / "x.log"
     assert main(["record", "local:old", "--can", str(path), "--for", "0.1"]) == 0
@@ -132,7 +132,7 @@ def test_a_full_disk_is_exit_code_1_with_what_is_in_the_file(monkeypatch, folder
 
 
 @pytest.mark.process
-def test_a_bus_that_nobody_has_is_no_bus_to_record(folders, tmp_path, capsys):
+def test_a_bus_that_is_not_open_cannot_be_recorded(folders, tmp_path, capsys):
     port = open_local("robby", "other")
     path = tmp_path / "x.log"
     assert main(["record", "--can", "local:typo", "-o", str(path), "--for", "0.1"]) == 2
@@ -180,7 +180,7 @@ def test_a_bag_is_of_a_robot_and_alone(arguments, capsys):
     assert "--bag" in capsys.readouterr().err
 
 
-def test_what_is_not_in_the_file_is_said():
+def test_what_is_not_in_the_file_is_reported():
     whole = Recorded("x.trc", "can0", 10, lost=2, left_out=3, seconds=1.5)
     assert whole.sentence() == (
         "x.trc: 10 frames of can0 in 1.5 s, 2 lost: they arrived faster than they were read, "

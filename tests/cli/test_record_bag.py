@@ -30,7 +30,7 @@ def test_a_bag_of_a_running_robot(tmp_path):
     assert f"{recorded.messages} messages of bagged" in recorded.sentence()
 
 
-def test_what_a_lower_rate_leaves_out_is_told(tmp_path):
+def test_what_a_lower_rate_leaves_out_is_reported(tmp_path):
     with running("slowly"):
         recorded = record_bag("slowly", str(tmp_path / "run"), 0.5, 10.0)
     assert 1 <= recorded.samples <= 10.0 * recorded.seconds + 2

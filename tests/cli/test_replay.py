@@ -39,17 +39,17 @@ def log(tmp_path):
     return str(path)
 
 
-def test_the_nodes_of_a_recording_are_those_who_speak_or_are_spoken_to():
+def test_the_nodes_of_a_recording_are_senders_and_receivers_of_its_frames():
     assert replay.node_ids_in((0, frame) for frame in FRAMES) == {2, 3}
 
 
-def test_without_a_bus_it_tells_what_is_in_it(log, capsys):
+def test_without_a_bus_it_reports_what_is_in_it(log, capsys):
     assert main(["replay", log, "robby", "--service", "pdo"]) == 0
     assert "Statusword 0x0637 OPERATION ENABLED" in capsys.readouterr().out
 
 
 @pytest.mark.process
-def test_it_plays_into_a_bus_where_nobody_is(folders, log, capsys):
+def test_it_plays_into_an_empty_bus(folders, log, capsys):
     ear = open_local("bench", "ear")
     assert main(["replay", log, "--can", "local:bench"]) == 0
     assert capsys.readouterr().out.startswith("5 frames into local:bench, none later than ")
@@ -95,7 +95,7 @@ def test_where_a_master_is_alive_nothing_is_played(folders, log, capsys):
 
 
 @pytest.mark.process
-def test_ctrl_c_ends_it_and_it_says_how_far_it_came(folders, log, capsys, monkeypatch):
+def test_ctrl_c_ends_it_and_it_reports_how_far_it_came(folders, log, capsys, monkeypatch):
     def interrupted(frames, port, played, *, speed):
         next(iter(frames))
         played.frames = 1
@@ -107,7 +107,7 @@ def test_ctrl_c_ends_it_and_it_says_how_far_it_came(folders, log, capsys, monkey
 
 
 @pytest.mark.parametrize("bad", ["memory:x", "virtual:x"])
-def test_a_bus_nobody_would_hear_is_refused(bad, log, capsys):
+def test_a_bus_without_a_receiver_is_refused(bad, log, capsys):
     assert main(["replay", log, "--can", bad]) == 2
     assert "no other program receives the frames" in capsys.readouterr().err
 

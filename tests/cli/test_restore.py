@@ -123,7 +123,7 @@ def test_what_a_file_gives_and_nothing_writes_is_named(bus, backup, capsys):
 
 
 @pytest.mark.parametrize("content", ["", "[FileInfo]\n", "not a file of that kind"])
-def test_a_wrong_file_is_told(bus, tmp_path, capsys, content):
+def test_a_wrong_file_is_reported(bus, tmp_path, capsys, content):
     path = tmp_path / "wrong.dcf"
     path.write_text(content)
     assert main(["restore", str(path), "3", *bus.options]) == 2

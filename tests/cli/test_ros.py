@@ -57,7 +57,7 @@ def test_a_message_is_shown_as_yaml_also_where_the_environment_is_another_progra
 
 
 @pytest.mark.ros
-def test_a_file_of_the_users_folder_is_no_module_of_ours(scene, tmp_path):
+def test_a_file_of_the_users_folder_is_not_a_module_of_ours(scene, tmp_path):
     (tmp_path / "statistics.py").write_text("raise SystemExit('the wrong statistics')")
     environment = ros.ros_environment(scene[0], _ROS_WHEELS_BOOTSTRAP_COMPLETE="1")
     environment.pop("LD_LIBRARY_PATH", None)  # so that it starts itself anew
@@ -67,7 +67,7 @@ def test_a_file_of_the_users_folder_is_no_module_of_ours(scene, tmp_path):
 
 
 @pytest.mark.ros
-def test_a_message_is_published_once_somebody_is_there(scene, program):
+def test_a_message_is_published_once_there_is_a_subscriber(scene, program):
     scene[1].order("subscribe", topic="/from_cli", of=TYPE)
     program("topic", "pub", "/from_cli", TYPE, "{data: [10.0, 10]}", "--once")
     assert scene[1].message("/from_cli")["data"] == [10.0, 10.0]
@@ -123,7 +123,7 @@ def test_the_bridge_is_started_by_hand_with_arguments_for_ros(program):
 
 
 @pytest.mark.process
-def test_without_ros_it_says_how_to_get_it(tmp_path):
+def test_without_ros_it_suggests_how_to_get_it(tmp_path):
     code = f"""
 import importlib.util, sys
 found = importlib.util.find_spec

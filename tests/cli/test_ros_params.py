@@ -28,6 +28,6 @@ def test_a_value_has_the_type_of_the_parameter_where_it_fits(value, declared, fo
 
 
 @pytest.mark.parametrize("value", [{"a": 1}, None, [1, "a"], [[1]], [None], []])
-def test_what_is_no_parameter_is_refused(value):
+def test_what_is_not_a_parameter_is_refused(value):
     with pytest.raises(ConfigError, match="a parameter cannot be "):
         typed(value, "not_set")

@@ -21,7 +21,7 @@ def arguments(*words):
 
 
 @pytest.mark.parametrize("words", [["--can", "vcan0"], ["--real"], ["--name", "a"], ["--plant", "a.yml"]])
-def test_what_the_file_says_is_refused(words):
+def test_what_the_file_specifies_is_refused(words):
     with pytest.raises(ConfigError, match=f"{words[0]} is for a single robot"):
         run_shared(arguments(*words))
 
@@ -31,7 +31,7 @@ def test_each_robot_gets_the_options_of_all():
     assert given == ["--strict", "--no-flight-recorder", "--for", "3"]
 
 
-def test_a_file_that_is_not_there_is_told(tmp_path):
+def test_a_file_that_is_not_there_is_reported(tmp_path):
     args = arguments()
     args.world = str(tmp_path / "gone.yml")
     with pytest.raises(ConfigError, match=r"gone\.yml"):
@@ -107,7 +107,7 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         ([], "bundled robot"),
     ],
 )
-def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys, arguments, words):
+def test_an_error_of_the_user_is_one_sentence_and_exit_code_2(capsys, arguments, words):
     assert main(["run", *arguments]) == 2
     error = capsys.readouterr().err
     assert words in error
@@ -116,7 +116,7 @@ def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys, arguments
 
 
 @pytest.mark.process
-def test_a_channel_that_is_not_there_is_exit_code_2_and_says_what_to_type(capsys):
+def test_a_channel_that_is_not_there_is_exit_code_2_and_suggests_what_to_type(capsys):
     assert main(["run", "robby", "--can", "can7", "--real"]) == 2
     assert "can7" in capsys.readouterr().err
 
@@ -160,7 +160,7 @@ class Listener:
         self.lines.append(line)
 
 
-def test_of_many_nodes_it_is_told_how_many_have_booted():
+def test_of_many_nodes_it_is_reported_how_many_have_booted():
     many, few = Listener(), Listener()
     for listener, nodes in ((many, 5), (few, 2)):
         session = SimpleNamespace(robot=SimpleNamespace(nodes=dict.fromkeys(range(nodes))))

@@ -14,7 +14,7 @@ def test_lines_come_in_order_and_all_of_them_before_the_end():
     assert stream.getvalue().splitlines() == [f"line {number}" for number in range(100)]
 
 
-def test_a_reader_that_stalls_stalls_nobody():
+def test_a_reader_that_stalls_blocks_no_other():
     class Stalled(io.StringIO):
         def write(self, text):
             released.wait(30)
@@ -29,7 +29,7 @@ def test_a_reader_that_stalls_stalls_nobody():
     announcer.close()
 
 
-def test_a_reader_that_is_gone_is_no_error():
+def test_a_reader_that_is_gone_is_not_an_error():
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "w") as stream:

@@ -71,7 +71,7 @@ def test_a_bus_yml_is_held_against_what_is_there(bus, capsys):
     )
 
 
-def test_missing_and_additional_nodes_are_told(private_folders, capsys):
+def test_missing_and_additional_nodes_are_reported(private_folders, capsys):
     with OnBus("memory:scan", {2: TMCM, 9: TMCM}):
         assert scan("--config", str(data_path("config", "robby"))) == 1
     _, two, three, nine, *_known = capsys.readouterr().out.splitlines()

@@ -27,7 +27,7 @@ SIGNALS = [signal_of("5:0x6064", NODE), signal_of("5:0x606C", NODE)]
 SHOT = Shot(tuple((100.0 + n / 10, (float(n), None)) for n in range(11)), triggered=100.5)
 
 
-def test_people_see_measures_and_a_curve():
+def test_the_text_output_has_figures_and_a_curve():
     lines = list(shot_lines(SHOT, SIGNALS))
     assert lines[0] == "11 samples from -0.500 s to 0.500 s of the trigger"
     assert lines[2].split()[5:8] == ["0", "10", "4.5"]
@@ -45,7 +45,7 @@ def test_another_ending_or_place_is_refused_before_anything_is_looked_at(text):
         check_output(text)
 
 
-def test_cursors_tell_what_is_between_them():
+def test_cursors_report_what_is_between_them():
     lines = list(cursor_lines(SHOT, SIGNALS, (-0.2, 0.3)))
     assert lines[0] == "cursors at -0.2 s and 0.3 s: dt 0.5 s (2 Hz)"
     assert lines[2].split()[2:5] == ["3", "8", "5"]
@@ -61,7 +61,7 @@ def test_an_overlay_is_measured_below_the_same_signal_and_may_be_of_other_ones(t
 
 
 @pytest.mark.parametrize("name", ["gone.csv", "pixels.csv", "empty.csv"])
-def test_what_is_no_overlay_is_told(tmp_path, name):
+def test_what_is_not_an_overlay_is_reported(tmp_path, name):
     (tmp_path / "pixels.csv").write_bytes(b"\x89PNG\xff")
     (tmp_path / "empty.csv").write_text("")
     with pytest.raises(ConfigError, match=name):
@@ -70,7 +70,7 @@ def test_what_is_no_overlay_is_told(tmp_path, name):
 
 @pytest.mark.rest
 @pytest.mark.parametrize(("name", "begins"), [("a.csv", b"time,t,5:0x6064"), ("a.png", b"\x89PNG\r\n")])
-def test_the_ending_says_what_is_written(tmp_path, name, begins):
+def test_the_ending_reports_what_is_written(tmp_path, name, begins):
     assert write_shot(tmp_path / name, SHOT, SIGNALS, cursors=(0.0, 0.1)) == tmp_path / name
     assert (tmp_path / name).read_bytes().startswith(begins)
 
@@ -194,6 +194,6 @@ def test_two_shots_are_laid_over_each_other_and_measured_between_cursors(bench, 
         (("5:0x6064", "wheel:velocity"), 2, "joints exist only in a running robot"),
     ],
 )
-def test_what_is_no_look_is_told(bench, capsys, words, code, why):
+def test_an_invalid_viewpoint_is_reported(bench, capsys, words, code, why):
     assert scope(bench, *words) == code
     assert why in capsys.readouterr().err

@@ -40,7 +40,7 @@ def robby(robot, shared_folder, private_folders, monkeypatch):
 
 
 @pytest.mark.rest
-def test_a_running_robot_knows_the_names_and_types_of_each_node(robby, capsys):
+def test_a_running_robot_has_the_names_and_types_of_each_node(robby, capsys):
     assert main(["sdo", "read", "left_drive", "0x1008"]) == 0
     assert main(["sdo", "read", "3", "Product code"]) == 0
     assert main(["sdo", "read", "3", "60C2:2", "--name", "sdorobot"]) == 0
@@ -51,7 +51,7 @@ def test_a_running_robot_knows_the_names_and_types_of_each_node(robby, capsys):
     ]
 
 
-def test_a_value_is_said_as_trace_says_it(robby, bus, capsys):
+def test_a_value_is_reported_as_trace_reports_it(robby, bus, capsys):
     robby.call(lambda: robby.nodes[3].store.set(0x6060, 0, 3))
     for name in ("Statusword", "0x6502", "0x6060", "1017", "0x1001", "1800:2", "1600:1", "60FF"):
         assert main(["sdo", "read", "left_drive", name]) == 0
@@ -84,7 +84,7 @@ def test_an_object_named_without_subindex_is_read_whole(robby, bus, capsys):
     assert len(capsys.readouterr().out.splitlines()) == 2
 
 
-def test_what_a_node_refuses_of_an_object_is_told_and_the_rest_is_read(bus, capsys):
+def test_what_a_node_refuses_of_an_object_is_reported_and_the_rest_is_read(bus, capsys):
     assert main(["sdo", "read", "3", "0x1003", *bus, "--eds", GENERIC]) == 1  # this node has none of it
     assert capsys.readouterr().err.count("abort 0x06020000") > 1
     assert main(["sdo", "read", "3", "0x60C1", *bus, "--eds", GENERIC]) == 1
@@ -106,7 +106,7 @@ def test_negative_numbers_are_right_by_type(bus, robby, capsys):
         assert read.endswith("Target velocity: -500 (0xFFFFFE0C)")
 
 
-def test_on_a_bare_bus_a_type_or_an_eds_is_told_and_reading_needs_neither(bus, capsys):
+def test_on_a_bare_bus_a_type_or_an_eds_is_reported_and_reading_needs_neither(bus, capsys):
     assert main(["sdo", "read", "5", "0x1000", *bus]) == 0
     assert main(["sdo", "write", "5", "0x60FF", "-7", "--type", "i32", *bus]) == 0
     assert main(["sdo", "read", "5", "0x60FF", *bus]) == 0
@@ -135,7 +135,7 @@ def test_json_has_value_and_bytes(robby, capsys):
     }
 
 
-def test_data_of_another_length_are_shown_and_the_user_is_told(bus, capsys):
+def test_data_of_another_length_are_shown_and_the_user_is_notified(bus, capsys):
     assert main(["sdo", "read", "5", "0x6041", "--type", "i32", *bus]) == 0
     said = capsys.readouterr()
     assert "INTEGER32 has 4 bytes, not 2; shown without a type" in said.err

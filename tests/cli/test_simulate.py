@@ -23,7 +23,7 @@ def test_json_ends_with_one_object(capsys):
     assert found["frames"] > 100
 
 
-def test_events_are_told_with_their_time_and_then_what_came_of_it(capsys):
+def test_events_are_reported_with_their_time_and_then_what_came_of_it(capsys):
     code, out, _ = simulate(capsys, "robby", "--for", "1s")
     lines = out.splitlines()
     assert code == 0

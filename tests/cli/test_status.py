@@ -58,7 +58,7 @@ def test_a_fault_its_emergency_message_and_its_stop_are_one_line():
     assert cause_lines(drive_fault(10.0), {}) == [FAULT_LINE]
 
 
-def test_what_stands_above_as_the_error_of_the_node_is_not_told_again():
+def test_what_is_above_as_the_error_of_the_node_is_not_reported_again():
     assert cause_lines(loss(10.0)[:2], {"right_drive": f"{RIGHT}: {SILENT}"}) == []
     assert cause_lines(loss(10.0), {"right_drive": f"{RIGHT}: {SILENT}"}) == [f"error: {RIGHT}: {BOTH}"]
     assert cause_lines(loss(10.0)[:2], {"left_drive": f"{LEFT}: {SILENT}"}) == [f"error: {RIGHT}: {SILENT}"]
@@ -71,7 +71,7 @@ def test_what_comes_again_is_counted_with_its_times():
     assert lines[0].endswith(":02:00)")
 
 
-def test_each_axis_of_a_node_that_tells_the_same_in_one_cycle_is_told_once():
+def test_each_axis_of_a_node_that_reports_the_same_in_one_cycle_is_reported_once():
     assert cause_lines([event(5.0, "node_lost", f"{LEFT}: lost: {SILENT}")] * 6, {}) == [f"error: {LEFT}: {SILENT}"]
 
 
@@ -88,7 +88,7 @@ WORDS = [f"{LEFT}: {HOT}", f"{LEFT}: fault; {HOT}", f"{RIGHT}: {SILENT}", f"{BOT
 
 @pytest.mark.rest
 @given(st.lists(st.tuples(st.floats(0, 100), st.sampled_from("abc"), st.sampled_from(WORDS)), max_size=12))
-def test_whatever_happens_every_clause_is_told_and_no_line_twice(told):
+def test_whatever_happens_every_clause_is_reported_and_no_line_twice(told):
     events = [event(at, kind, text) for at, kind, text in sorted(told)]
     lines = cause_lines(events, {})
     assert len(lines) == len(set(lines))
@@ -127,7 +127,7 @@ def test_a_line_for_the_robot_one_for_each_axis_and_the_errors_in_words():
     assert lines[4] == "  node 4 (gone): no answer"
 
 
-def test_a_simulated_base_is_told_with_what_odometry_is_off_by():
+def test_a_simulated_base_is_reported_with_what_odometry_is_off_by():
     truth = TruePose(time=0.0, x=1.0, y=-0.25, heading=math.pi / 2, error=(0.003, -0.004, -math.pi / 180))
     assert render(Snapshot(true_pose=truth))[1] == (
         "true pose 1.000, -0.250 m, 90.0 deg; odometry is off by 5.0 mm and 1.00 deg"
@@ -166,7 +166,7 @@ def test_a_target_has_the_unit_of_its_mode(mode, target):
     assert f"  {target}  " in lines[2]
 
 
-def test_a_latched_stop_is_said_with_the_way_out_of_it():
+def test_a_latched_stop_is_reported_with_the_remedy():
     hint = "STOP is latched (by view): canopen-control stop --release"
     lines = render(sample_of({**STATE, "state": "disabled", "latched": True, "latched_by": "view", "hint": hint}))
     assert lines[0].startswith("disabled, cycle 7")
@@ -180,7 +180,7 @@ def test_a_latched_stop_is_said_with_the_way_out_of_it():
         (event_of({"time": 1.0, "kind": "stopped"}), ""),
     ],
 )
-def test_a_watch_says_that_the_robot_has_died_but_not_that_it_was_ended(monkeypatch, capsys, event, said):
+def test_a_watch_reports_that_the_robot_has_died_but_not_that_it_was_ended(monkeypatch, capsys, event, said):
     class Robot:
         def ask(self, _request):
             return Done()
@@ -269,7 +269,7 @@ def test_the_table_imports_neither_options_nor_messages(monkeypatch, tmp_path):
     assert not {"argparse", "msgspec", "typing", "queue", "textwrap"} & {*done.stderr.split()}
 
 
-def test_a_failed_boot_step_does_not_say_again_what_stands_above(monkeypatch, capsys):
+def test_a_failed_boot_step_does_not_report_again_what_is_above(monkeypatch, capsys):
     why = STATE["nodes"]["gone"]["error"]
     steps = [
         {"node": "gone", "step": "identify", "seconds": 0.5, "error": why},
@@ -285,7 +285,7 @@ def test_a_failed_boot_step_does_not_say_again_what_stands_above(monkeypatch, ca
     assert "boot of left_drive: identify 500.0 ms failed: another reason" in said
 
 
-def test_the_last_line_says_which_build_of_which_version_runs_the_robot(monkeypatch, capsys):
+def test_the_last_line_reports_which_build_of_which_version_runs_the_robot(monkeypatch, capsys):
     serve(monkeypatch, {**STATE, "version": "1.2.3", "build": "compiled"})
     assert main(["status"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "canopen_control 1.2.3, compiled"

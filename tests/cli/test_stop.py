@@ -9,7 +9,7 @@ from canopen_control.rpc.messages.robot import GetStatus
 from canopen_control.rpc.messages.state import AxisReading, NodeReading
 
 
-def test_without_drives_it_says_that_the_next_command_moves(mock_robot, capsys):
+def test_without_drives_it_reports_that_the_next_command_moves(mock_robot, capsys):
     assert main(["stop"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("stopped; no drive")
@@ -25,7 +25,7 @@ def test_without_drives_it_says_that_the_next_command_moves(mock_robot, capsys):
         (False, True, "released, the drives are disabled", "axis enable all"),
     ],
 )
-def test_with_drives_it_says_what_it_did_and_how_to_go_on(latch, release, begin, end):
+def test_with_drives_it_reports_what_it_did_and_how_to_continue(latch, release, begin, end):
     said = stop._done(latch, release, True)
     assert said.startswith(begin)
     assert said.endswith(end)

@@ -31,7 +31,7 @@ def log(tmp_path):
     return str(path)
 
 
-def test_a_recording_is_told_by_name(log, capsys):
+def test_a_recording_is_reported_by_name(log, capsys):
     assert main(["trace", "robby", "--file", log]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == len(FRAMES)
@@ -69,7 +69,7 @@ def test_without_names_the_predefined_connection_set_is_shown(log, capsys):
     assert "object names are unknown: give ROBOT, --name or --eds" in err
 
 
-def test_a_file_that_breaks_off_is_shown_and_said(tmp_path, capsys):
+def test_a_file_that_breaks_off_is_shown_and_reported(tmp_path, capsys):
     path = tmp_path / "x.log"
     path.write_text("(1.000000) can0 080#\nrubbish\n")
     assert main(["trace", "robby", "--file", str(path)]) == 0
@@ -118,7 +118,7 @@ def test_what_cannot_be_listened_to_is_a_sentence(options, words, capsys):
         ("slcan:/dev/ttyACM0@500000", OSError(5, "Input/output error")),
     ],
 )
-def test_a_carrier_that_dies_and_comes_back_is_told_between_the_frames(channel, gone, monkeypatch, capsys):
+def test_a_carrier_that_dies_and_returns_is_reported_between_the_frames(channel, gone, monkeypatch, capsys):
     monkeypatch.setattr("canopen_control.bus.pythoncan._BROKEN_S", {"receive": 0.02, "send": 0.02})
     monkeypatch.setattr("canopen_control.bus.pythoncan._REOPEN_S", (0.01,))
     monkeypatch.setattr("canopen_control.bus.pythoncan.missing_package", lambda _interface: None)

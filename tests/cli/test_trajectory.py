@@ -114,12 +114,12 @@ def test_what_cannot_be_played_or_recorded_is_a_sentence(arm, words, text, capsy
         (["cancel", "--controller", "joint_state_broadcaster"], "is not a joint trajectory controller"),
     ],
 )
-def test_where_nothing_is_to_be_done_it_says_so(arm, words, text, capsys):
+def test_where_nothing_is_to_be_done_it_reports_this(arm, words, text, capsys):
     assert main(["trajectory", *words]) == 1
     assert text in capsys.readouterr().err
 
 
-def test_another_shell_ends_it_and_the_first_one_says_so(arm, wave, capsys):
+def test_another_shell_ends_it_and_the_first_one_reports_this(arm, wave, capsys):
     codes = []
     playing = threading.Thread(target=lambda: codes.append(main(["trajectory", "play", wave(seconds=20.0)])))
     playing.start()

@@ -189,7 +189,7 @@ def test_what_cannot_be_is_refused_before_anything_moves(bench, no_terminal, cap
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
 
 
-def test_without_a_terminal_the_limits_are_told_that_yes_would_confirm(bench, no_terminal, capsys):
+def test_without_a_terminal_the_limits_are_reported_that_yes_would_confirm(bench, no_terminal, capsys):
     assert bench.verb("tune", "--step", "30rpm") == 2
     said = capsys.readouterr()
     assert "excitation: a step to 3.14 rad/s (30.0 rpm)" in said.out
@@ -198,14 +198,14 @@ def test_without_a_terminal_the_limits_are_told_that_yes_would_confirm(bench, no
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
 
 
-def test_an_answer_that_is_no_yes_moves_nothing(bench, monkeypatch, capsys):
+def test_an_answer_that_is_not_a_yes_moves_nothing(bench, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("builtins.input", lambda _prompt: "n")
     assert bench.verb("tune", "--step", "30rpm") == 2
     assert "not confirmed; nothing moved" in capsys.readouterr().err
 
 
-def test_a_drive_without_a_torque_mode_is_told(private_folders, no_terminal, capsys):
+def test_a_drive_without_a_torque_mode_is_reported(private_folders, no_terminal, capsys):
     with jog_bench(TMCM, "memory:tune_stepper") as bench:
         assert bench.verb("tune", "--identify", "100", "--yes") == 2
     assert "its modes are PP, PV, HM, CSP (0x6502)" in capsys.readouterr().err
@@ -242,7 +242,7 @@ def test_proposed_gains_are_set_and_taken_back(bench, no_terminal, capsys):
         (("--identify", "100", "--apply", "--gain", "velocity_p=0x3210:01*1"), "has no 0x3210:01 in its EDS"),
     ],
 )
-def test_gains_that_cannot_be_set_are_told_before_anything_moves(bench, no_terminal, capsys, words, why):
+def test_gains_that_cannot_be_set_are_reported_before_anything_moves(bench, no_terminal, capsys, words, why):
     assert bench.verb("tune", *words, "--yes") == 2
     assert why in capsys.readouterr().err
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED

@@ -17,7 +17,7 @@ def test_a_base_drives_forward_and_stops():
 
 
 @pytest.mark.rest
-def test_a_base_that_can_drives_sideways_and_another_one_says_that_it_cannot(capsys):
+def test_a_base_that_can_drives_sideways_and_another_one_reports_that_it_cannot(capsys):
     with lockstep(), Robot.from_config("mecanum", mock=True, name="platform") as robot:
         robot.start()
         assert main(["twist", "mecanum_base_controller", "0", "0", "--lateral", "0.2", "--for", "0.3"]) == 0

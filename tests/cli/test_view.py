@@ -26,7 +26,7 @@ def test_an_address_that_cannot_be_bound_is_a_sentence(mock_robot, capsys):
 
 
 @pytest.mark.parametrize("words", [["view"], ["run", "robby", "--mock", "--view"]], ids=["view", "run"])
-def test_without_nicegui_it_says_what_to_type_and_starts_nothing(monkeypatch, capsys, words):
+def test_without_nicegui_it_suggests_what_to_type_and_starts_nothing(monkeypatch, capsys, words):
     found = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name, *rest: None if name == "nicegui" else found(name, *rest)

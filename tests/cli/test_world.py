@@ -45,7 +45,7 @@ def world(tmp_path, monkeypatch, request):
         yield made
 
 
-def test_it_tells_where_the_robot_is(world, capsys):
+def test_it_reports_where_the_robot_is(world, capsys):
     assert main(["world", "--can", CAN]) == 0
     said = capsys.readouterr().out
     assert said == "x 1.0000 m, y -2.0000 m, z 0.5000 m, heading 180.00 deg, roll 0.0 deg, pitch -5.7 deg\nrange: 1.5\n"
@@ -80,21 +80,21 @@ def test_what_is_asked_for_happens(world, words, act):
         ("payload 1 --on roof", "the robot has no link 'roof'"),
     ],
 )
-def test_what_cannot_be_is_told_and_nothing_happens(world, capsys, words, said):
+def test_what_cannot_be_is_reported_and_nothing_happens(world, capsys, words, said):
     assert main(["world", *words.split(), "--can", CAN]) in (1, 2)
     assert said in capsys.readouterr().err
     assert world.acts == []
 
 
 @pytest.mark.parametrize("world", [IndependentPlants], indirect=True)
-def test_without_physics_it_says_what_to_do(world, capsys):
+def test_without_physics_it_suggests_what_to_do(world, capsys):
     assert main(["world", "--can", CAN]) == 0
     assert "have no physics" in capsys.readouterr().out
     assert main(["world", "block", "wheel", "--can", CAN]) != 0
     assert "start the robot with --physics" in capsys.readouterr().err
 
 
-def test_without_drives_it_says_how_to_start_them(tmp_path, monkeypatch, capsys):
+def test_without_drives_it_suggests_how_to_start_them(tmp_path, monkeypatch, capsys):
     use_private_folders(monkeypatch, tmp_path)
     assert main(["world"]) == 1
     assert "canopen-control run ROBOT --physics" in capsys.readouterr().err

@@ -27,7 +27,7 @@ def world(capsys):
     return world
 
 
-def test_it_is_paused_stepped_reset_and_goes_on(simulated, world, capsys):
+def test_it_is_paused_stepped_reset_and_continues(simulated, world, capsys):
     paused = world("pause")
     assert paused["paused"]
     assert world() == paused
@@ -41,7 +41,7 @@ def test_it_is_paused_stepped_reset_and_goes_on(simulated, world, capsys):
 
 
 @pytest.mark.parametrize("words", ["step 0", "step -1", "step many", "step 1.5", "step ٣", "pause now", "play 2"])
-def test_what_is_no_number_of_cycles_and_a_value_for_nothing_are_told(words, capsys, private_folders):
+def test_what_is_not_a_number_of_cycles_and_a_value_for_nothing_are_reported(words, capsys, private_folders):
     assert main(["world", *words.split()]) == 2
     said = capsys.readouterr().err
     assert "a number of cycles from 1 to 1000000" in said or "takes no value" in said or "unrecognized" in said

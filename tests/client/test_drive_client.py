@@ -25,7 +25,7 @@ def drive():
         drives.call(control.close)
 
 
-def test_it_knows_whom_it_speaks_to(drive):
+def test_it_names_its_peer(drive):
     assert (drive.hello.node_id, drive.hello.channel, drive.hello.pid) == (3, CHANNEL, os.getpid())
 
 
@@ -36,7 +36,7 @@ def test_answers_are_structures(drive):
     assert (state.faults, state.axes[0].plant.velocity, state.world) == (["warning"], 0.0, None)
 
 
-def test_what_is_refused_is_told_in_its_words(drive):
+def test_what_is_refused_is_reported_in_its_words(drive):
     with pytest.raises(RemoteError, match="'colour' is not a number of this plant") as refused:
         drive.ask(SetPlant(numbers={"colour": 1.0}))
     assert refused.value.kind == "ConfigError"
@@ -57,12 +57,12 @@ def test_signals_are_read_as_people_write_them(text, values):
 
 
 @pytest.mark.parametrize("text", ["", "di0", "=1", "di0=", "di0=inf", "di0=1,"])
-def test_what_is_no_value_of_a_signal_is_refused(text):
+def test_what_is_not_a_value_of_a_signal_is_refused(text):
     with pytest.raises(ConfigError, match="write SIGNAL=NUMBER"):
         signal_values(text)
 
 
-def test_the_first_drive_that_knows_of_shapes_is_asked(monkeypatch):
+def test_shapes_are_requested_from_the_first_drive_that_has_them(monkeypatch):
     asked = []
 
     class Drive(SimpleNamespace):

@@ -110,7 +110,7 @@ def test_a_subscription_gets_a_whole_number_of_cycles(cycle_ms, wanted, rate):
     assert stream_rate(CycleTimes(period_s=cycle_ms / 1000), wanted) == pytest.approx(rate)
 
 
-def test_who_publishes_more_often_than_the_state_comes_is_named():
+def test_a_controller_publishing_faster_than_the_state_is_named():
     fast = ControllerReading(name="states", type="", state="active", publish_rate=200.0)
     base = ControllerReading(name="base", type="", state="active", publish_rate=50.0)
     assert outpaced([fast, base], 200.0) is None
@@ -223,7 +223,7 @@ def test_the_only_robot_needs_no_name(robot):
 # -- hello
 
 
-def test_the_robot_says_who_it_is(client):
+def test_the_robot_reports_its_identity(client):
     assert client.robot == "robby"
     assert client.hello == RobotHello("robby", "0.1.0", 2, 42)
     assert client.fileno() >= 0
@@ -303,7 +303,7 @@ def test_a_refusal_of_any_shape_is_a_sentence(robot, client, error, kind, senten
     assert caught.value.kind == kind
 
 
-def test_a_call_that_takes_too_long_is_given_up_and_its_late_answer_is_nobodys(robot, client):
+def test_a_call_that_times_out_is_abandoned_and_its_late_answer_ignored(robot, client):
     late = {}
     robot.answers["status"] = lambda connection, request: late.update(connection=connection, id=request["id"])
     client.timeout = 0.02
@@ -339,7 +339,7 @@ def test_a_robot_that_dies_in_the_middle_of_a_call_is_one_sentence(robot, client
         assert caught.value.kind == "BusClosed"
 
 
-def test_what_is_too_long_is_the_callers_mistake_and_leaves_nothing_behind(client):
+def test_what_is_too_long_is_the_callers_error_and_leaves_nothing_behind(client):
     with pytest.raises(LocalProtocolError, match="more than 65536"):
         client.ask(PublishEvent(kind="long", text="x" * 70_000))
     assert client._awaited == {}
@@ -362,7 +362,7 @@ def test_what_was_subscribed_to_comes_in_order_also_before_an_answer(client):
     assert list(client.messages(0)) == []
 
 
-def test_messages_wait_as_long_as_they_are_told(robot, client):
+def test_messages_wait_as_long_as_commanded(robot, client):
     started = time.monotonic()
     assert list(client.messages(0.02)) == []
     assert time.monotonic() - started >= 0.02
@@ -373,7 +373,7 @@ def test_messages_wait_as_long_as_they_are_told(robot, client):
     later.join()
 
 
-def test_what_has_come_is_yielded_before_the_end_is_told(robot, client):
+def test_what_has_come_is_yielded_before_the_end_is_reported(robot, client):
     push(client, 2)
     robot.on_loop(robot.server.close)
     messages = client.messages(10)
@@ -382,7 +382,7 @@ def test_what_has_come_is_yielded_before_the_end_is_told(robot, client):
         next(messages)
 
 
-def test_what_nobody_fetches_is_dropped_and_counted(client, monkeypatch):
+def test_unfetched_items_are_dropped_and_counted(client, monkeypatch):
     monkeypatch.setattr("canopen_control.rpc.client._MAX_PUSHED", 3)
     push(client, 5)
     assert client.dropped == 2
@@ -438,7 +438,7 @@ def test_a_call_is_answered_while_another_thread_reads(client):
     assert stopped == [True]
 
 
-def test_a_death_is_told_to_every_thread_that_waits(robot, client):
+def test_a_death_is_reported_to_every_thread_that_waits(robot, client):
     told = []
 
     def wait():
@@ -458,7 +458,7 @@ def test_a_death_is_told_to_every_thread_that_waits(robot, client):
     assert len(set(map(id, told))) == 4
 
 
-def test_closing_twice_is_fine_and_a_closed_client_says_so(client):
+def test_closing_twice_is_fine_and_a_closed_client_reports_this(client):
     client.close()
     client.close()
     with pytest.raises(RemoteError, match="closed"):

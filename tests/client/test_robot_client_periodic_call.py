@@ -17,7 +17,7 @@ def test_calls_repeat_on_a_thread_of_this_name_until_the_block_ends():
     assert "ticking" not in [thread.name for thread in threading.enumerate()]
 
 
-def test_work_shorter_than_a_period_is_not_delayed_and_sees_no_call():
+def test_work_shorter_than_a_period_is_not_delayed_and_causes_no_call():
     begin = time.monotonic()
     with periodic_call(lambda: pytest.fail("too early"), 60.0, name="late"):
         pass

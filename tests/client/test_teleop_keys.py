@@ -79,7 +79,7 @@ def test_no_number_of_presses_makes_a_speed_useless():
 
 
 @pytest.mark.parametrize("key", ["J", "<", "t"])
-def test_sideways_is_told_to_be_unsupported_and_stops(key):
+def test_sideways_is_reported_to_be_unsupported_and_stops(key):
     teleop = Teleop()
     press(teleop, "i", 0)
     press(teleop, key, 1)
@@ -98,7 +98,7 @@ def test_ctrl_c_ends_it(key):
     assert not teleop.velocities.moving
 
 
-def test_the_focus_that_comes_back_moves_nothing_and_stops_nothing():
+def test_the_focus_that_returns_moves_nothing_and_stops_nothing():
     teleop = Teleop()
     press(teleop, "focus-in", 0)
     assert not teleop.velocities.moving
@@ -130,7 +130,7 @@ def test_a_held_key_moves_without_a_gap_and_stops_soon_after_its_release(delay_m
     assert not moving(teleop, at + 250)
 
 
-def test_another_motion_starts_anew():
+def test_another_motion_starts_the_count_again():
     teleop = Teleop()
     press(teleop, "i", 0, 500, 540)
     press(teleop, "j", 580)  # the other finger: it is not known yet how soon it repeats

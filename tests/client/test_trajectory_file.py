@@ -54,7 +54,7 @@ def test_a_goal_in_json_with_the_header_of_ros_is_read_too(tmp_path):
         ("sec: 1", "second: 1", "unknown key 'second'"),
     ],
 )
-def test_a_mistake_is_told_with_its_line(tmp_path, old, new, text):
+def test_an_error_is_reported_with_its_line(tmp_path, old, new, text):
     with pytest.raises(ConfigError) as refused:
         read(tmp_path, WAVE.replace(old, new, 1))
     assert text in str(refused.value)
@@ -107,7 +107,7 @@ def test_waypoints_rest_at_each_and_come_a_step_apart():
 
 
 @pytest.mark.parametrize("text", ["", "0.1", "0.1 fast", "0.1 nan", "0.1 0.2;", "0.1 0.2; 1 2 3", "1e99 0"])
-def test_waypoints_that_are_none_are_told_with_an_example(text):
+def test_waypoints_that_are_none_are_reported_with_an_example(text):
     with pytest.raises(ConfigError, match=r"is not one position for each of the 2 joints; write it as in: .*0\.1 0\.1"):
         read_waypoints(text, 2, 1.0)
 

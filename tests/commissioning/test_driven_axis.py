@@ -80,12 +80,12 @@ def test_a_mode_is_asked_for_again_while_the_drive_boots(monkeypatch):
     assert len(client.asked) == 3
 
 
-def test_a_mode_that_the_drive_lacks_is_told_at_once():
+def test_a_mode_that_the_drive_lacks_is_reported_at_once():
     with pytest.raises(RemoteError, match="no PV"):
         choose_mode(FakeClient(("UnsupportedMode", "no PV")), AxisRequest(action="mode", node="drive", mode="PV"))
 
 
-def test_the_current_is_read_where_the_drive_tells_it_and_else_its_torque():
+def test_the_current_is_read_where_the_drive_reports_it_and_else_its_torque():
     client = FakeClient(("SdoAbort", "no such object"), answers={SdoRead: SdoData(b"\xce\xff")})
     current = DriveCurrent(DRIVE)
     for _ in range(2):
@@ -95,5 +95,5 @@ def test_the_current_is_read_where_the_drive_tells_it_and_else_its_torque():
     assert current.value == -50.0
 
 
-def test_a_drive_of_which_nothing_is_known_is_told_as_such():
+def test_a_drive_of_which_nothing_is_known_is_reported_as_such():
     assert ended_words(None, DRIVE) == "the drive reports no state any more"

@@ -16,17 +16,17 @@ def session(statusword, **objects):
     return NodeSession(NodeStub(found), 5, OD)
 
 
-def test_a_drive_without_a_fault_has_nothing_to_tell():
+def test_a_drive_without_a_fault_has_nothing_to_report():
     assert (fault_words(session(OFF)), why_not_free(session(OFF))) == ("", "")
 
 
-def test_a_fault_is_told_by_its_code_and_the_error_register():
+def test_a_fault_is_reported_by_its_code_and_the_error_register():
     words = fault_words(session(FAULT, x603F=b"\x20\x32", x1001=b"\x05"))
     assert words.startswith("0x3220 ")
     assert "register 0x05 (" in words
 
 
-def test_without_an_error_code_the_history_tells_and_else_nobody():
+def test_without_an_error_code_only_the_history_is_reported():
     node = session(FAULT)
     assert fault_words(node) == "unknown (the drive reports no error code)"
     node.transfers.objects[0x1003, 1] = b"\x10\x43\x02\x00"
@@ -34,13 +34,13 @@ def test_without_an_error_code_the_history_tells_and_else_nobody():
 
 
 @pytest.mark.parametrize(("word", "free"), [(ENABLED, False), (FAULT, True), (b"\x01\x00", True)])
-def test_a_drive_that_somebody_has_enabled_is_not_free(word, free):
+def test_a_drive_enabled_by_another_master_is_not_free(word, free):
     assert (why_not_free(session(word)) == "") is free
     if not free:
         assert "OPERATION ENABLED: another program" in why_not_free(session(word))
 
 
-def test_the_errors_that_a_drive_remembers_are_told_newest_first():
+def test_the_error_history_is_reported_newest_first():
     held = {(0x1003, 0): b"\2", (0x1003, 1): (0x00012310).to_bytes(4, "little"), (0x1003, 2): b"\x10\x81\0\0"}
     found = error_history(NodeSession(NodeStub(held), 5, None))
     assert [each[:6] for each in found] == ["0x2310", "0x8110"]

@@ -50,7 +50,7 @@ def test_the_bandwidth_is_where_three_decibels_are_lost():
     assert 20 * math.log10(abs((1 - POLE) / (z - POLE))) == pytest.approx(-3.0, abs=0.4)
 
 
-def test_noise_is_not_told_as_a_response():
+def test_noise_is_not_reported_as_a_response():
     noise = Prbs(1.0, PERIOD, 8.0, bits=11)
     inputs = [Chirp(1.0, 0.0, 1.0, 30.0, 8.0).at(k * PERIOD) for k in range(800)]
     with pytest.raises(DriveError, match="no point of the frequency response is reliable"):
@@ -69,6 +69,6 @@ def test_it_is_a_table_and_a_file():
     assert len(rows) == 1 + len(bode.points)
 
 
-def test_the_noise_of_a_flat_response_is_no_picture():
+def test_the_noise_of_a_flat_response_is_not_a_picture():
     flat = Bode(tuple(BodePoint(float(hz), 0.01 * (hz % 3), 0.0, 1.0) for hz in range(1, 6)))
     assert {line.count("#") for line in bode_lines(flat)[1:]} == {40}

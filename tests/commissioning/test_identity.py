@@ -30,7 +30,7 @@ def test_the_identity_is_made_of_what_was_answered():
     assert identity_of({}) == DeviceIdentity()
 
 
-def test_files_tell_whom_they_are_for_and_what_is_no_eds_is_named(tmp_path):
+def test_files_report_whom_they_are_for_and_what_is_not_an_eds_is_named(tmp_path):
     broken = tmp_path / "broken.eds"
     broken.write_text("nothing")
     files, refused = read_known([TMCM, GENERIC, broken])
@@ -39,7 +39,7 @@ def test_files_tell_whom_they_are_for_and_what_is_no_eds_is_named(tmp_path):
     assert "broken.eds" in refused[0]
 
 
-def test_a_file_without_a_product_fits_to_nobody(tmp_path):
+def test_a_file_without_a_product_code_matches_no_device(tmp_path):
     anonymous = tmp_path / "anonymous.eds"
     text = "[DeviceInfo]\nVendorNumber=5\n[MandatoryObjects]\nSupportedObjects=1\n1=0x1000\n"
     anonymous.write_text(text + "[1000]\nParameterName=Device type\nObjectType=7\nDataType=7\nAccessType=ro\n")
@@ -62,7 +62,7 @@ def test_another_device_fits_to_no_file():
     assert match_eds(DeviceIdentity(), [known("a", 3)]) == (None, "")
 
 
-def test_what_is_not_as_expected_is_told_and_zero_expects_nothing():
+def test_what_is_not_as_expected_is_reported_and_zero_expects_nothing():
     identity = DeviceIdentity(device_type=0x20192, vendor_id=1, product_code=2, revision_number=3)
     assert differences(identity, NodeIdentity(vendor_id=1, revision_number=3, eds_revision=9)) == []
     assert differences(identity, NodeIdentity(device_type=0x20192, vendor_id=5, serial_number=7)) == [

@@ -42,7 +42,7 @@ def test_a_date_is_a_day_with_or_without_a_time():
             parse_date(wrong)
 
 
-def test_a_part_begins_anew():
+def test_a_part_restarts():
     run = JobRun(RESTORE, "Restoring a.dcf")
     run.part("reading", "objects")
     run.at(3, 4)

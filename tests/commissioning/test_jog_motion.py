@@ -162,7 +162,7 @@ def test_a_shaft_that_turns_is_one():
         (JogKind.POSITION, -2.0, 2.0, (5.0, 4.97)),
     ],
 )
-def test_a_shaft_that_stays_where_it_is_told(kind, value, seconds, places):
+def test_a_shaft_that_stays_where_it_is_reported(kind, value, seconds, places):
     motion = jog(kind, value, seconds)
     for each in places:
         at(motion, each)
@@ -178,7 +178,7 @@ def test_one_that_is_ended_early_is_not_judged_by_its_whole_time():
     assert motion.nothing_turned(COUNT) is None
 
 
-def test_a_jog_by_keys_that_holds_none_says_so():
+def test_a_jog_by_keys_that_holds_none_reports_this():
     motion = jog()
     at(motion, 5.0)
     motion.key("ctrl-c", MS)

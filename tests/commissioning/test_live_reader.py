@@ -49,7 +49,7 @@ def test_a_session_is_on_a_connection_of_its_own_and_writes_by_its_name():
     assert robot.closed
 
 
-def test_an_eds_is_read_once_and_one_that_cannot_be_read_is_told(tmp_path):
+def test_an_eds_is_read_once_and_one_that_cannot_be_read_is_reported(tmp_path):
     path = tmp_path / "a.eds"
     path.write_bytes(data_path("eds", "TMCM-1270.eds").read_bytes())
     place = NodeObjects("robby", NodePlace(name="left", node_id=3, eds=str(path)), "view")
@@ -135,7 +135,7 @@ def test_what_was_written_is_read_next(bench):
     assert desk.stub.reads[2] == RAMP.address or desk.stub.reads[1] == RAMP.address
 
 
-def test_a_silent_node_is_left_alone_for_a_while_and_the_other_goes_on(bench):
+def test_a_silent_node_is_left_alone_for_a_while_and_the_other_continues(bench):
     dead, alive = bench.desk(), bench.desk(name="right_drive")
     asked = []
 
@@ -153,7 +153,7 @@ def test_a_silent_node_is_left_alone_for_a_while_and_the_other_goes_on(bench):
     assert alive.lost == ""
 
 
-def test_a_robot_that_is_gone_is_told_and_asked_again_later(monkeypatch):
+def test_a_robot_that_is_gone_is_reported_and_asked_again_later(monkeypatch):
     bench = Bench(monkeypatch, end=5.0)
     desk, tries = bench.desk(), []
 

@@ -71,7 +71,7 @@ def test_what_is_long_goes_in_pieces_and_what_is_too_long_not_at_all():
         RobotTransfers(robot, 3).write(0x2000, 0, bytes(MAX_OBJECT + 1))
 
 
-def test_the_state_is_what_the_robot_knows():
+def test_the_state_is_that_of_the_robot():
     transfers = RobotTransfers(FakeRobot(nmt_state="PRE_OPERATIONAL", taken_out=True), 3)
     assert transfers.nmt_state() is NmtState.PRE_OPERATIONAL
     assert transfers.taken_out()
@@ -80,7 +80,7 @@ def test_the_state_is_what_the_robot_knows():
     assert not unknown.taken_out()
 
 
-def test_how_far_a_transfer_is_is_asked_beside_it(monkeypatch):
+def test_how_far_a_transfer_is_is_asked_next_to_it(monkeypatch):
     other = FakeRobot()
     other.close = lambda: other.requests.append("closed")
     monkeypatch.setattr(node_session.RobotClient, "connect", lambda name, timeout: other)
@@ -119,12 +119,12 @@ def session(objects=None, od=OD, **others):
     return NodeSession(NodeStub(objects or {}), 5, od, **others)
 
 
-def test_a_value_that_the_type_cannot_hold_is_told_with_its_object():
+def test_a_value_that_the_type_cannot_hold_is_reported_with_its_object():
     with pytest.raises(ConfigError, match=r"node 5 \(turn\): 0x6060:00 .*the range is -128 to 127"):
         session(name="turn").write_value(OD[0x6060, 0], 500)
 
 
-def test_an_answer_of_another_length_is_told_with_its_object():
+def test_an_answer_of_another_length_is_reported_with_its_object():
     with pytest.raises(SdoLengthError, match=r"0x6081:00.*2 bytes \(01 02\), UNSIGNED32 has 4; is this the EDS"):
         session({(0x6081, 0): b"\1\2"}).read_value(OD[0x6081, 0])
 
@@ -139,7 +139,7 @@ def test_what_is_written_is_read_back(entry, data):
         assert node.read_value(entry) == value
 
 
-def test_an_identity_is_compared_to_the_eds_where_that_tells_one():
+def test_an_identity_is_compared_to_the_eds_where_that_reports_one():
     good = {(0x1018, 1): (0x286).to_bytes(4, "little"), (0x1018, 2): (0x4F6).to_bytes(4, "little")}
     assert session(good).identity_differences() == []
     assert session({**good, (0x1018, 1): (0x287).to_bytes(4, "little")}).identity_differences() == [
@@ -159,16 +159,16 @@ def test_the_state_of_the_drive_is_that_of_its_statusword(word, state, powered):
     assert node.powered_axes() == powered
 
 
-def test_a_node_that_is_no_drive_has_no_states():
+def test_a_node_that_is_not_a_drive_has_no_states():
     assert session(od=None).drive_states() == {}
 
 
-def test_without_an_eds_the_user_is_told_how_to_give_one():
+def test_without_an_eds_the_user_is_reported_with_what_to_give_one():
     with pytest.raises(ConfigError, match="node 5 has no EDS; give one with --eds FILE"):
         assert session(od=None).dictionary
 
 
-def test_a_silent_node_is_no_missing_object():
+def test_a_silent_node_is_not_a_missing_object():
     node = session()
     node.transfers.error = SdoTimeout(5, 0x1018, 1, 0.5)
     with pytest.raises(SdoTimeout):

@@ -80,7 +80,7 @@ def test_a_session_reads_writes_and_identifies_whatever_carries_it(session):
     assert session.transfers.progress() == (0, None)
 
 
-def test_a_long_transfer_tells_its_progress_and_can_be_cancelled(session):
+def test_a_long_transfer_reports_its_progress_and_can_be_cancelled(session):
     errors, progress = [], (0, None)
 
     def write():

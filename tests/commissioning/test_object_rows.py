@@ -134,7 +134,7 @@ def test_a_count_of_subindices_has_none():
     assert [unit_of(od, objects.SOFTWARE_POSITION_LIMIT, each) for each in (0, 1)] == ["", "counts"]
 
 
-def test_the_drive_tells_that_its_velocities_are_revolutions():
+def test_the_drive_reports_that_its_velocities_are_revolutions():
     od = replace(OD, entries=dict(OD.entries))
     unit = 0x00B44700  # revolutions per minute
     od.add(Entry(objects.SI_UNIT_VELOCITY, 0, "SI unit velocity", DataType.UNSIGNED32, default=unit))
@@ -168,7 +168,7 @@ def test_without_a_word_all_are_meant_by_address():
 
 
 @pytest.mark.parametrize("word", ["0x6FFF", "0x1018:99", "nosuch", "zz*", ""])
-def test_a_word_that_means_nothing_is_told_with_what_may_be_written(word):
+def test_a_word_that_means_nothing_is_reported_with_what_may_be_written(word):
     with pytest.raises(ConfigError, match=r"no object .* in the EDS; write an address such as 0x6081"):
         addresses("0x6081", word)
 
@@ -202,7 +202,7 @@ def test_changed_is_what_can_be_written_and_is_not_the_default(object_, value, c
         (entry(obj_flags=1), True),
     ],
 )
-def test_a_look_at_everything_leaves_out_what_cannot_or_must_not_be_read(object_, scanned):
+def test_reading_everything_omits_objects_that_cannot_or_must_not_be_read(object_, scanned):
     assert is_scanned(object_) is scanned
 
 

@@ -52,7 +52,7 @@ def test_a_number_may_be_written_in_each_way():
         (SPEED, ""),
     ],
 )
-def test_what_nobody_writes_by_hand(address, words):
+def test_values_that_are_never_written_by_hand(address, words):
     assert words in why_fixed(OD[address])
     assert bool(why_fixed(OD[address])) is bool(words)
 
@@ -76,7 +76,7 @@ def test_an_edit_is_written_read_back_and_undone():
         history.undo(session)
 
 
-def test_what_somebody_else_has_written_since_is_not_undone():
+def test_a_later_write_of_another_client_is_not_undone():
     session, history = session_with(OD), EditHistory()
     history.write(session, OD[SPEED], "1234")
     session.write_value(OD[SPEED], 77)
@@ -86,7 +86,7 @@ def test_what_somebody_else_has_written_since_is_not_undone():
     assert history.last is None
 
 
-def test_what_the_drive_makes_another_value_of_is_told_and_can_be_undone():
+def test_what_the_drive_makes_another_value_of_is_reported_and_can_be_undone():
     session, history = session_with(OD), EditHistory()
     session.transfers.device.store.ceilings.inject({0x6081: 1})
     with pytest.raises(DriveError, match="1234 was written, but the drive reports 1"):

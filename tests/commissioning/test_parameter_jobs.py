@@ -60,7 +60,7 @@ def test_a_file_and_a_node_are_compared():
     assert done.table == [("0x6081:00", "Profile velocity", "0", "777")]
 
 
-def test_a_file_is_restored_and_what_stays_is_told():
+def test_a_file_is_restored_and_what_stays_is_reported():
     session, done = taken_out(), work()
     said = run_restore(session, done, file_of(session, s6081=9, s2705=7), RestoreOptions(store=True))
     assert said.endswith("1 written; stored")
@@ -68,7 +68,7 @@ def test_a_file_is_restored_and_what_stays_is_told():
     assert any(each.startswith("not written: 0x2705:00") for each in done.lines)
 
 
-def test_what_the_drive_refuses_is_told_and_undone():
+def test_what_the_drive_refuses_is_reported_and_undone():
     session, done = taken_out(), work()
     session.transfers.device.store.ceilings.inject({0x6083: 1})
     said = run_restore(session, done, file_of(session, s6081=9, s6083=5000), RestoreOptions())
@@ -102,7 +102,7 @@ def test_another_product_and_another_drive_are_refused():
     assert session.transfers.written == []
 
 
-def test_a_node_lost_in_the_middle_says_what_is_written():
+def test_a_node_lost_in_the_middle_reports_what_is_written():
     session = taken_out()
     file = file_of(session, s6081=9, s6083=9, s6084=9)
     session.transfers.silent_from = 1
@@ -110,7 +110,7 @@ def test_a_node_lost_in_the_middle_says_what_is_written():
         run_restore(session, work(), file, RestoreOptions())
 
 
-def test_a_page_that_asks_for_the_end_ends_it_and_it_says_what_is_written():
+def test_a_page_that_asks_for_the_end_ends_it_and_it_reports_what_is_written():
     session, done = taken_out(), work()
     file = file_of(session, s6081=9, s6083=9, s6084=9)
     done.end()

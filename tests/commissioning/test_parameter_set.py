@@ -43,7 +43,7 @@ def node(**changes):
     return NodeSession(stub, 5, OD_OF_READ_PARAMETERS)
 
 
-def test_parameters_are_read_twice_and_progress_is_told():
+def test_parameters_are_read_twice_and_progress_is_reported():
     session, told = node(s6081=b"\x40\x06\0\0"), []
     found, left_out = read_parameters(session, progress=lambda done, of: told.append((done, of)))
     assert (found.values[0x6081, 0], left_out) == (1600, [])
@@ -214,7 +214,7 @@ def test_a_backup_is_a_dcf_that_a_master_downloads(tmp_path):
 
 
 @pytest.mark.parametrize("name", [*SHAPES, *MAKERS])
-def test_every_makers_shape_comes_back(tmp_path, name):
+def test_every_manufacturers_shape_returns(tmp_path, name):
     od = (SHAPES | MAKERS)[name][0]()
     backup = parameters(od=od)
     found = read_backup(written(tmp_path, backup))
@@ -228,7 +228,7 @@ def with_text(value):
     return ParameterSet(od, 5, IDENTITY, {(0x2100, 0): value, (0x6081, 0): 3}, "node 5")
 
 
-def test_empty_texts_come_back_and_impossible_ones_are_told(tmp_path):
+def test_empty_texts_return_and_impossible_ones_are_reported(tmp_path):
     assert read_backup(written(tmp_path, with_text(""))).values[0x2100, 0] == ""
     assert lost_in_text(with_text("left wheel"), backup_text(with_text("left wheel"))) == []
     assert lost_in_text(with_text(" a\n"), backup_text(with_text(" a\n"))) == [(0x2100, 0)]
@@ -238,7 +238,7 @@ TYPES = [each for each in DataType if each.is_integer]
 
 
 @given(st.sampled_from(TYPES), st.data())
-def test_any_value_comes_back(data_type, data):
+def test_any_value_returns(data_type, data):
     value = data.draw(st.integers(data_type.minimum, data_type.maximum))
     od = ObjectDictionary(node_id=5)
     od.add(Entry(0x2100, 0, "value", data_type))
@@ -269,7 +269,7 @@ def test_what_moves_is_not_taken_from_a_file(tmp_path):
     assert (0x60FF, 0) not in read_backup(path).values
 
 
-def test_a_value_that_is_none_is_told_with_its_line(tmp_path):
+def test_a_value_that_is_none_is_reported_with_its_line(tmp_path):
     path = written(tmp_path, parameters())
     lines = path.read_text().splitlines()
     number = next(at for at, line in enumerate(lines) if line.startswith("ParameterValue="))
@@ -291,7 +291,7 @@ def test_a_backup_that_was_cut_is_refused(tmp_path):
         read_backup(path)
 
 
-def test_identities_say_what_makes_a_stranger():
+def test_identities_report_what_makes_a_stranger():
     other = DeviceIdentity(0xFFFF0192, 0x286, 0x4F5, 0x3001B, 78)
     assert IDENTITY.strangers(other) == ["product 0x000004F6 and 0x000004F5"]
     assert IDENTITY.variations(other) == ["revision 0x0003001A and 0x0003001B"]

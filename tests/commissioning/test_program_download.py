@@ -126,7 +126,7 @@ def test_after_a_kill_at_every_tenth_block_the_next_attempt_succeeds(frames, blo
     assert (frames.device.program.runs, frames.device.program.image) == (True, NEW_OF_PROGRAM_SESSION)
 
 
-def test_with_one_try_the_loss_is_told_and_the_loader_waits(frames):
+def test_with_one_try_the_loss_is_reported_and_the_loader_waits(frames):
     frames.cut, frames.what = 500, "power"
     with pytest.raises(DriveError, match=r"not accepted: .*stays in its boot-loader"):
         load(frames, tries=1)
@@ -164,7 +164,7 @@ def test_a_stranger_is_refused_but_its_loader_is_not(frames):
         refuse_other_product(session, DeviceIdentity(device_type=0))
 
 
-def test_the_boot_check_knows_the_loader_and_another_product(frames):
+def test_the_boot_check_detects_the_boot_loader_and_another_product(frames):
     session = NodeSession(frames, 5, frames.device.od)
     before = session.identity()
     assert boot_check(session, before) == before
@@ -176,7 +176,7 @@ def test_the_boot_check_knows_the_loader_and_another_product(frames):
         boot_check(session, before)
 
 
-def test_errors_of_the_bus_are_no_answers():
+def test_errors_of_the_bus_are_not_answers():
     session = session_with(program_od())
     session.transfers.device.store.on_read(0x1F51, 1, lambda: 0)
 
@@ -263,7 +263,7 @@ def test_stop_clear_send_start_in_this_order():
     assert progress.notes == []
 
 
-def test_a_node_without_program_download_is_told_and_left_alone():
+def test_a_node_without_program_download_is_reported_and_left_alone():
     bench = Bench()
     bench.device.store.rebase(make_device("eds/TMCM-1270.eds", 5).od)
     with pytest.raises(ConfigError, match="cannot be loaded over CANopen: 0x1F51:01: abort 0x06"):
@@ -288,7 +288,7 @@ def test_a_damaged_file_is_refused_with_the_word_of_the_flash():
     assert bench.run().tries == 1
 
 
-def test_a_transfer_that_breaks_off_is_begun_anew_with_a_fresh_clear():
+def test_a_transfer_that_breaks_off_is_begun_again_with_a_fresh_clear():
     bench, broken = Bench(), []
 
     def disturb(_number, order):
@@ -356,11 +356,11 @@ def test_after_any_loss_the_next_attempt_succeeds(at, kind, fails_at):
         (40, "error 20"),
     ],
 )
-def test_the_flash_status_is_told_in_words(status, text):
+def test_the_flash_status_is_reported_in_words(status, text):
     assert flash_text(status) == text
 
 
-def test_a_date_is_compared_as_far_as_it_is_told():
+def test_a_date_is_compared_as_far_as_commanded():
     day = datetime.date(2025, 1, 25)
     noon = ProgramDate(day, 43_200_000)
     assert (str(noon), str(ProgramDate(day))) == ("2025-01-25 12:00:00", "2025-01-25")
@@ -388,7 +388,7 @@ def test_any_number_is_a_date_or_none(days, milliseconds):
         assert told.milliseconds == (milliseconds if milliseconds < 86_400_000 else None)
 
 
-def test_who_erases_or_writes_before_an_answer_is_waited_for_and_who_resets_is_asked_again_soon():
+def test_an_erasing_node_is_awaited_and_a_resetting_one_is_polled_again_soon():
     bench = Bench()
     bench.run()
     patience = {}
@@ -448,13 +448,13 @@ def test_zephyrs_device_takes_a_program_on_trial():
     assert device.running == b"old"  # nobody confirmed it
 
 
-def test_half_a_transfer_to_zephyrs_device_is_cleared_and_begun_anew():
+def test_half_a_transfer_to_zephyrs_device_is_cleared_and_begun_again():
     device = ZephyrDevice()
     assert load_into(device, lost=(1,), confirm=True).tries == 2
     assert device.permanent == NEW
 
 
-def test_a_program_on_trial_is_told_to_be_confirmed_first():
+def test_a_program_on_trial_is_commanded_to_be_confirmed_first():
     device = ZephyrDevice()
     load_into(device)
     with pytest.raises(DriveError, match=r"on trial.*reset the node"):

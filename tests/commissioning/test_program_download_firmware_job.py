@@ -40,7 +40,7 @@ def work():
     return JobRun(FIRMWARE, "loading", "bytes")
 
 
-def test_the_program_before_and_after_is_told_with_what_was_noted(session, steps):
+def test_the_program_before_and_after_is_reported_with_what_was_noted(session, steps):
     def run(progress):
         progress.old, progress.new = None, 0x1A2B
         progress.notes.append("started again: CRC error")
@@ -52,7 +52,7 @@ def test_the_program_before_and_after_is_told_with_what_was_noted(session, steps
     assert done.lines == ["node 5: started again: CRC error"]
 
 
-def test_a_download_that_ends_half_way_says_what_may_be_gone(session, steps):
+def test_a_download_that_ends_half_way_reports_what_may_be_gone(session, steps):
     def break_off(progress):
         progress.step = DownloadStep.SENDING
         raise DriveError("the program was not taken: CRC error; the node waits in its boot-loader")
@@ -62,7 +62,7 @@ def test_a_download_that_ends_half_way_says_what_may_be_gone(session, steps):
         load_program(session, work(), NEW, ProgramOptions())
 
 
-def test_what_was_refused_before_anything_was_sent_is_told_as_it_is(session, steps):
+def test_what_was_refused_before_anything_was_sent_is_reported_as_it_is(session, steps):
     def refuse(_progress):
         raise ConfigError("program 1 of the node cannot be loaded over CANopen")
 

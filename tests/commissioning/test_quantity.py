@@ -40,12 +40,12 @@ def test_quantities_are_read_with_their_units(text, kind, value):
         ("", "position", "a number and its unit"),
     ],
 )
-def test_what_is_no_quantity_is_refused_with_what_there_is(text, kind, why):
+def test_what_is_not_a_quantity_is_refused_with_what_there_is(text, kind, why):
     with pytest.raises(ConfigError, match=why):
         parse_quantity(text, kind)
 
 
-def test_where_nobody_knows_what_a_turn_is_counts_are_right_and_all_else_is_refused():
+def test_with_unknown_counts_per_turn_only_counts_are_accepted():
     assert GUESSED.si(parse_quantity("4096pps", "velocity")) == pytest.approx(math.tau)
     for text, kind in (("1rad/s", "velocity"), ("1rpm", "velocity"), ("90deg", "position"), ("1", "position")):
         with pytest.raises(ConfigError, match=r"the counts per turn \(0x608F\); give it with --counts N"):
@@ -64,7 +64,7 @@ def test_how_finely_a_drive_counts_is_not_known_of_a_joint_in_rad():
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1, 1e7))
-def test_counts_come_back_as_they_were_whatever_a_turn_has(value, counts):
+def test_counts_return_as_they_were_whatever_a_turn_has(value, counts):
     scale = JogScale(counts, is_known=False)
     assert scale.si(parse_quantity(f"{value!r}counts", "position")) * counts / math.tau == pytest.approx(value)
 

@@ -116,7 +116,7 @@ def test_another_process_finds_what_was_kept(private_folders):
     found.forget()
 
 
-def test_a_folder_that_cannot_be_written_is_told(private_folders):
+def test_a_folder_that_cannot_be_written_is_reported(private_folders):
     state_dir().mkdir(parents=True, exist_ok=True)
     state_dir("gains").write_text("in the way")
     with pytest.raises(ConfigError, match=r"cannot be saved in .*, so nothing was written to the node"):
@@ -149,7 +149,7 @@ def test_what_differs_is_written_and_all_is_proven():
 
 
 @pytest.mark.parametrize("name", [*SHAPES, *MAKERS])
-def test_every_makers_shape_takes_its_backup_back(name, tmp_path):
+def test_every_manufacturers_shape_takes_its_backup_back(name, tmp_path):
     od = (SHAPES | MAKERS)[name][0]()
     session = session_with(od)
     path = tmp_path / "backup.dcf"
@@ -245,7 +245,7 @@ def test_what_the_drive_does_not_have_is_refused_before_anything_is_written():
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_an_interruption_says_what_is_written_and_the_same_again_finishes(count):
+def test_an_interruption_reports_what_is_written_and_the_same_again_finishes(count):
     session = session_with(TMCM)
     before = held_by(session).values
     session.transfers.silent_from = count
@@ -259,7 +259,7 @@ def test_an_interruption_says_what_is_written_and_the_same_again_finishes(count)
     assert len(again.written) == 5 - count
 
 
-def test_another_product_is_refused_and_another_revision_told():
+def test_another_product_is_refused_and_another_revision_reported():
     session = session_with(TMCM)
     file = ParameterSet(TMCM, 5, DeviceIdentity(0xFFFF0192, 0x286, 0x4F6, 1), {}, "left.dcf")
     assert check_device(file, DeviceIdentity(0xFFFF0192, 0x286, 0x4F6, 2), session) == [
@@ -306,7 +306,7 @@ def test_a_drive_that_is_silent_while_it_stores_is_waited_for():
         store(session)
 
 
-def test_a_drive_that_cannot_store_says_so():
+def test_a_drive_that_cannot_store_reports_this():
     session = session_with(TMCM)
     session.transfers.device.store.guard([0x1010], refusing)
     with pytest.raises(SdoAbort):

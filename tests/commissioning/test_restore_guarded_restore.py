@@ -76,7 +76,7 @@ def test_globs_fit_addresses_and_names():
 
 
 @pytest.mark.parametrize("silent_from", [1, 2])
-def test_an_interrupted_restore_says_what_is_written(silent_from):
+def test_an_interrupted_restore_reports_what_is_written(silent_from):
     session = session_with(TMCM)
     session.transfers.silent_from = silent_from
     with pytest.raises(
@@ -93,7 +93,7 @@ def test_the_home_offset_is_written_back_into_its_own_drive(serial, offset):
     assert session.transfers.device.store.values[0x607C, 0] == offset
 
 
-def test_the_report_says_what_came_of_it():
+def test_the_report_reports_what_came_of_it():
     session = session_with(TMCM)
     report, notes = restored(session, backup(s6081=9, s6083=9), protect=("0x6083",), store=True)
     assert (report.written, report.refused, notes) == (1, [], [])

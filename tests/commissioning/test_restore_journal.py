@@ -58,7 +58,7 @@ def interrupted(after=1, values=WANTED):
     return session, before, str(error.value)
 
 
-def test_the_same_command_goes_on_and_says_what_it_found(capsys):
+def test_the_same_command_continues_and_reports_what_it_found(capsys):
     session, _, said = interrupted()
     (journal,) = journals()
     undo = f"`canopen-control restore {journal} 5 --can can0` restores the previous values"
@@ -69,7 +69,7 @@ def test_the_same_command_goes_on_and_says_what_it_found(capsys):
     assert journals() == []
 
 
-def test_what_an_earlier_journal_knows_is_older_and_stays():
+def test_entries_of_an_earlier_journal_are_older_and_stay():
     session, before, _ = interrupted()
     session.transfers.silent_from = len(session.transfers.written) + 1
     with pytest.raises(DriveError):
@@ -121,7 +121,7 @@ def test_a_node_without_a_serial_number_is_known_by_its_channel():
     assert len(known) == 1
 
 
-def test_others_are_told_of_it_and_a_node_without_one_is_not_asked():
+def test_others_are_notified_of_it_and_a_node_without_one_is_not_asked():
     session, _, _ = interrupted()
     assert "was interrupted" in unfinished_words(session, Reached("can0"))
     restored(session, backup(), arguments())

@@ -67,7 +67,7 @@ def test_what_was_written_is_read_back(samples, trigger):
         ("time,t,a\n1,0,2,3\n", "more or fewer cells"),
     ],
 )
-def test_what_is_no_shot_is_told(text, why):
+def test_what_is_not_a_shot_is_reported(text, why):
     with pytest.raises(ConfigError, match=why):
         parse_csv(text, "file.csv")
 
@@ -105,7 +105,7 @@ def test_a_signal_that_is_never_known_is_an_empty_picture():
     assert picture_of(unknown).startswith(b"\x89PNG")
 
 
-def test_without_matplotlib_it_says_what_to_install(monkeypatch):
+def test_without_matplotlib_it_suggests_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
     with pytest.raises(ConfigError, match=r"pip install canopen-control\[plot\]; or write NAME\.csv"):
@@ -188,7 +188,7 @@ def test_measures_are_of_time_and_not_of_samples():
 @pytest.mark.parametrize(
     "text", ["", "1", "1:rising", "0:rising:1", "3:rising:1", "1:up:1", "1:rising:nan", "x:rising:1", "1:fault:0"]
 )
-def test_what_is_no_trigger_is_told_with_what_one_is(text):
+def test_what_is_not_a_trigger_is_reported_with_what_one_is(text):
     with pytest.raises(ConfigError, match="write SIGNAL:CONDITION:LEVEL, the signals counted from 1 to 2"):
         parse_trigger(text, 2)
 

@@ -68,7 +68,7 @@ def run(chosen, *stories):
     return scope
 
 
-def test_one_shot_is_taken_and_told_with_the_cycles_of_the_robot():
+def test_one_shot_is_taken_and_reported_with_the_cycles_of_the_robot():
     scope = run(wish((SPEED,), 0.35), speeds(1, 2, 3, 4, 5))
     (named,) = scope.shots
     assert (named.names, named.units) == (("left_drive:0x606C",), ("counts/s",))
@@ -89,7 +89,7 @@ def test_a_trigger_has_what_was_before_it_and_a_fault_needs_no_statusword_among_
     assert scope.shots[0].names == ("left_drive:0x606C",)
 
 
-def test_rolling_goes_on_until_it_is_ended_and_keeps_only_the_newest():
+def test_rolling_continues_until_it_is_ended_and_keeps_only_the_newest():
     scope = ScopeRun(Desk(), *wish((SPEED,), 0.25, rolling=True), None)
     story = Robot(*(speeds(1, 2, 3, begin=1000.0 + number) for number in range(2 * KEPT)))
     real = story.messages
@@ -123,7 +123,7 @@ def test_joints_are_looked_at_too():
         (wish((SPEED,), 1.0, "2:rising:0"), "counted from 1 to 1"),
     ],
 )
-def test_what_is_no_look_is_told_before_it_begins(chosen, why):
+def test_an_invalid_viewpoint_is_reported_before_the_start(chosen, why):
     with pytest.raises(ConfigError, match=why):
         ScopeRun(Desk(), *chosen)
 

@@ -119,13 +119,13 @@ def test_a_signal_is_meant_by_address_or_name():
 
 
 @pytest.mark.parametrize("text", ["", "5", "5:", ":0x6064"])
-def test_what_is_no_signal_is_told_with_what_one_is(text):
+def test_what_is_not_a_signal_is_reported_with_what_one_is(text):
     with pytest.raises(ConfigError, match="is not a signal; write NODE:OBJECT"):
         node_of(text)
 
 
 @pytest.mark.parametrize(("text", "why"), [("5:0x1008", "is not a readable number"), ("5:0x5FFE", "has no 0x5FFE:00")])
-def test_what_cannot_be_shown_is_told(text, why):
+def test_what_cannot_be_shown_is_reported(text, why):
     with pytest.raises(ConfigError, match=why):
         signal_of(text, NODE)
 

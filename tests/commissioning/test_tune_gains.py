@@ -51,7 +51,7 @@ def test_hidden_inertia_and_friction_are_found_within_three_per_cent(period, del
         ([float(k % 7) for k in range(400)], [math.sin(k / 9) * 5 for k in range(400)], "does not explain the speed"),
     ],
 )
-def test_what_tells_nothing_is_told(torque, speed, why):
+def test_what_reports_nothing_is_reported(torque, speed, why):
     with pytest.raises(DriveError, match=why):
         identify_plant(torque, speed, 0.01)
 
@@ -160,7 +160,7 @@ def test_a_gain_at_the_shaft_is_one_of_the_drives_own_units():
 
 
 @pytest.mark.parametrize("gain", [1e-12, 1e12])
-def test_a_gain_that_the_object_cannot_hold_is_told(gain):
+def test_a_gain_that_the_object_cannot_hold_is_reported(gain):
     design = CascadeGains(gain, 0.02, 15.0, 60.0, 1.0)
     with pytest.raises(ConfigError, match=r"0x60F9:01 Velocity loop proportional gain would be .* outside of 1 to"):
         gain_values(OD, gain_objects(OD), design, PER_RAD)
@@ -228,12 +228,12 @@ SERVO, TMCM = (read_eds(data_path("eds", f"{name}.eds"), 5).od for name in ("gen
         ("velocity_p=0x3210:01*inf", "give a number above 0"),
     ],
 )
-def test_what_is_no_gain_is_told(text, why):
+def test_what_is_not_a_gain_is_reported(text, why):
     with pytest.raises(ConfigError, match=why):
         parse_gain(text)
 
 
-def test_what_is_named_wins_and_is_worth_what_it_says_at_the_shaft():
+def test_what_is_named_wins_and_is_worth_what_it_reports_at_the_shaft():
     per_rad = 4096 / math.tau
     objects = settable_gains(session_with(SERVO), 0, ["velocity_p=0x6081:00*0.5", "position_p=0x6083:00*0.1"], per_rad)
     assert objects[LoopGain.VELOCITY_P] == GainObject(0x6081, 0, 0.5 / per_rad)
@@ -241,17 +241,17 @@ def test_what_is_named_wins_and_is_worth_what_it_says_at_the_shaft():
     assert objects[LoopGain.VELOCITY_I].index == 0x60F9
 
 
-def test_an_object_that_is_not_there_is_told():
+def test_an_object_that_is_not_there_is_reported():
     with pytest.raises(ConfigError, match="has no 0x3210:01 in its EDS"):
         settable_gains(session_with(SERVO), 0, ["velocity_p=0x3210:01*1"], 1.0)
 
 
-def test_a_drive_whose_gains_nobody_knows_is_told():
+def test_a_drive_with_unknown_gains_is_reported():
     with pytest.raises(ConfigError, match=r"the objects of velocity_p and velocity_i are unknown"):
         settable_gains(session_with(TMCM), 0, [], 1.0)
 
 
-def test_the_objects_of_a_known_maker_are_named_and_nothing_is_set_without_their_scale():
+def test_the_objects_of_a_known_manufacturer_are_named_and_nothing_is_set_without_their_scale():
     entries = dict(SERVO.entries) | {(0x1018, 1): dataclasses.replace(SERVO[0x1018, 1], default=0xFB)}
     device = dataclasses.replace(SERVO.device, vendor_name="maxon motor ag")
     od = dataclasses.replace(SERVO, entries=entries, device=device)

@@ -74,7 +74,7 @@ def page_for(kind):
             yield Page(bench, client)
 
 
-def test_a_step_is_found_with_its_curves_and_stands_in_the_events(private_folders):
+def test_a_step_is_found_with_its_curves_and_is_in_the_events(private_folders):
     with page_for(JogKind.VELOCITY) as page:
         told, found = page.run(plan(seconds=1.0))
         events = [event.text for event in page.client.ask(GetStatus()).events]
@@ -146,12 +146,12 @@ def test_stop_and_the_button_end_it(private_folders, end):
         ({"test": TuneTest.BODE, "seconds": 0.1}, "too short"),
     ],
 )
-def test_what_is_beyond_the_limits_is_told_before_anything_moves(wish, why):
+def test_what_is_beyond_the_limits_is_reported_before_anything_moves(wish, why):
     with pytest.raises(ConfigError, match=why):
         plan(**wish)
 
 
-def test_what_is_confirmed_says_what_moves_within_which_limits():
+def test_what_is_confirmed_reports_what_moves_within_which_limits():
     words = plan(seconds=1.0, max_speed=Quantity(60.0, "rpm", "velocity")).lines(SCALE)
     assert words[0].startswith("excitation: a step to 3.00 rad/s")
     assert words[1] == "limits: 6.28 rad/s (60.0 rpm), 3600.0 deg in each direction,"

@@ -26,7 +26,7 @@ def second_order(damping, omega, height=1.0):
 
 
 @given(st.floats(0.3, 0.8), st.floats(20.0, 60.0), st.floats(-5.0, 5.0).filter(lambda height: abs(height) > 0.1))
-def test_a_second_order_system_is_measured_as_its_formulas_say(damping, omega, height):
+def test_a_second_order_system_is_measured_as_its_formulas_report(damping, omega, height):
     found = step_metrics(TIMES, second_order(damping, omega, height), height)
     assert found.overshoot == pytest.approx(math.exp(-math.pi * damping / math.sqrt(1 - damping**2)), abs=0.002)
     assert found.final == pytest.approx(height, rel=1e-3)
@@ -35,7 +35,7 @@ def test_a_second_order_system_is_measured_as_its_formulas_say(damping, omega, h
     assert 0.0 < found.delay < found.rise_time < 2.5 / omega * 1.6
 
 
-def test_what_goes_on_swinging_never_settles():
+def test_what_continues_swinging_never_settles():
     values = [0.0 if t < 0 else 1.0 + 0.2 * math.sin(30 * t) for t in TIMES]
     assert step_metrics(TIMES, values, 1.0).settling is None
 
@@ -43,12 +43,12 @@ def test_what_goes_on_swinging_never_settles():
 @pytest.mark.parametrize(
     ("values", "why"), [([0.01] * 2050, "did not follow"), ([-1.0 if t > 0 else 0.0 for t in TIMES], "did not follow")]
 )
-def test_a_drive_that_does_not_follow_is_told(values, why):
+def test_a_drive_that_does_not_follow_is_reported(values, why):
     with pytest.raises(DriveError, match=why):
         step_metrics(TIMES, values, 1.0)
 
 
-def test_too_few_samples_are_told():
+def test_too_few_samples_are_reported():
     with pytest.raises(DriveError, match="too few"):
         step_metrics([0.0, 0.1], [0.0, 1.0], 1.0)
 
@@ -90,14 +90,14 @@ def test_a_lost_cycle_of_a_frequency_response_is_between_its_neighbours():
     assert _pairs(record) == ([1.0, 2.0, 3.0, 4.0], [10.0, 20.0, 30.0, 40.0])
 
 
-def test_a_proposal_that_cannot_be_is_told_and_the_rest_stands():
+def test_a_proposal_that_cannot_be_is_reported_and_the_rest_stands():
     _, record = pushed(loaded(), Prbs(150.0, 0.05, 4.0), 0.01)
     lines = report(record, TuneRequest(TuneTest.IDENTIFY, 4.0, 0.01, torque=150.0, crossover=3000.0), SCALE, None)
     assert lines[0].startswith("inertia ")
     assert lines[-1].startswith("no proposal: no PI controller gives a crossover of 477 Hz")
 
 
-def test_what_tells_nothing_is_told(tmp_path):
+def test_what_reports_nothing_is_reported(tmp_path):
     with pytest.raises(DriveError, match="was never commanded"):
         step_of(record_of([0.0] * 50, begin=99), 1.0)
     record = TuneRecord(0.01, [TuneSample(0, 1.0, 0.0, None)])
@@ -107,7 +107,7 @@ def test_what_tells_nothing_is_told(tmp_path):
         report(record, IDENTIFY, SCALE, tmp_path / "no" / "folder.csv")
 
 
-def test_programs_are_told_the_same_in_numbers():
+def test_programs_are_reported_the_same_in_numbers():
     record = record_of([0.0] * 14 + [1.0] * 100)
     told = findings(record, STEP, SCALE)
     assert told.step.overshoot == pytest.approx(0.0, abs=1e-9)

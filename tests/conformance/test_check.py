@@ -7,7 +7,7 @@ from canopen_control.conformance.check import expect_abort, expect_refused, mux
 from canopen_control.conformance.checked_node import CheckFailed
 
 
-def test_an_answer_that_is_no_abort_fails_with_what_came_and_was_due(bench):
+def test_an_answer_that_is_not_an_abort_fails_with_what_came_and_was_due(bench):
     with pytest.raises(CheckFailed, match=r"answer 43 00 10 00 .*; expected: abort 0x06020000"):
         expect_abort(bench(), bytes((0x40, *mux(0x1000), 0, 0, 0, 0)), AbortCode.NO_OBJECT)
 

@@ -28,7 +28,7 @@ def test_ids_of_checks_are_unique():
     assert len({check.id for check in CHECKS}) == len(CHECKS)
 
 
-def test_a_device_that_dies_ends_in_a_report_that_says_so(bench):
+def test_a_device_that_dies_ends_in_a_report_that_states_this(bench):
     session = bench()
     checks = choose("301", NOT_STORED)
     run_checks(session, checks[:1])

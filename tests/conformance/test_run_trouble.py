@@ -50,7 +50,7 @@ def test_a_device_that_changes_its_node_id_is_found_there(bench):
     node.host.close()
 
 
-def test_a_device_that_floods_the_bus_ends_in_a_report_that_says_so(bench):
+def test_a_device_that_floods_the_bus_ends_in_a_report_that_states_this(bench):
     node = bench()
     flood = pack_records([CanFrame(0x85, bytes(8))] * 5)
     port = node.bus.open("flood")

@@ -29,7 +29,7 @@ def test_the_least_controller_claims_nothing_and_does_nothing():
     assert ALL_STATES == "*"
 
 
-def test_parameters_that_change_nothing_are_told_unless_they_are_what_is_done_anyway():
+def test_parameters_that_change_nothing_are_reported_unless_they_are_what_is_done_anyway():
     for given in ({"is_async": False, "thread_priority": 50}, {"use_sim_time": True}):
         params = Params.of(given, "idle")
         Controller("idle").on_configure(params)

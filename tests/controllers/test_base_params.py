@@ -16,7 +16,7 @@ def test_limits_are_those_of_the_limiter():
     assert not TwistAxisLimits().freezes
 
 
-def test_every_mistake_is_told_with_the_controller():
+def test_every_error_is_reported_with_the_controller():
     refuse("base", [(False, "one")])
     with pytest.raises(RobotConfigError, match="base: two\nbase: three"):
         refuse("base", [(False, "one"), (True, "two"), (True, "three")])

@@ -52,7 +52,7 @@ def test_the_limits_of_every_dialect_are_those_of_jazzy(name):
             assert effective(getattr(given, axis).limits()) == effective(VelocityLimits(**case[f"canonical_{axis}"]))
 
 
-def test_a_limit_that_somebody_wrote_down_is_applied_whatever_the_dialect():
+def test_a_declared_limit_is_applied_in_every_dialect():
     given = read_params(Params.of({**WHEELS, **DIALECTS[OLD]["input"]}))  # humble would ignore it without has_*
     assert given.linear.limits().max_velocity == 1.0
 
@@ -75,7 +75,7 @@ def test_an_integer_is_taken_for_a_double_where_upstream_rejects_it():
     assert read_params(Params.of({**WHEELS, "publish_rate": 50})).publish_rate == 50.0
 
 
-def test_every_mistake_is_told_at_once():
+def test_every_error_is_reported_at_once():
     with pytest.raises(RobotConfigError) as caught:
         read_params(
             Params.of({"publish_rate": "fast", "linear.x.max_velocity": -1.0, "pose_covariance_diagonal": [1.0]})

@@ -27,7 +27,7 @@ def test_keys_are_dotted_as_upstreams():
     assert given.measured[3] == "encoder"
 
 
-def test_it_says_all_that_is_missing_at_once():
+def test_it_reports_all_that_is_missing_at_once():
     with pytest.raises(RobotConfigError) as error:
         read_checked(Params.of({}, "base"), MecanumParams)
     lines = str(error.value).splitlines()

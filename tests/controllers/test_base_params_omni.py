@@ -17,7 +17,7 @@ def test_covariances_have_upstreams_keys():
     assert (given.pose_covariance_diagonal, given.twist_covariance_diagonal) == ((0.1,) * 6, (0.2,) * 6)
 
 
-def test_it_says_all_that_is_missing_at_once():
+def test_it_reports_all_that_is_missing_at_once():
     with pytest.raises(RobotConfigError) as error:
         read_checked(Params.of({}, "base"), OmniParams)
     assert len(str(error.value).splitlines()) == 4

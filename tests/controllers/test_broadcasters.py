@@ -31,7 +31,7 @@ def robot_of_sensor_broadcasters(type_name, states, activate=True, **params):
     return hardware, control, broadcaster
 
 
-def test_an_imu_is_told_with_the_names_of_ros2_control_and_its_covariances():
+def test_an_imu_is_reported_with_the_names_of_ros2_control_and_its_covariances():
     covariance = [float(each) for each in range(9)]
     _, control, imu = robot_of_sensor_broadcasters(
         IMU, [f"imu/{each}" for each in reversed(OF_IMU)], sensor_name="imu", static_covariance_orientation=covariance
@@ -48,7 +48,7 @@ def test_an_imu_is_told_with_the_names_of_ros2_control_and_its_covariances():
     assert (reading.tells, reading.is_broadcaster, reading.frame_id) == ("imu", True, "link")
 
 
-def test_a_range_is_told_with_what_is_known_of_the_sensor():
+def test_a_range_is_reported_with_what_is_known_of_the_sensor():
     hardware, control, sonar = robot_of_sensor_broadcasters(
         RANGE, ["sonar/range"], sensor_name="sonar", radiation_type=1, min_range=0.1, max_range=2.0, field_of_view=0.3
     )
@@ -114,7 +114,7 @@ def test_it_claims_nothing_and_publishes_once_per_update(type_name, states):
     assert control.list()[0].claims == ()
 
 
-def test_a_pose_is_told_with_the_frame_whose_transform_it_is():
+def test_a_pose_is_reported_with_the_frame_whose_transform_it_is():
     states = [f"gps/{each}" for each in POSE]
     hardware, control, gps = robot_of_sensor_broadcasters("pose_broadcaster/PoseBroadcaster", states, pose_name="gps")
     control.broadcast(S, 0.01)
@@ -126,7 +126,7 @@ def test_a_pose_is_told_with_the_frame_whose_transform_it_is():
     assert gps.sample(0).position == (1.0, None, 3.0)
 
 
-def test_a_pose_of_interfaces_by_their_names_is_no_transform_unless_its_frame_is_named():
+def test_a_pose_of_interfaces_by_their_names_is_not_a_transform_unless_its_frame_is_named():
     names = {"position": dict(zip("xyz", ("a/x", "a/y", "a/z"), strict=True)),
              "orientation": dict(zip("xyzw", ("b/i", "b/j", "b/k", "b/w"), strict=True))}  # fmt: skip
     states = [each for part in names.values() for each in part.values()]
@@ -167,7 +167,7 @@ def test_the_older_spellings_are_taken():
         ({"batteries": ["a"], "a": {"power_supply_technology": 9}}, "power_supply_technology"),
     ],
 )
-def test_what_cannot_be_is_told(params, words):
+def test_what_cannot_be_is_reported(params, words):
     with pytest.raises(RobotConfigError) as caught:
         read(**params)
     assert words in str(caught.value)
@@ -187,7 +187,7 @@ def robot_of_battery_broadcaster(states, **params):
     return hardware, control, broadcaster
 
 
-def test_a_battery_is_told_with_what_is_read_and_what_is_known_of_it():
+def test_a_battery_is_reported_with_what_is_read_and_what_is_known_of_it():
     states = {"main/battery_voltage": 24.5, "main/battery_current": -3.0, "main/battery_percentage": 80.0,
               "main/battery_power_supply_status": 2.0, "main/battery_temperature": 31.0}  # fmt: skip
     read = ("battery_current", "battery_percentage", "battery_power_supply_status")
@@ -216,7 +216,7 @@ def test_without_a_percentage_it_is_that_of_the_voltage_where_its_bounds_are_kno
     assert (told.voltage, told.percentage, told.present) == (None, None, False)
 
 
-def test_all_of_them_are_told_as_one():
+def test_all_of_them_are_reported_as_one():
     states = {"a/battery_voltage": 24.0, "a/battery_charge": 10.0, "a/battery_power_supply_health": 1.0,
               "b/battery_voltage": 26.0, "b/battery_charge": 5.0, "b/battery_power_supply_health": 3.0}  # fmt: skip
     wanted = {"battery_charge": True, "battery_power_supply_health": True}
@@ -233,7 +233,7 @@ def test_all_of_them_are_told_as_one():
     assert both.present
 
 
-def test_one_that_says_whether_it_is_there_is_believed():
+def test_one_that_reports_whether_it_is_there_is_trusted():
     _, _, power = robot_of_battery_broadcaster(
         {"a/battery_voltage": 24.0, "a/battery_present": 0.0},
         batteries=["a"],
@@ -255,7 +255,7 @@ def robot(type_name, *extra, **params):
     return hardware, control, broadcaster
 
 
-def test_inputs_of_all_drives_are_told_by_themselves():
+def test_inputs_of_all_drives_are_reported_by_themselves():
     hardware, control, gpio = robot(GPIO)
     control.switch(["b"], now=0)
     hardware.set("r/digital_inputs", 5.0)
@@ -267,7 +267,7 @@ def test_inputs_of_all_drives_are_told_by_themselves():
     assert control.list()[0].is_broadcaster
 
 
-def test_a_gpio_part_is_told_whole_when_it_is_named():
+def test_a_gpio_part_is_reported_whole_when_it_is_named():
     _, control, gpio = robot(GPIO, "io/out", "io/in", joints=["io"])
     control.switch(["b"], now=0)
     assert gpio.sample(0).parts == {"io": {"out": None, "in": None}}
@@ -280,7 +280,7 @@ def test_joints_and_interfaces_together_restrict_exactly():
     assert gpio.sample(0).parts == {"r": {"position": None}}
 
 
-def test_nothing_to_tell_is_refused_in_words():
+def test_nothing_to_report_is_refused_in_words():
     _, control, _ = robot(GPIO, interfaces=["analog"])
     with pytest.raises(ControlError, match="no joint has a state interface of analog"):
         control.switch(["b"], now=0)
@@ -307,7 +307,7 @@ def test_nothing_to_tell_is_refused_in_words():
         ({}, 3, "no message was received from it"),
     ],
 )
-def test_the_diagnostics_judge_a_joint_by_what_its_drive_says(values, level, message):
+def test_the_diagnostics_judge_a_joint_by_what_its_drive_reports(values, level, message):
     hardware, control, diagnostics = robot(DIAGNOSTICS)
     control.switch(["b"], now=0)
     for name, value in values.items():
@@ -321,7 +321,7 @@ def test_the_diagnostics_judge_a_joint_by_what_its_drive_says(values, level, mes
     assert values or status.values["age"] is None
 
 
-def test_who_only_tells_runs_when_the_commands_are_on_their_way_and_one_that_commands_does_not():
+def test_a_broadcaster_runs_after_the_commands_were_sent_and_a_commanding_controller_before():
     hardware = Hardware(states=("a/position",))
     control = manager(hardware)
     states = add(control, "states", "joint_state_broadcaster/JointStateBroadcaster")

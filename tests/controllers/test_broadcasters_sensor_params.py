@@ -44,7 +44,7 @@ def test_the_six_names_of_a_sensor_and_those_that_are_named_one_by_one():
         (ForceTorqueParams, {**SENSOR, "multiplier": {"force": {"x": float("inf")}}}, "multiplier.force.x is inf"),
     ],
 )
-def test_what_cannot_be_is_told_with_its_name(cls, params, words):
+def test_what_cannot_be_is_reported_with_its_name(cls, params, words):
     with pytest.raises(RobotConfigError) as caught:
         read(cls, **params)
     assert words in str(caught.value)

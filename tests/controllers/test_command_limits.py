@@ -105,7 +105,7 @@ def test_a_joint_with_soft_limits_is_always_judged_in_full():
     assert not limited.passes(0.01)
 
 
-def test_a_plain_command_is_kept_within_its_bounds_and_told_once_a_second():
+def test_a_plain_command_is_kept_within_its_bounds_and_reported_once_a_second():
     command = CommandInterface("tool", "width", minimum=0.0, maximum=1.0)
     limited = PlainCommand(command)
     command.owner, command.value = "c", 2.0
@@ -229,7 +229,7 @@ def test_an_acceleration_comes_from_its_tag_only():
     assert bench.send("velocity", -2.0) == pytest.approx(1.5)
 
 
-def test_what_is_limited_is_told_once_with_the_value_asked_for_and_the_limit():
+def test_what_is_limited_is_reported_once_with_the_value_asked_for_and_the_limit():
     bench = Bench(VELOCITY)
     bench.send("velocity", 10.0)
     assert bench.told == "j/velocity: 10 rad/s is limited to 3 rad/s"
@@ -258,14 +258,14 @@ def test_what_is_limited_is_told_once_with_the_value_asked_for_and_the_limit():
         ),
     ],
 )
-def test_the_limit_is_told_in_the_units_of_the_description_not_of_a_cycle(inside, kind, interface, value, told):
+def test_the_limit_is_reported_in_the_units_of_the_description_not_of_a_cycle(inside, kind, interface, value, told):
     bench = Bench(inside, kind)
     bench.at(0.0)
     bench.send(interface, value)
     assert bench.told == told
 
 
-def test_the_end_of_a_joint_is_told_as_such():
+def test_the_end_of_a_joint_is_reported_as_such():
     bench = Bench(VELOCITY, "revolute")
     bench.at(1.9)
     bench.send("velocity", 3.0)
@@ -295,7 +295,7 @@ def test_limits_can_be_switched_off(inside):
     assert Bench(inside).send("velocity", 10.0) == 10.0
 
 
-def test_no_command_stays_none_and_what_nobody_owns_is_left_alone():
+def test_no_command_stays_none_and_unclaimed_interfaces_are_left_unchanged():
     bench = Bench(VELOCITY)
     assert math.isnan(bench.send("velocity", math.nan))
     command = bench.registry.command("j/velocity")

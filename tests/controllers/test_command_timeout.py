@@ -64,7 +64,7 @@ def test_without_a_time_out_in_the_yaml_a_velocity_or_effort_ends_after_two_seco
     assert [event.kind for event in control.events()][-1] == "command_timeout"
 
 
-def test_zero_is_for_ever_and_told_once():
+def test_zero_is_for_ever_and_reported_once():
     hardware, control = forward(command_timeout=0.0)
     control.command("forward", [10.0, 10.0], 0)
     control.update(10**6 * S, 0.01)
@@ -73,7 +73,7 @@ def test_zero_is_for_ever_and_told_once():
 
 
 @pytest.mark.parametrize("make", [forward, base])
-def test_a_command_to_drives_that_are_off_is_refused_counted_and_told_once(make):
+def test_a_command_to_drives_that_are_off_is_refused_counted_and_reported_once(make):
     hardware, control = make()
     name = control.active[0]
     hardware.command_interfaces[1].enabled = False
@@ -94,7 +94,7 @@ def test_a_command_to_drives_that_are_off_is_refused_counted_and_told_once(make)
 
 
 @pytest.mark.parametrize("make", [forward, base])
-def test_what_was_commanded_before_a_drive_was_off_is_forgotten(make):
+def test_what_was_commanded_before_a_drive_was_off_is_discarded(make):
     hardware, control = make()
     name = control.active[0]
     control.command(name, [1.0, 1.0], 0)
@@ -109,7 +109,7 @@ def test_what_was_commanded_before_a_drive_was_off_is_forgotten(make):
         assert hardware.values() == [0.0, 0.0]
 
 
-def test_a_position_from_before_is_forgotten_too():
+def test_a_position_from_before_is_discarded_too():
     hardware, control = forward("position")
     control.command("forward", [1.0, 2.0], 0)
     control.update(0, 0.01)
@@ -120,7 +120,7 @@ def test_a_position_from_before_is_forgotten_too():
     assert all(math.isnan(value) for value in hardware.values())
 
 
-def test_the_odometry_goes_on_after_what_was_commanded_is_forgotten():
+def test_the_odometry_continues_after_what_was_commanded_is_discarded():
     hardware, control = base(cmd_vel_timeout=0.0)
     control.command("base", [1.0, 0.0], 0)
     control.update(0, 0.01)
@@ -133,7 +133,7 @@ def test_the_odometry_goes_on_after_what_was_commanded_is_forgotten():
 
 
 @pytest.mark.parametrize("make", [forward, base])
-def test_a_command_goes_with_who_holds_it(make):
+def test_a_command_ends_with_the_client_that_holds_it(make):
     hardware, control = make()
     name, mine, yours = control.active[0], object(), object()
     control.command(name, [1.0, 1.0], 0, source="ros", holder=mine)
@@ -159,7 +159,7 @@ def test_two_of_the_same_name_are_two():
     assert hardware.values() == [2.0, 2.0]
 
 
-def test_who_commands_a_chain_needs_the_drives_at_its_end():
+def test_a_client_of_a_chain_needs_the_drives_at_its_end():
     hardware, control = base()
     add(control, "upper", FORWARD, joints=["base/linear", "base/angular"], interface_name="velocity")
     control.switch(["upper"], now=0)
@@ -179,7 +179,7 @@ def test_who_commands_a_chain_needs_the_drives_at_its_end():
 
 
 @pytest.mark.parametrize("make", [forward, base])
-def test_who_has_said_to_stand_may_go_and_nothing_is_told(make):
+def test_a_client_that_sent_standstill_may_leave_without_an_event(make):
     """A base that brakes along its ramp goes on braking, without a word."""
     hardware, control = make(**({} if make is forward else {"linear.x.max_acceleration": 1.0}))
     name, holder = control.active[0], object()
@@ -237,7 +237,7 @@ def test_an_alternation_after_a_quiet_time_is_reported_again():
     assert len(alternations(*turns)) == 1
 
 
-def test_a_controller_reports_who_commands_it_alternately_and_the_newer_command_applies():
+def test_clients_that_command_a_controller_alternately_are_reported_and_the_newer_command_applies():
     hardware, control = forward()
     control.events()
     for turn in range(20):

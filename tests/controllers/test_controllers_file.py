@@ -158,7 +158,7 @@ def test_robbys_file_names_the_forward_controller_first_of_those_that_move():
     assert flat(read.controllers["robby_forward_controller"])["command_timeout"] == 2.0
 
 
-def test_types_and_parameters_stand_in_their_blocks(file):
+def test_types_and_parameters_are_in_their_blocks(file):
     read = file(JAZZY)
     assert list(read.controllers) == ["states", "base"]
     base = read.controllers["base"]
@@ -195,13 +195,13 @@ def test_a_repeated_name_is_a_warning_and_the_last_one_wins_or_an_error_if_stric
         file(text, strict=True)
 
 
-def test_parameters_that_nobody_loads_and_stray_lines_are_told_with_the_nearest_name(file):
+def test_parameters_that_is_not_loaded_and_stray_lines_are_reported_with_the_nearest_name(file):
     read = file(JAZZY.replace("\nbase:\n", "\nbsae:\n") + "stray: 3\n")
     assert "'bsae' has parameters but no type, so it is not loaded (did you mean 'base'?)" in read.warnings[0]
     assert "'stray' does not belong to a controller" in read.warnings[1]
 
 
-def test_the_managers_own_mistakes_are_told_and_its_other_groups_are_left_alone(file):
+def test_the_managers_own_errors_are_reported_and_its_other_groups_are_left_alone(file):
     text = "controller_manager: {ros__parameters: {update_rate: 0, defaults: {x: 1}, c: {type: a/B}}}"
     with pytest.raises(RobotConfigError, match=r"update_rate: 0 is out of range 1\.\.10000"):
         file(text)
@@ -219,7 +219,7 @@ def test_a_file_without_controllers_or_without_yaml_is_refused(file):
             file(text)
 
 
-def test_the_mistakes_of_one_controller_do_not_show_at_another(file):
+def test_the_errors_of_one_controller_do_not_show_at_another(file):
     read = file("a: {ros__parameters: {type: a/B, rate: x}}\nb: {ros__parameters: {type: a/B, rate: 3}}")
     for _ in range(2):
         with pytest.raises(RobotConfigError, match=r"c\.yaml:1:40: a\.ros__parameters\.rate: expected a number"):
@@ -227,7 +227,7 @@ def test_the_mistakes_of_one_controller_do_not_show_at_another(file):
         assert read.controllers["b"].params.read(Some).rate == 3.0
 
 
-def test_what_the_manager_does_not_do_is_told_with_its_line(file):
+def test_what_the_manager_does_not_do_is_reported_with_its_line(file):
     own = "update_rate: 50, use_sim_time: true, lock_memory: {}, handle_exceptions: true"
     text = "controller_manager: {{ros__parameters: {{c.type: a/B, {}}}}}"
     assert file(text.format(own.format("false"))).warnings == []
@@ -271,7 +271,7 @@ def test_any_text_gives_controllers_or_one_error(tmp_path_factory, text):
         assert str(error).startswith(str(path))  # noqa: PT017 - either outcome is right
 
 
-def test_a_params_file_is_read_beside_the_file_and_wins(file, tmp_path):
+def test_a_params_file_is_read_next_to_the_file_and_wins(file, tmp_path):
     (tmp_path / "first.yaml").write_text("/**: {ros__parameters: {k: 1, only: 7}}\n")
     (tmp_path / "second.yaml").write_text("base: {ros__parameters: {k: 2, linear.x.max_velocity: 3.0}}\n")
     manager = "controller_manager: {ros__parameters: {base: {type: a/B, params_file: %s}}}\n"
@@ -284,7 +284,7 @@ def test_a_params_file_is_read_beside_the_file_and_wins(file, tmp_path):
     assert flat(file(text % "first.yaml").controllers["base"]) == {"k": 1, "only": 7}
 
 
-def test_mistakes_in_a_params_file_are_told_with_its_name(file, tmp_path):
+def test_errors_in_a_params_file_are_reported_with_its_name(file, tmp_path):
     (tmp_path / "p.yaml").write_text("base:\n  ros__parameters:\n    rate: fast\n    rat: 1\n")
     read = file("controller_manager: {ros__parameters: {base: {type: a/B, params_file: p.yaml}}}\n")
     with pytest.raises(RobotConfigError, match=r"p\.yaml:3:11: base\.ros__parameters\.rate: expected a number"):
@@ -308,7 +308,7 @@ def test_where_a_block_stands_is_kept(file):
     assert read.controllers["arm"].params.line("none") == 0
 
 
-def test_blocks_of_gazebos_gains_have_no_effect_and_are_told(file):
+def test_blocks_of_gazebos_gains_have_no_effect_and_are_reported(file):
     read = file("gazebo_ros_control: {pid_gains: {l: {p: 1.0}}}\nbase: {type: a/B, k: 1}\n")
     assert list(read.controllers) == ["base"]
     assert "gazebo_ros_control has no effect" in read.warnings[0]
@@ -356,7 +356,7 @@ def test_wildcards_of_namespaces_are_those_of_rcl(pattern, namespace, within):
     assert is_within(pattern, namespace) is within
 
 
-def test_what_a_block_for_all_nodes_says_for_others_is_no_mistake_of_a_controller(file):
+def test_what_a_block_for_all_nodes_reports_for_others_is_not_an_error_of_a_controller(file):
     text = "/**:\n  ros__parameters: {joints: [a], interface_name: velocity}\n"
     text += "controller_manager:\n  ros__parameters:\n    c: {type: x/Y}\n"
     params = file(text).controllers["c"].params
@@ -377,7 +377,7 @@ controller_manager:
 """
 
 
-def test_variables_of_a_launch_file_are_put_in_and_what_has_no_value_is_said_once(tmp_path):
+def test_variables_of_a_launch_file_are_put_in_and_what_has_no_value_is_reported_once(tmp_path):
     path = tmp_path / "c.yaml"
     path.write_text(WITH_VARIABLES)
     file = read_controllers(path, variables={"prefix": "left_", "namespace": "/one", "interface": "position"})

@@ -68,7 +68,7 @@ def test_the_heading_survives_a_million_steps():
     assert same(odometry.x, 100.0, 1e-6)
 
 
-def test_after_a_stop_the_next_sample_is_where_it_goes_on_from():
+def test_after_a_stop_the_next_sample_is_where_it_continues_from():
     odometry = Odometry(1.0, 1.0, 1.0)
     odometry.update_position(0.0, 0.0, 0)
     odometry.update_position(1.0, 1.0, S)
@@ -250,7 +250,7 @@ def test_open_loop_does_not_integrate_the_age_of_the_universe():
     assert same(base.odometry.x, 0.5)
 
 
-def test_a_timeout_is_told_once_and_the_next_twist_drives_on():
+def test_a_timeout_is_reported_once_and_the_next_twist_drives_on():
     hardware, control, _ = robot()
     control.switch(["base"], now=0)
     control.events()
@@ -329,7 +329,7 @@ def test_another_controller_drives_it_by_its_references():
 
 
 @pytest.mark.parametrize("case", vectors("diff_drive_lifecycle")[7:10], ids=lambda case: case["name"])
-def test_it_wants_the_interfaces_that_upstream_wants(case):
+def test_it_needs_the_interfaces_that_upstream_needs(case):
     _, _, base = robot(**case["params"])
     assert base.command_interface_names() == case["expect_command"]
     assert base.state_interface_names() == case["expect_state"]
@@ -355,7 +355,7 @@ def test_a_deceleration_limit_of_zero_is_refused_since_the_base_would_never_brak
         robot(**{f"linear__x__{key}": value for key, value in limits.items()})
 
 
-def test_a_jerk_limit_of_zero_is_told_to_freeze_the_robot():
+def test_a_jerk_limit_of_zero_is_reported_to_freeze_the_robot():
     _, control, _ = robot(linear__x__max_jerk=0.0)
     assert [each.text for each in control.events() if each.kind == "parameter"] == [
         "base: linear.x.max_jerk is 0, which keeps the speed constant; remove it"
@@ -398,7 +398,7 @@ def test_frames_carry_the_prefix_and_the_pose_can_be_set():
     assert (sample.time, sample.limited) == (5.01, None)
 
 
-def test_it_says_what_it_assumes_of_its_wheels_before_the_calibration():
+def test_it_reports_what_it_assumes_of_its_wheels_before_the_calibration():
     jerk = {"linear__x__max_jerk": 0.0}
     _, _, base = robot(wheel_separation_multiplier=2.0, left_wheel_radius_multiplier=3.0, tf_frame_prefix="r1", **jerk)
     given = base.params
@@ -428,7 +428,7 @@ def publications(rate, seconds=2.0):
     return seen, other
 
 
-def test_the_list_tells_how_often_it_publishes():
+def test_the_list_reports_how_often_it_publishes():
     _, control, base = robot(publish_rate=20.0)
     assert (control.list()[0].tells, control.list()[0].publish_rate) == ("odometry", 20.0)
     base.publish_rate = 1000.0
@@ -438,7 +438,7 @@ def test_the_list_tells_how_often_it_publishes():
 
 
 @pytest.mark.parametrize(("rate", "every"), [(100.0, 1), (50.0, 2), (20.0, 5), (1000.0, 1), (0.6, 167)])
-def test_its_sample_is_of_the_last_publication_at_publish_rate_whoever_looks(rate, every):
+def test_its_sample_is_that_of_the_last_publication_at_publish_rate(rate, every):
     seen, other = publications(rate)
     stamps = list(dict.fromkeys(each.time for each in seen))
     steps = [round((later - earlier) * 100) for earlier, later in pairwise(stamps)]

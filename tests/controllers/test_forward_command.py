@@ -26,7 +26,7 @@ def drives(tmp_path, request):
 
 
 @pytest.mark.rest
-def test_nothing_moves_before_somebody_enables_the_drive_and_a_target_comes_after_that(drives):
+def test_nothing_moves_before_an_enable_and_a_target_after_it(drives):
     assert "axis enable" in drives.target(1.0)
     drives.enable("drive_one")
     drives.run(500)
@@ -39,7 +39,7 @@ def test_nothing_moves_before_somebody_enables_the_drive_and_a_target_comes_afte
 
 @pytest.mark.rest
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_what_is_no_number_is_refused_with_the_name_and_what_was_there_goes_on(drives, value):
+def test_what_is_not_a_number_is_refused_with_the_name_and_what_was_there_continues(drives, value):
     drives.enable("drive_one")
     assert drives.target(0.5) is None
     assert "drive_one/target" in drives.target(value)
@@ -64,7 +64,7 @@ def test_the_target_is_what_the_mode_takes(drives, mode, interface, value, reach
 
 
 @pytest.mark.parametrize("mode", ["PV", "CSV"])
-def test_a_velocity_that_nobody_renews_ends_after_two_seconds_and_says_so(drives, mode):
+def test_a_velocity_that_is_not_renewed_ends_after_two_seconds_and_reports_this(drives, mode):
     drives.enable("drive_one")
     drives.mode(mode)
     drives.target(2.0)
@@ -77,7 +77,7 @@ def test_a_velocity_that_nobody_renews_ends_after_two_seconds_and_says_so(drives
 
 @pytest.mark.parametrize("ms", [0, 20])
 @pytest.mark.parametrize(("before", "after"), [("PV", "PP"), ("PP", "PV"), ("CSV", "CSP"), ("TQ", "PP")])
-def test_a_target_is_forgotten_with_its_mode_however_late_it_came(drives, before, after, ms):
+def test_a_target_is_discarded_with_its_mode_however_late_it_came(drives, before, after, ms):
     drives.enable("drive_one")
     drives.mode(before)
     drives.target(2.0)
@@ -92,7 +92,7 @@ def test_a_target_is_forgotten_with_its_mode_however_late_it_came(drives, before
 
 
 @pytest.mark.parametrize(("mode", "value"), [("PP", 50.0), ("CSP", 50.0), ("PV", 2.0), ("CSV", 2.0)])
-def test_a_target_ends_with_who_gave_it(drives, mode, value):
+def test_a_target_ends_with_its_client(drives, mode, value):
     """Of a position too, whether the drive or the master makes the way: it stops on the way."""
     bridge = object()
     drives.enable("drive_one")
@@ -112,7 +112,7 @@ def test_a_target_ends_with_who_gave_it(drives, mode, value):
 
 
 @pytest.mark.parametrize("mode", ["PP", "PV"])
-def test_who_disables_and_enables_does_not_wake_an_old_target(drives, mode):
+def test_disabling_and_enabling_does_not_revive_an_old_target(drives, mode):
     drives.enable("drive_one")
     drives.mode(mode)
     drives.target(2.0)
@@ -153,7 +153,7 @@ def test_a_target_that_its_object_cannot_hold_is_refused(drives):
     assert "the range of" in drives.target(1e9)
 
 
-def test_without_a_mode_there_is_no_target():
+def test_without_a_mode_there_is_not_a_target():
     controller = TargetController("arm")
     controller.on_configure(Params.of({"joint": "arm"}))
     controller.on_activate([CommandInterface("arm", TARGET)], [], 0)
@@ -266,7 +266,7 @@ def test_a_position_target_is_held_by_a_timeout_and_by_a_deactivation():
     assert hardware.values() == [1.0, 2.0, 3.0]
 
 
-def test_a_timeout_is_told_once_and_the_next_command_takes_over():
+def test_a_timeout_is_reported_once_and_the_next_command_takes_over():
     hardware, control, forward = robot(command_timeout=2.0)
     control.switch(["forward"], now=0)
     control.command("forward", [1.0, 2.0, 3.0], 0)

@@ -107,7 +107,7 @@ def test_when_commands_end_outputs_go_to_their_safe_values_and_kept_ones_stay(en
     assert hardware.values() == [0.0, 0.75, 1.0]
 
 
-def test_who_is_gone_is_told_with_where_the_outputs_are():
+def test_a_lost_device_is_reported_with_the_state_of_its_outputs():
     _, control = robot(kept_outputs=["valve/open"])
     control.events()
     control.command("outputs", {"io/lamp": 1.0}, 0, source="a panel", holder=control)
@@ -120,7 +120,7 @@ def test_who_is_gone_is_told_with_where_the_outputs_are():
     )
 
 
-def test_the_safe_value_of_the_hardware_is_the_default_and_it_is_told_where_an_output_is_let_go():
+def test_the_safe_value_of_the_hardware_is_the_default_and_it_is_reported_with_where_an_output_is_released():
     hardware = Hardware(*OUTPUTS, states=STATES)
     for each, safe in zip(hardware.command_interfaces, (1.0, math.nan, None), strict=True):
         each.safe = safe
@@ -154,7 +154,7 @@ def test_outputs_of_a_node_that_is_lost_end_alone():
     assert hardware.values() == [0.5, 1.0, 0.0]
 
 
-def test_a_command_that_is_safe_outlives_who_gave_it():
+def test_a_safe_command_outlives_its_client():
     _, control = robot(kept_outputs=["valve/open"])
     control.command("outputs", {"io/lamp": 0.0, "valve/open": 1.0}, 0, holder=control)
     assert control.running.clients_with_commands == set()
@@ -162,7 +162,7 @@ def test_a_command_that_is_safe_outlives_who_gave_it():
     assert control.running.clients_with_commands == {control}
 
 
-def test_a_time_out_is_told_once_and_the_next_command_takes_over():
+def test_a_time_out_is_reported_once_and_the_next_command_takes_over():
     hardware, control = robot(command_timeout=0.5)
     control.events()
     control.command("outputs", {"io/lamp": 1.0}, 0)
@@ -175,7 +175,7 @@ def test_a_time_out_is_told_once_and_the_next_command_takes_over():
     assert hardware.values()[0] == 1.0
 
 
-def test_inputs_and_outputs_are_told_by_part_and_name():
+def test_inputs_and_outputs_are_reported_by_part_and_name():
     hardware, control = robot(state_interfaces={"io": {"interfaces": ["pressed"]}})
     hardware.set("io/pressed", 1.0)
     assert control.list()[0].required_state_interfaces == ("*",)
@@ -192,7 +192,7 @@ def test_named_inputs_are_all_that_it_reads():
     assert control.get("outputs").sample(0).parts == {"io": {"pressed": None}, "valve": {"pressure": None}}
 
 
-def test_without_command_interfaces_it_only_tells():
+def test_without_command_interfaces_it_only_reports():
     hardware, control = robot(command_interfaces={})
     control.update(S, 0.01)
     assert control.get("outputs").sample(0).parts["io"] == {"pressed": None, "lamp": None}
@@ -215,7 +215,7 @@ def test_an_interface_that_is_not_there_is_refused_when_it_is_activated(params, 
         robot(**params)
 
 
-def test_who_is_not_active_takes_no_command():
+def test_an_inactive_controller_takes_no_command():
     _, control = robot()
     control.switch((), ["outputs"], now=0)
     with pytest.raises(ControlError, match="is inactive; activate it before commanding it"):

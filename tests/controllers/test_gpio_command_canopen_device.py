@@ -13,7 +13,7 @@ TYPES = {
 
 
 @pytest.mark.parametrize("type_name", TYPES)
-def test_it_stands_beside_the_controller_that_moves_its_joint_and_claims_nothing(type_name):
+def test_it_stands_alongside_the_controller_that_moves_its_joint_and_claims_nothing(type_name):
     control = manager(wheels())
     add(control, "wheels", FORWARD, joints=["l", "r"], interface_name="velocity")
     device = add(control, "device", type_name, joint="l")
@@ -32,6 +32,6 @@ def test_it_stands_beside_the_controller_that_moves_its_joint_and_claims_nothing
 
 
 @pytest.mark.parametrize("type_name", TYPES)
-def test_without_a_joint_it_says_where_to_give_one(type_name):
+def test_without_a_joint_it_reports_where_to_give_one(type_name):
     with pytest.raises(RobotConfigError, match="device: no 'joint'; give it under device: ros__parameters: joint:"):
         add(manager(wheels()), "device", type_name)

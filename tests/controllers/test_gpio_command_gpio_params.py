@@ -48,14 +48,14 @@ def test_an_output_is_safe_at_zero_unless_another_value_is_written_or_it_is_kept
         ({"kept_outputs": ["lamp"]}, "kept_outputs: 'lamp' is not in command_interfaces"),
     ],
 )
-def test_what_cannot_be_is_told_with_its_name(more, words):
+def test_what_cannot_be_is_reported_with_its_name(more, words):
     with pytest.raises(RobotConfigError, match=r"^outputs: ") as caught:
         read(**more)
     assert words in str(caught.value)
 
 
 @pytest.mark.parametrize("interface", ["position", "velocity", "effort", "acceleration"])
-def test_what_moves_a_joint_is_no_output(interface):
+def test_what_moves_a_joint_is_not_an_output(interface):
     both = {"gpios": ["wheel"], "command_interfaces": {"wheel": {"interfaces": [interface]}}}
     with pytest.raises(RobotConfigError, match="moves a joint and is not an output"):
         read(joints=("wheel",), **both)

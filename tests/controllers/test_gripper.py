@@ -84,7 +84,7 @@ def test_a_stall_aborts_and_the_joint_is_held_where_it_is():
     assert [each.kind for each in gripper.control.events()] == ["goal_aborted"]
 
 
-def test_a_stall_that_is_allowed_succeeds_and_goes_on_gripping():
+def test_a_stall_that_is_allowed_succeeds_and_continues_gripping():
     gripper = Gripper(stall_timeout=0.1, allow_stalling=True)
     goal = gripper.send(0.05)
     assert gripper.step(0.03, 0.0, count=12) == [0.05]
@@ -92,7 +92,7 @@ def test_a_stall_that_is_allowed_succeeds_and_goes_on_gripping():
     assert gripper.step(count=100) == [0.05]
 
 
-def test_a_grip_outlives_who_asked_for_it_and_a_goal_does_not():
+def test_a_grip_outlives_its_client_and_a_goal_does_not():
     gripper = Gripper(stall_timeout=0.1, allow_stalling=True)
     gripper.send(0.05, holder="me")
     gripper.step(0.03, count=12)
@@ -137,7 +137,7 @@ def test_limits_go_with_the_goal_through_their_interfaces():
     assert gripper.step(0.0, 0.1) == [0.05, 10.0, 0.1]
 
 
-def test_an_effort_that_nothing_limits_is_told_once():
+def test_an_effort_that_nothing_limits_is_reported_once():
     gripper = Gripper()
     gripper.send(0.05)
     assert gripper.control.events() == ()
@@ -179,7 +179,7 @@ def test_any_other_end_takes_the_goal_back(end):
         ((-0.01,), "expects 0 to 0.08, the limits of finger, got -0.01"),
     ],
 )
-def test_a_goal_that_cannot_be_is_refused_and_the_one_before_goes_on(sent, words):
+def test_a_goal_that_cannot_be_is_refused_and_the_one_before_continues(sent, words):
     gripper = Gripper(limits=UrdfLimits(0.0, 0.08))
     before = gripper.send(0.05)
     with pytest.raises(ControlError) as caught:
@@ -231,7 +231,7 @@ class TestEffort:
         assert gripper.step(0.03) == [0.0]
         assert gripper.step(0.02) == [pytest.approx(1.0)]
 
-    def test_a_joint_that_is_disabled_has_nothing_to_go_on_with(self):
+    def test_a_joint_that_is_disabled_has_nothing_to_continue_with(self):
         gripper = self.gripper()
         goal = gripper.send(0.05, 3.0)
         gripper.step(0.0)
@@ -241,7 +241,7 @@ class TestEffort:
         assert gripper.step(0.0, count=5) == [0.0]
         assert goal.state is ABORTED
 
-    def test_a_position_that_nobody_knows_has_no_effort(self):
+    def test_a_position_that_is_unknown_has_no_effort(self):
         gripper = self.gripper()
         gripper.send(0.05, 3.0)
         assert gripper.step(math.nan) == [0.0]
@@ -254,7 +254,7 @@ class TestEffort:
         assert gripper.hardware.values() == [0.0]
 
 
-def test_where_it_is_and_was_to_be_is_told():
+def test_where_it_is_and_was_to_be_is_reported():
     gripper = Gripper(state_interfaces=["position", "velocity", "effort"])
     assert gripper.control.list()[0].tells == "gripper"
     gripper.send(0.05)

@@ -34,6 +34,6 @@ def test_the_gains_of_the_joint_stand_below_its_name():
         ({"action_monitor_rate": 0.05}, "action_monitor_rate"),
     ],
 )
-def test_what_cannot_be_is_told(params, words):
+def test_what_cannot_be_is_reported(params, words):
     with pytest.raises(RobotConfigError, match=words):
         read(**params)

@@ -37,7 +37,7 @@ speeds = st.floats(-2.0, 2.0)
 
 
 @given(forward=speeds, left=speeds, angular=speeds)
-def test_wheels_that_do_what_they_are_told_drive_the_twist(forward, left, angular):
+def test_wheels_that_do_what_they_are_reported_drive_the_twist(forward, left, angular):
     base = MecanumKinematics(0.05, 0.4)
     base.command(forward, left, angular)
     base.update(base.wheels, 0.02)
@@ -86,7 +86,7 @@ def test_it_drives_sideways():
     assert sample.reference == [0.0, 0.4, 0.0]
 
 
-def test_its_sample_tells_the_wheels_against_the_clock():
+def test_its_sample_reports_the_wheels_against_the_clock():
     hardware, _, made = drive([0.1, 0.3, 0.2])
     front_left, front_right, rear_right, rear_left = hardware.values()
     assert len({front_left, front_right, rear_right, rear_left}) == 4
@@ -110,7 +110,7 @@ def test_each_axis_has_its_limits_and_a_timeout_brakes_along_them(axis, index):
     assert set(hardware.values()) == {0.0}
 
 
-def test_what_check_is_told_of_its_wheels():
+def test_what_check_is_reported_its_wheels():
     _, _, made = base(MECANUM)
     wheels = made.wheel_base()
     assert (wheels.left, wheels.right) == (("front_left", "rear_left"), ("front_right", "rear_right"))

@@ -48,19 +48,19 @@ speeds = st.floats(-2.0, 2.0)
 
 
 @given(st.integers(3, 9), st.floats(-math.pi, math.pi), speeds, speeds, speeds)
-def test_wheels_that_do_what_they_are_told_drive_the_twist(count, offset, forward, left, angular):
+def test_wheels_that_do_what_they_are_reported_drive_the_twist(count, offset, forward, left, angular):
     base = OmniKinematics(count, 0.3, 0.05, offset)
     base.command(forward, left, angular)
     base.update_velocity(base.wheels, 0.02)
     assert (base.forward, base.left, base.angular) == pytest.approx((forward, left, angular), abs=1e-9)
 
 
-def test_two_wheels_do_not_tell_three_velocities():
+def test_two_wheels_do_not_report_three_velocities():
     with pytest.raises(ValueError, match="2 wheels"):
         OmniKinematics(2, 0.3, 0.05)
 
 
-def test_the_first_position_is_where_it_starts_from_once_that_is_said():
+def test_the_first_position_is_where_it_starts_from_once_that_is_reported():
     base = OmniKinematics(3, 0.3, 0.05)
     base.begin([5.0, 6.0, 7.0])
     base.update_position([5.0, 6.0, 7.0], 0.02)
@@ -81,7 +81,7 @@ def test_its_interfaces_are_upstreams():
 
 
 @pytest.mark.parametrize("how", [{}, {"position_feedback": False}, {"open_loop": True}])
-def test_where_it_drives_is_where_it_believes_to_be(how):
+def test_where_it_drives_is_where_it_trusts_to_be(how):
     hardware, control, made = base(OMNI, **how)
     for each in hardware.state_interfaces:
         each.value = 40.0 if each.interface == "position" else 0.0  # wherever the wheels stand at first

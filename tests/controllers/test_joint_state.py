@@ -64,7 +64,7 @@ def test_an_extra_joint_is_zero_unless_it_is_read():
     assert (sample.names, sample.joints) == (("a", "x"), {"a": {"position": 1.5}, "x": zero})
 
 
-def test_a_mapped_interface_is_told_by_the_name_of_its_column():
+def test_a_mapped_interface_is_reported_by_the_name_of_its_column():
     sample = told("a/angle", "a/position", "a/load", map_interface_to_joint_state__position="angle")
     assert sample.joints == {"a": {"position": 1.5, "load": 3.5}}
     assert sample.names == ("a",)
@@ -104,7 +104,7 @@ def test_several_broadcasters_have_topics_and_frames_of_their_own():
     assert (right.publishes, right.frame_id) == (("right/joint_states",), "")
 
 
-def test_the_list_tells_its_topics_once_it_is_configured():
+def test_the_list_reports_its_topics_once_it_is_configured():
     control = manager(Hardware(states=("a/position",)))
     control.load("states", BROADCASTER, Params.of({"frame_id": "world"}))
     assert control.list()[0].publishes == ()

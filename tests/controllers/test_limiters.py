@@ -176,7 +176,7 @@ def test_a_limiter_of_several_numbers_begins_at_rest_or_where_they_are_and_keeps
     assert math.isnan(limiter.last[1])
 
 
-def test_a_number_that_is_no_command_stays_with_its_history():
+def test_a_number_that_is_not_a_command_stays_with_its_history():
     limiter = RateLimiter((0.0, NAN))
     desired = [math.nan, math.nan]
     assert not limiter.enforce([1.0, 0.4], desired, 0.1)

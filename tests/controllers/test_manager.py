@@ -122,7 +122,7 @@ def test_a_controller_whose_update_fails_is_stopped_and_the_others_run_on(result
     assert len(good.runs) == 3
 
 
-def test_a_hardware_error_deactivates_who_commands_it_and_names_why():
+def test_a_hardware_error_deactivates_its_controllers_and_names_the_cause():
     left, right = Hardware("l/velocity", name="a"), Hardware("r/velocity", states=("r/position",), name="b")
     control = manager(left, right)
     for name in "lr":
@@ -151,13 +151,13 @@ def test_a_controller_runs_at_its_own_rate(rate, runs):
         assert math.isclose(sum(period for _, period in each.runs), 1.0, abs_tol=1.5 / rate)
 
 
-def test_a_rate_above_the_managers_is_told():
+def test_a_rate_above_the_managers_is_reported():
     control = manager(wheels())
     put(control, Scripted("fast"), 1000)
     assert [each.kind for each in control.events()] == ["update_rate"]
 
 
-def test_the_list_tells_what_a_client_shows(robot):
+def test_the_list_reports_what_a_client_shows(robot):
     _, control = robot
     control.switch(["both"], now=0)
     info = plain(control.list()[0])
@@ -258,7 +258,7 @@ def test_a_fallback_takes_over_from_a_controller_that_fails():
     assert control.registry.command("l/velocity").value == 5.0
 
 
-def test_a_fallback_that_cannot_take_over_is_told_and_the_cycle_goes_on():
+def test_a_fallback_that_cannot_take_over_is_reported_and_the_cycle_continues():
     control = manager(wheels())
     put(control, Scripted("bad"))
     control._fallbacks["bad"] = ("nobody",)
@@ -269,7 +269,7 @@ def test_a_fallback_that_cannot_take_over_is_told_and_the_cycle_goes_on():
     assert "its fallbacks cannot take over: cannot activate 'nobody'" in control.events()[-1].text
 
 
-def test_a_limiter_sees_every_cycle_and_what_it_says_is_told():
+def test_a_limiter_runs_in_every_cycle_and_its_result_is_reported():
     class Limits:
         def enforce(self, period):
             return f"l is limited after {period} s"
@@ -289,7 +289,7 @@ class Telling(Controller):
         return self.told
 
 
-def test_who_tells_nothing_has_no_sample_and_who_cannot_tell_has_failed():
+def test_a_controller_without_a_sample_has_none_and_one_that_raises_has_failed():
     control = manager(wheels())
     put(control, Scripted("plain"))
     for name in ("silent", "broken", "wrong"):

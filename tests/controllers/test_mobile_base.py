@@ -22,7 +22,7 @@ from canopen_control.rpc.messages.parameters import ParameterValue
 MS = 1_000_000
 
 
-def test_after_a_pause_there_is_no_burst():
+def test_after_a_pause_there_is_not_a_burst():
     told = OdometryPublication(2)
     told.set_rate(100.0)
     assert [told.is_due(at * MS) for at in (0, 1000, 1001, 1002, 1011)] == [True, True, True, False, True]
@@ -58,7 +58,7 @@ def test_each_axis_goes_from_where_it_was_and_from_standstill_after_it_was_forgo
     assert twist.limited[0] == pytest.approx(0.1)
 
 
-def test_standstill_rests_after_three_steps_until_something_is_wanted_or_the_limits_change():
+def test_standstill_rests_after_three_steps_until_something_is_requested_or_the_limits_change():
     twist = LimitedTwist(AXES)
     limits = [TwistAxisLimits(max_acceleration=1.0), TwistAxisLimits()]
     twist.set_limits("base", limits)
@@ -80,7 +80,7 @@ def test_standstill_rests_after_three_steps_until_something_is_wanted_or_the_lim
     assert not twist.is_standstill
 
 
-def test_limits_that_exclude_each_other_are_told_with_controller_and_axis_and_change_nothing():
+def test_limits_that_exclude_each_other_are_reported_with_controller_and_axis_and_change_nothing():
     twist = LimitedTwist(AXES)
     wrong = [TwistAxisLimits(max_velocity=0.5), TwistAxisLimits(max_velocity=1.0, min_velocity=2.0)]
     with pytest.raises(RobotConfigError, match=r"base: angular\.z: .*a minimum is above its maximum"):
@@ -151,7 +151,7 @@ def angles(hardware):
 
 
 @each_base
-def test_before_the_first_twist_wheels_stand_and_odometry_is_told(kind):
+def test_before_the_first_twist_wheels_stand_and_odometry_is_reported(kind):
     hardware, control, made = active(kind)
     control.update(STEP, 0.01)
     assert set(velocities(hardware)) == {0.0}
@@ -162,7 +162,7 @@ def test_before_the_first_twist_wheels_stand_and_odometry_is_told(kind):
 
 
 @each_base
-def test_a_twist_that_nobody_renews_ends_and_positions_stay(kind):
+def test_a_twist_that_is_not_renewed_ends_and_positions_stay(kind):
     hardware, control, made = active(kind)
     control.command("base", twist(made), 0)
     control.update(STEP, 0.01)
@@ -178,7 +178,7 @@ def test_a_twist_that_nobody_renews_ends_and_positions_stay(kind):
 
 
 @pytest.mark.parametrize("kind", [TRICYCLE, MECANUM, OMNI])
-def test_a_timeout_of_0_lets_a_twist_count_for_one_update(kind):
+def test_a_timeout_of_0_limits_a_twist_to_one_update(kind):
     key = "cmd_vel_timeout" if kind == OMNI else "reference_timeout"
     hardware, control, made = base(kind, **{key: 0.0})
     told = [each.text for each in control.events()]
@@ -195,7 +195,7 @@ def test_a_timeout_of_0_lets_a_twist_count_for_one_update(kind):
 
 
 @each_base
-def test_what_is_no_twist_is_refused_with_the_axis(kind):
+def test_what_is_not_a_twist_is_refused_with_the_axis(kind):
     hardware, control, made = active(kind)
     good = twist(made)
     control.command("base", good, 0)
@@ -218,7 +218,7 @@ def test_a_twist_as_old_as_the_timeout_is_refused(kind):
 
 
 @each_base
-def test_it_stops_where_it_is_deactivated_and_its_twist_does_not_come_back(kind):
+def test_it_stops_where_it_is_deactivated_and_its_twist_does_not_return(kind):
     hardware, control, made = active(kind)
     control.command("base", twist(made), 0)
     control.update(STEP, 0.01)
@@ -315,7 +315,7 @@ def test_the_pose_can_be_set(kind):
 
 
 @each_base
-def test_it_says_that_it_is_a_base(kind):
+def test_it_reports_that_it_is_a_base(kind):
     _, control, made = base(kind)
     reading = control.list()[0]
     assert reading.is_base

@@ -55,7 +55,7 @@ def test_sections_gather_dotted_names():
     assert Params.of({}).read(Some) == Some()
 
 
-def test_a_renamed_key_is_told_once_and_one_without_effect_too():
+def test_a_renamed_key_is_reported_once_and_one_without_effect_too():
     params = Params.of({"pace": 4, "colour": "red"}, "c")
     renames = {"pace": "rate", "colour": ""}
     for _ in range(2):

@@ -49,7 +49,7 @@ def test_what_cannot_be_is_refused_with_the_key(changes, text):
         read(**changes)
 
 
-def test_gains_of_a_stranger_are_told():
+def test_gains_of_a_stranger_are_reported():
     params = Params.of({**GIVEN, "gains.c.p": 1.0}, "pid")
     read_pid_params(params, "pid")
     assert any("gains.c.p" in each for each in params.warnings)

@@ -66,7 +66,7 @@ def test_output_and_integral_never_leave_their_limits(steps, anti_windup):
         assert -0.5 <= pid.integral <= 0.25
 
 
-def test_an_error_that_is_no_number_gives_none_and_the_next_one_goes_on():
+def test_an_error_that_is_not_a_number_gives_none_and_the_next_one_continues():
     pid = Pid(Gains(2.0))
     assert math.isnan(pid.compute(math.nan, 0.1))
     assert pid.compute(1.0, 0.1) == 2.0

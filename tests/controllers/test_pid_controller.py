@@ -130,7 +130,7 @@ def test_a_drive_that_does_not_follow_loses_its_reference_and_is_held_where_it_i
     assert [each.reference for each in robot.pid.sample(0).dofs] == [0.0, -0.4]
 
 
-def test_a_state_that_nobody_knows_makes_the_target_0():
+def test_a_state_that_is_unknown_makes_the_target_0():
     robot = Robot().start()
     robot.command(1.0, 1.0)
     robot.cycle()
@@ -138,7 +138,7 @@ def test_a_state_that_nobody_knows_makes_the_target_0():
     assert robot.cycle() == [0.0, 2.0]
 
 
-def test_a_velocity_reference_that_nobody_renews_ends_and_a_position_stays():
+def test_a_velocity_reference_that_is_not_renewed_ends_and_a_position_stays():
     robot = Robot("effort", ("velocity",)).start()
     robot.command(1.0, 1.0)
     assert robot.cycle(199) == [2.0, 2.0]
@@ -157,7 +157,7 @@ def test_a_reference_that_is_none_is_refused(values):
     assert robot.cycle() == [0.0, 0.0]
 
 
-def test_a_place_to_go_to_ends_with_who_gave_it_also_one_of_0():
+def test_a_target_position_ends_with_its_client_even_if_it_is_0():
     robot = Robot("effort").start()
     robot.cycle()
     robot.state("a/position").value = 0.3
@@ -221,7 +221,7 @@ def test_others_read_what_is_measured_under_the_names_of_the_references():
     assert robot.manager.list()[0].exported_state_interfaces[0] == "pid/a/position"
 
 
-def test_nobody_reads_of_it_while_it_is_not_active():
+def test_it_is_not_published_while_inactive():
     robot = read(Robot("effort", ("position", "velocity")))
     told = "reader reads pid/a/position, whose controller would not be active; {} reader and pid together"
     with pytest.raises(ControlError, match=told.format("activate")):
@@ -259,7 +259,7 @@ def test_it_takes_no_messages_while_another_controller_commands_it():
         robot.command(1.0, 1.0)
 
 
-def test_the_chain_stops_as_one_and_what_is_above_is_told_what_does_not_follow():
+def test_the_chain_stops_as_one_and_what_is_above_is_reported_what_does_not_follow():
     robot = chained("velocity", ("position",), ("position",)).start("pid", "arm")
     robot.cycle(5)
     robot.enable("b", False)
@@ -276,7 +276,7 @@ def test_the_chain_stops_as_one_and_what_is_above_is_told_what_does_not_follow()
 
 
 @given(st.lists(st.tuples(st.floats(-2.0, 2.0), st.booleans()), min_size=1, max_size=30))
-def test_whatever_comes_and_goes_targets_are_finite_and_those_that_do_not_follow_have_0(steps):
+def test_whatever_appears_and_disappears_targets_are_finite_and_those_that_do_not_follow_have_0(steps):
     robot = Robot("effort", gains={"p": 5.0, "i": 2.0, "d": 0.1, "u_clamp_max": 3.0, "u_clamp_min": -3.0}).start()
     for value, enabled in steps:
         robot.enable("a", enabled)
@@ -367,12 +367,12 @@ def test_measured_states_that_are_not_whole_are_refused(values, text):
     assert [each.feedback_dot for each in robot.pid.sample(0).dofs] == [1.0, 2.0]
 
 
-def test_who_measures_by_interfaces_takes_no_messages():
+def test_a_controller_measuring_by_interfaces_takes_no_messages():
     with pytest.raises(ControlError, match="set use_external_measured_states to accept messages"):
         Robot().start().pid.set_measured_states([0.0, 0.0], S)
 
 
-def test_a_controller_above_is_told_when_measured_states_stay_away_and_holds_once_they_are_back():
+def test_a_controller_above_is_reported_when_measured_states_stay_away_and_holds_once_they_are_back():
     robot = chained("velocity", ("position",), ("position",), use_external_measured_states=True).start("pid", "arm")
     robot.cycle()
     assert [each.enabled for each in robot.pid.reference_interfaces()] == [False, False]

@@ -43,7 +43,7 @@ def test_a_quotient_is_that_of_the_standard(dividend, divisor, wanted):
 
 
 @pytest.mark.parametrize("dividend", [0.0, -0.0, math.nan])
-def test_nothing_by_nothing_is_no_number(dividend):
+def test_nothing_by_nothing_is_not_a_number(dividend):
     assert math.isnan(quotient(dividend, 0.0))
 
 

@@ -11,7 +11,7 @@ from canopen_control.controllers.request_protocols import GripperGoal, GripStatu
 MS = 1_000_000
 
 
-def test_only_the_first_end_counts_and_is_told_once():
+def test_only_the_first_end_counts_and_is_reported_once():
     told = []
     goal = GripperGoal(0.04, 20.0, ended_now=lambda: told.append(1))
     goal.end(GoalState.SUCCEEDED, "reached", 0.039, 5.0, GripStatus.REACHED)
@@ -20,7 +20,7 @@ def test_only_the_first_end_counts_and_is_told_once():
     assert (goal.reached, goal.stalled, told) == (True, False, [1])
 
 
-def test_of_a_position_that_nobody_knows_it_is_not_said_that_it_is_reached():
+def test_an_unknown_position_is_not_reported_as_reached():
     progress = StallDetector(0.01, 0.001, 1.0)
     progress.begin(0)
     assert progress.update(0, math.nan, math.nan) is GripStatus.MOVING

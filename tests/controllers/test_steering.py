@@ -40,7 +40,7 @@ def play(kind, seconds, twist, **params):
 
 @pytest.mark.parametrize("kind", [BICYCLE, TRICYCLE, ACKERMANN])
 @pytest.mark.parametrize("feedback", [False, True])
-def test_a_circle_that_is_commanded_is_the_one_that_is_told(kind, feedback):
+def test_a_circle_that_is_commanded_is_the_one_that_is_reported(kind, feedback):
     _, made = play(kind, 10.0, [0.5, 0.25], position_feedback=feedback)
     sample = made.sample(0)
     assert (sample.linear, sample.angular) == (pytest.approx(0.5, rel=0.01), pytest.approx(0.25, rel=0.01))
@@ -48,7 +48,7 @@ def test_a_circle_that_is_commanded_is_the_one_that_is_told(kind, feedback):
     assert radius == pytest.approx(2.0, rel=0.1)  # until the steering was there it went straight
 
 
-def test_open_loop_believes_the_twist():
+def test_open_loop_trusts_the_twist():
     _, made = play(TRICYCLE, 2.0, [0.5, 0.0], open_loop=True)
     assert made.pose.x == pytest.approx(0.5 * 1.99)
 
@@ -60,7 +60,7 @@ def test_a_twist_of_zeros_that_is_commanded_steers_straight():
     assert hardware.values() == [0.0, 0.0, 0.0]
 
 
-def test_wheels_wait_for_the_steering_where_that_is_wanted():
+def test_wheels_wait_for_the_steering_where_that_is_requested():
     turn = [0.2, 1.0]
     eager, _ = play(TRICYCLE, 0.02, turn)
     careful, _ = play(TRICYCLE, 0.02, turn, reduce_wheel_speed_until_steering_reached=True)
@@ -69,7 +69,7 @@ def test_wheels_wait_for_the_steering_where_that_is_wanted():
 
 @pytest.mark.parametrize("across", [math.pi / 2, 1.5707, -1.5, 1.2])
 @pytest.mark.parametrize("twist", [[0.5, 0.0], [0.5, 0.25], [-0.2, 0.5]])
-def test_with_the_steering_across_no_wheel_turns_faster_than_the_wanted_curve_needs(across, twist):
+def test_with_the_steering_across_no_wheel_turns_faster_than_the_requested_curve_needs(across, twist):
     hardware, control, _ = base(TRICYCLE)
     hardware.set("s/position", across)
     control.switch(["base"], now=0)
@@ -82,7 +82,7 @@ def test_with_the_steering_across_no_wheel_turns_faster_than_the_wanted_curve_ne
 
 
 @pytest.mark.parametrize("feedback", [False, True])
-def test_its_sample_tells_wheels_and_commands(feedback):
+def test_its_sample_reports_wheels_and_commands(feedback):
     hardware, made = play(TRICYCLE, 1.0, [0.5, 0.0], position_feedback=feedback)
     sample = made.sample(0)
     assert sample.steering == [0.0]
@@ -95,7 +95,7 @@ def test_its_sample_tells_wheels_and_commands(feedback):
     assert told == pytest.approx([4.95, 4.95] if feedback else [5.0, 5.0])
 
 
-def test_what_check_is_told_of_its_wheels():
+def test_what_check_is_reported_its_wheels():
     _, _, made = base(ACKERMANN)
     wheels = made.wheel_base()
     assert (wheels.left, wheels.right, wheels.separation, wheels.radius) == (("l",), ("r",), 0.8, 0.1)

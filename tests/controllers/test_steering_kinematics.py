@@ -60,7 +60,7 @@ def test_it_steers_and_follows_as_upstream_does(case):
     linear=st.floats(0.05, 3.0) | st.floats(-3.0, -0.05),
     curvature=st.floats(-0.4, 0.4),
 )
-def test_wheels_that_do_what_they_are_told_drive_the_twist(kind, linear, curvature):
+def test_wheels_that_do_what_they_are_reported_drive_the_twist(kind, linear, curvature):
     base = kind(0.1, 1.2, 0.8, 0.7)
     angular = linear * curvature
     base.command(linear, angular, open_loop=True)
@@ -70,7 +70,7 @@ def test_wheels_that_do_what_they_are_told_drive_the_twist(kind, linear, curvatu
     assert base.angular == pytest.approx(angular, rel=1e-6, abs=1e-5)
 
 
-def test_the_first_position_is_where_it_starts_from_once_that_is_said():
+def test_the_first_position_is_where_it_starts_from_once_that_is_reported():
     base = TricycleKinematics(0.1, 1.2, 0.8)
     base.begin([40.0, -7.0])
     base.update_position([40.0, -7.0], [0.2], 0.01)
@@ -82,7 +82,7 @@ def test_the_first_position_is_where_it_starts_from_once_that_is_said():
     linear=st.floats(-3.0, 3.0),
     curvature=st.floats(-4.0, 4.0),
 )
-def test_the_fit_says_the_same_where_the_wheels_agree(kind, linear, curvature):
+def test_the_fit_agrees_where_the_wheels_agree(kind, linear, curvature):
     base = kind(0.1, 1.2, 0.8, 0.7)
     base.fits = True
     base.command(linear, linear * curvature, open_loop=True)
@@ -118,7 +118,7 @@ def test_bounded_wheels_keep_their_ratio():
     assert base.traction == pytest.approx(unbounded), "the wanted curve itself is not slowed down"
 
 
-def test_two_traction_wheels_stand_where_only_a_turn_is_wanted():
+def test_two_traction_wheels_stand_where_only_a_turn_is_requested():
     base = TricycleKinematics(0.1, 1.2, 0.8)
     base.command(0.0, 1.0, open_loop=True)
     assert base.traction == [0.0, 0.0]

@@ -15,7 +15,7 @@ def read(kind, **changes):
 
 
 @pytest.mark.parametrize("kind", list(KINDS))
-def test_it_says_all_that_is_missing_at_once(kind):
+def test_it_reports_all_that_is_missing_at_once(kind):
     with pytest.raises(RobotConfigError) as error:
         read_params(Params.of({}, "base"), KINDS[kind])
     text = str(error.value)

@@ -32,7 +32,7 @@ def read(**params):
     return given, read_ros1(given)
 
 
-def test_its_keys_tell_it_from_the_controller_of_ros_2():
+def test_its_keys_report_it_from_the_controller_of_ros_2():
     assert is_ros1(Params.of(NOETIC))
     assert is_ros1(Params.of({"wheel_separation_h": 0.4}))
     assert not is_ros1(Params.of({"wheelbase": 0.4, "traction_joints_names": ["r", "l"]}))
@@ -57,7 +57,7 @@ def test_it_is_a_bicycle_of_its_two_joints_and_sizes():
         "used it as the angle of front_steer",
     ],
 )
-def test_what_is_read_otherwise_is_told(words):
+def test_what_is_read_otherwise_is_reported(words):
     params, _ = read()
     assert any(words in each for each in params.warnings)
 
@@ -108,7 +108,7 @@ class Geometry:
         return 0.2 if wheels == ("rear_wheel_joint",) else None
 
 
-def test_sizes_that_are_not_given_are_the_descriptions_and_told():
+def test_sizes_that_are_not_given_are_the_descriptions_and_reported():
     told = []
     given = read_ros1(Params.of({"front_steer": "front_steer_joint"}, "base"), Geometry(), told.append)
     assert (given.wheelbase, given.radius) == (0.5, 0.2)
@@ -118,7 +118,7 @@ def test_sizes_that_are_not_given_are_the_descriptions_and_told():
     assert read_ros1(Params.of({"front_steer": "other"}, "base"), Geometry(), told.append).wheelbase == 0.0
 
 
-def test_sizes_of_the_description_are_told_once_and_not_again_when_a_parameter_is_set():
+def test_sizes_of_the_description_are_reported_once_and_not_again_when_a_parameter_is_set():
     hardware = Hardware(
         "rear_wheel_joint/velocity", "front_steer_joint/position",
         states=tuple(f"{joint}_joint/position" for joint in ("rear_wheel", "front_steer")),

@@ -123,7 +123,7 @@ def put_of_running(control, *controllers):
     control.running.arrange(controllers, controllers)
 
 
-def test_nobody_runs_more_often_than_the_managers_update_rate():
+def test_no_controller_runs_more_often_than_the_managers_update_rate():
     control = manager(Hardware(), rate=10, cycle=0.02)
     commands, tells, slow = Counting(), Telling("tells"), Counting("slow", 5)
     put_of_running(control, commands, tells, slow)
@@ -146,7 +146,7 @@ def test_limits_are_enforced_when_the_manager_runs_and_for_its_period():
     assert control.limiter.periods == [0.1, 0.1, 0.1]
 
 
-def test_a_command_is_forgotten_in_the_cycle_in_which_its_drive_goes_off_though_nobody_is_due():
+def test_a_command_is_discarded_in_the_cycle_in_which_its_drive_is_disabled_even_if_no_controller_is_due():
     hardware = Hardware("l/velocity")
     control = manager(hardware, rate=10, cycle=0.02)
     add(control, "left", FORWARD, joints=["l"], interface_name="velocity")
@@ -227,12 +227,12 @@ def names(controllers) -> list[str]:
     return [each.name for each in controllers]
 
 
-def test_who_commands_runs_before_whom_it_commands():
+def test_a_controller_runs_before_the_controllers_it_commands():
     bottom, middle, top, alone = Link("bottom"), Link("middle", "bottom"), Link("top", "middle"), Link("alone")
     assert names(in_order([bottom, alone, middle, top])) == ["top", "middle", "bottom", "alone"]
 
 
-def test_who_reads_what_another_exports_is_chained_to_it_but_does_not_command_its_joints():
+def test_a_reader_of_exported_states_is_chained_but_does_not_command_the_joints():
     class Exporter(Link):
         def exported_states(self) -> list[StateInterface]:
             return [StateInterface(self.name, "position")]
@@ -336,7 +336,7 @@ def test_a_restart_of_an_active_controller_is_one_request(robot):
     assert math.isnan(control.get("left").commands[0].value)
 
 
-def test_others_are_told_of_every_switch_and_of_every_failure(robot):
+def test_others_are_notified_of_every_switch_and_of_every_failure(robot):
     _, control = robot
     seen = []
     control.observe(SimpleNamespace(controllers_switched=lambda: seen.append(control.active)))

@@ -140,7 +140,7 @@ def test_limits_can_be_set_while_it_runs():
     assert robot.command(0.5, 0.0).run(3).wheel == [1.0, 0.0]
 
 
-def test_every_mistake_is_named_at_once():
+def test_every_error_is_named_at_once():
     wrong = {"wheelbase": 0.0, "wheel_radius": 0.0, "steering_joint_name": "t"}
     limits = {"steering.min_position": 1.0, "steering.max_position": -1.0}
     with pytest.raises(ConfigError) as told:

@@ -46,7 +46,7 @@ def test_an_unknown_type_is_answered_with_the_nearest():
         types.make_controller("c", "diff_drive_controller/DiffDriveControler")
 
 
-def test_who_only_reads_is_known_without_making_one(monkeypatch):
+def test_a_reader_is_listed_without_creating_one(monkeypatch):
     assert types.is_broadcaster("joint_state_broadcaster/JointStateBroadcaster")
     assert types.is_broadcaster("canopen_control/DiagnosticsBroadcaster")
     assert not types.is_broadcaster("diff_drive_controller/DiffDriveController")

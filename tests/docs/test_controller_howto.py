@@ -40,7 +40,7 @@ def test_it_turns_a_wheel_of_robby(dance, tmp_path):
     bench.close()
 
 
-def test_its_mistakes_are_told_as_those_of_any_controller(dance, tmp_path):
+def test_its_errors_are_reported_as_those_of_any_controller(dance, tmp_path):
     config = copy_robby(tmp_path, controllers={PLACE: DANCER.replace("3.0", "fast") + PLACE})
     with pytest.raises(RobotConfigError, match=r"ros2_controllers\.yaml:13:14: .*speed: expected a number"):
         Bench("dance2", config=str(config), controllers=["dancer"])

@@ -79,7 +79,7 @@ def test_every_program_is_run():
 
 @pytest.mark.process
 @pytest.mark.parametrize("name", RUNS)
-def test_a_program_prints_what_it_says(stage, name):
+def test_a_program_prints_what_it_reports(stage, name):
     arguments, wanted = RUNS[name]
     said = run_python(EXAMPLES / f"{name}.py", *arguments, folder=stage.place)
     assert re.fullmatch("\n".join(f"(?:{each})" for each in wanted), said.strip()), said

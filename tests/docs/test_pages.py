@@ -87,7 +87,7 @@ def test_every_command_in_a_sentence_is_understood(path, capsys):
     assert [(command, said) for command in commands if (said := complaint(command, capsys))] == []
 
 
-def test_the_answers_of_contributing_are_where_it_says():
+def test_the_answers_of_contributing_are_where_it_reports():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     answers = re.findall(r"^\| .*\? \| `(\w+)` \| `([\w/.]+)` \| `(\w+)` \|$", text, re.MULTILINE)
     assert len(answers) == 12

@@ -56,7 +56,7 @@ def test_every_key_of_bus_yml_has_its_words_and_no_words_are_left_over(generate)
         assert set(words) == {key for key, _ in generate.entries(cls)} - set(unused.get(cls, ())), cls
 
 
-def test_every_parameter_is_told_with_its_words(generate):
+def test_every_parameter_is_reported_with_its_words(generate):
     text = generate.controllers()
     modules = [import_module(each.name) for each in walk_packages(controllers.__path__, f"{controllers.__name__}.")]
     classes = {
@@ -71,13 +71,13 @@ def test_every_parameter_is_told_with_its_words(generate):
     assert [name for name in TYPES if text.count(f"- `{name}`\n") != 1] == []
 
 
-def test_every_fault_and_every_verb_is_told(generate):
+def test_every_fault_and_every_verb_is_reported(generate):
     faults, verbs = generate.faults(), generate.command_line()
     assert [name for name in FAULTS if f"| `{name}` |" not in faults] == []
     assert [verb for verb in VERBS if f"\n## {verb}\n" not in verbs] == []
 
 
-def test_every_quirk_and_every_personality_is_told(generate):
+def test_every_quirk_and_every_personality_is_reported(generate):
     quirks, drives = generate.quirks(), generate.personalities()
     assert [name for name in QUIRKS if f"| `{name}` |" not in quirks] == []
     for name in personality_names():
@@ -95,7 +95,7 @@ def test_defaults_and_bounds_are_those_of_the_code(generate):
 
 
 @pytest.mark.parametrize("api", [ROBOT, DRIVE, HUB], ids=lambda each: each.name)
-def test_every_method_of_a_socket_and_every_structure_is_told(generate, api):
+def test_every_method_of_a_socket_and_every_structure_is_reported(generate, api):
     text = generate.PAGES[f"{api.name}_socket.md"]()
     assert [name for name in api.methods if f"| `{name}` |" not in text] == []
     targets = set(re.findall(r"\]\(#(\w+)\)", text))

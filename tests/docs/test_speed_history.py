@@ -53,7 +53,7 @@ def test_runs_on_a_busy_machine_are_rings(tmp_path):
     assert (busy, idle) == ("#fff", "#1f77b4")
 
 
-def test_a_run_says_which_commit_it_measured(tmp_path):
+def test_a_run_reports_which_commit_it_measured(tmp_path):
     path = tmp_path / "history.json"
     path.write_text(json.dumps({"history": [row(1, compiled=1.5) | {"commit": "abc123"}, row(2, compiled=2.0)]}))
     root = ElementTree.fromstring(drawn(path, "simulate"))

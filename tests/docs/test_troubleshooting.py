@@ -59,6 +59,6 @@ def test_the_page_has_messages_and_each_once():
     assert len(set(QUOTED)) == len(QUOTED)
 
 
-def test_a_message_that_nobody_says_would_be_seen():
+def test_a_message_that_is_never_sent_would_be_detected():
     assert letters(uncovered("no heartbeat for 0.5 s; is it powered and connected?")) < 3
     assert "heart has gone" in uncovered("node 3 (left_drive): its heart has gone for 0.5 s; is it plugged in?")

@@ -17,7 +17,7 @@ def where(monkeypatch):
     monkeypatch.setitem(VERBS, "where", "the positions of the joints")
 
 
-def test_it_tells_the_positions_of_a_robot(where, private_folders, capsys):
+def test_it_reports_the_positions_of_a_robot(where, private_folders, capsys):
     with running("elsewhere"):
         assert main(["where"]) == 0
         assert "left_wheel_joint: 0.000 rad" in capsys.readouterr().out
@@ -25,7 +25,7 @@ def test_it_tells_the_positions_of_a_robot(where, private_folders, capsys):
         assert json.loads(capsys.readouterr().out)["right_wheel_joint"] == 0.0
 
 
-def test_its_help_and_its_mistakes_are_those_of_any_verb(where, private_folders, capsys):
+def test_its_help_and_its_errors_are_those_of_any_verb(where, private_folders, capsys):
     with pytest.raises(SystemExit):
         main(["where", "--help"])
     assert "canopen-control where --json" in capsys.readouterr().out

@@ -32,7 +32,7 @@ def deaf(bench):
 
 
 @pytest.mark.rest
-def test_a_drive_that_does_not_stop_is_told_to_quick_stop_then_to_disable_voltage(turning):
+def test_a_drive_that_does_not_stop_is_commanded_to_quick_stop_then_to_disable_voltage(turning):
     bench = turning()
     joint = deaf(bench)
     bench.robot.stop(lambda _error: None)
@@ -85,7 +85,7 @@ def test_the_last_sentence_names_the_drive_that_has_power_still(turning):
     )
 
 
-def test_the_last_sentence_names_the_drive_that_nobody_sees(turning):
+def test_the_last_sentence_names_the_drive_without_feedback(turning):
     bench = turning()
     bench.switch("silent")
     bench.until(lambda: not bench.joint(LEFT).node.ready)

@@ -64,7 +64,7 @@ def troubles(bench):
 
 
 @pytest.mark.parametrize("ms", [30, 70, 200, 300, 450, 700, 1700])
-def test_a_process_that_is_stopped_and_goes_on_stops_nothing(late, ms):
+def test_a_process_that_is_stopped_and_continues_stops_nothing(late, ms):
     bench = late(SHORT)
     for _ in range(3):
         bench.block(ms)
@@ -127,7 +127,7 @@ def test_a_second_device_is_found_after_a_stop_of_the_process_and_none_by_it(lat
 
 @pytest.mark.rest
 @pytest.mark.parametrize("node", [LEFT, RIGHT])
-def test_a_stop_for_stale_feedback_says_what_to_call(late, node):
+def test_a_stop_for_stale_feedback_suggests_what_to_call(late, node):
     bench = late()
     bench.switch("tpdo_missing", node=node)
     event, _ = bench.told("stop")

@@ -41,7 +41,7 @@ def state(bench, node):
     return bench.drives[node].drives[0].state.name
 
 
-def test_a_drive_that_lost_its_program_stops_all_and_is_told_by_its_boot_loader(enabled):
+def test_a_drive_that_lost_its_program_stops_all_and_is_reported_by_its_boot_loader(enabled):
     assert (state(enabled, 2), state(enabled, 3)) == ("OPERATION_ENABLED", "OPERATION_ENABLED")
     enabled.switch("program_lost")
     enabled.until(lambda: any("it may be in its boot-loader without a program" in each.text for each in enabled.events))

@@ -92,7 +92,7 @@ def moves(robot, mode):
 
 @pytest.mark.rest
 @pytest.mark.parametrize("name", QUIRKS)
-def test_a_robot_works_or_stands_and_says_why(name, tmp_path):
+def test_a_robot_works_or_stands_and_reports_why(name, tmp_path):
     robot = Patient(setup_of(tmp_path, "csp"), quirks={"all": [name]})
     try:
         if name in REFUSED:

@@ -123,7 +123,7 @@ def test_a_group_of_its_own_does_not_stop_the_others(bench, tmp_path):
 
 
 @pytest.mark.parametrize(("action", "stops"), [("stop", True), ("warn", False), ("ignore", False)])
-def test_a_following_error_leads_to_what_bus_yml_says(bench, tmp_path, action, stops):
+def test_a_following_error_leads_to_what_bus_yml_specifies(bench, tmp_path, action, stops):
     config = write_generic(tmp_path, extra=f"following_error_action: {action}")
     robby = bench(config=config, drives=(2, 3), controllers=["position"])
     robby.start()
@@ -152,7 +152,7 @@ def test_guarding_watches_a_drive_without_a_heartbeat(bench, tmp_path):
 
 
 @pytest.mark.parametrize("position_feedback", ["true", "false"])
-def test_a_base_waits_for_a_lost_drive_and_goes_on_once_it_is_enabled(bench, tmp_path, position_feedback):
+def test_a_base_waits_for_a_lost_drive_and_continues_once_it_is_enabled(bench, tmp_path, position_feedback):
     """Its feedback is unknown meanwhile: it stands, its pose does not jump, and no switch of controllers is needed."""
     edits = {"    position_feedback: true": f"    position_feedback: {position_feedback}"}
     config = copy_robby(tmp_path, controllers=edits)
@@ -178,7 +178,7 @@ def test_a_base_waits_for_a_lost_drive_and_goes_on_once_it_is_enabled(bench, tmp
     assert base.odometry.linear == pytest.approx(0.3, rel=0.05)
 
 
-def test_a_base_goes_on_by_itself_where_bus_yml_lets_the_drive(bench, tmp_path):
+def test_a_base_resumes_by_itself_if_bus_yml_permits_it_for_the_drive(bench, tmp_path):
     robby = bench(config=copy_robby(tmp_path, bus=RECOVERY), controllers=["joint_state_broadcaster", BASE])
     robby.start()
     rolling(robby)

@@ -32,7 +32,7 @@ def test_row_01_a_drive_that_never_boots_is_error_b_with_its_name(bench):
     assert "right_drive" not in robby.robot.failure
 
 
-def test_row_02_a_drive_that_resets_itself_is_configured_anew_and_waits_for_an_enable(turning):
+def test_row_02_a_drive_that_resets_itself_is_configured_again_and_waits_for_an_enable(turning):
     turning.switch("spontaneous_reset")
     event, after = turning.told("restarted")
     assert after < 50
@@ -74,7 +74,7 @@ def test_row_03_a_silent_drive_is_lost_after_the_consumer_time_and_the_rest_stop
     turning.goes_on()
 
 
-def test_row_03_a_drive_that_is_only_silent_is_told_to_stop(turning):
+def test_row_03_a_drive_that_is_only_silent_is_commanded_to_stop(turning):
     turning.switch("heartbeat_lost")
     after = turning.told("heartbeat_lost")[1]
     assert turning.stopped_after(LEFT) <= after + CYCLE_MS + RAMP_MS + CYCLE_MS
@@ -86,7 +86,7 @@ def test_row_03_a_drive_that_is_only_silent_is_told_to_stop(turning):
 
 
 @pytest.mark.rest
-def test_row_04_heartbeats_that_come_unevenly_are_no_alarm(turning):
+def test_row_04_heartbeats_that_come_unevenly_are_not_alarm(turning):
     turning.switch("heartbeat_jitter")
     turning.hold(10.0, 10.0, ms=10_000)
     assert not [event for event in turning.events if event.level > 0], [event.text for event in turning.events]

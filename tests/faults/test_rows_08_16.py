@@ -58,7 +58,7 @@ def test_row_09_an_answer_about_another_object_is_ignored_until_the_time_is_over
     assert "no answer" in robby.robot.failure
 
 
-def test_row_10_a_busy_drive_is_asked_again_and_then_the_reason_is_told(booted):
+def test_row_10_a_busy_drive_is_asked_again_and_then_the_reason_is_reported(booted):
     robby = booted("sdo_busy")
     assert robby.left.sdo.retried > 3
     assert "boot error J" in robby.robot.failure
@@ -125,7 +125,7 @@ def test_row_13_a_server_without_block_transfer_gets_segments(booted):
     assert robby.left.sdo.block_supported is False
 
 
-def test_row_14_an_answer_that_is_too_short_is_no_value(booted):
+def test_row_14_an_answer_that_is_too_short_is_not_a_value(booted):
     robby = booted("sdo_short_answer")
     assert robby.robot.state is RobotState.STOPPED
     assert "0x1000:00" in robby.robot.failure

@@ -16,7 +16,7 @@ TOLD_MS = 2 * CYCLE_MS  # a TPDO comes with the next SYNC and is read at the edg
 STALE_MS = 10 * CYCLE_MS  # missed_syncs of robby's bus.yml
 
 
-def test_row_17_a_short_tpdo_is_dropped_counted_and_told_once_and_no_old_bytes_are_used(turning):
+def test_row_17_a_short_tpdo_is_dropped_counted_and_reported_once_and_no_old_bytes_are_used(turning):
     joint = turning.joint(LEFT)
     turning.switch("tpdo_short")
     after = turning.told("pdo_short")[1]
@@ -35,7 +35,7 @@ def test_row_17_a_short_tpdo_is_dropped_counted_and_told_once_and_no_old_bytes_a
     turning.goes_on()
 
 
-def test_row_17_a_long_tpdo_is_told_once_and_used(turning):
+def test_row_17_a_long_tpdo_is_reported_once_and_used(turning):
     turning.switch("tpdo_long")
     event, after = turning.told("pdo_long")
     assert after <= TOLD_MS
@@ -45,7 +45,7 @@ def test_row_17_a_long_tpdo_is_told_once_and_used(turning):
     assert turning.robot.state is RobotState.RUNNING
 
 
-def test_row_17_each_wrong_length_is_told_anew_and_once(turning):
+def test_row_17_each_wrong_length_is_reported_again_and_once(turning):
     turning.switch("tpdo_short")
     assert "2 bytes instead of 3; it is dropped" in turning.told("pdo_short")[0].text
     turning.switch("tpdo_short", on=False)
@@ -104,7 +104,7 @@ def test_row_19_a_tpdo_that_never_comes_is_a_named_error_soon_after_the_start(be
     assert not robby.powered(LEFT)
 
 
-def test_row_20_a_drive_that_does_not_hear_sync_is_stopped(turning):
+def test_row_20_a_drive_that_does_not_receive_sync_is_stopped(turning):
     turning.switch("sync_deaf")
     assert turning.told("stop")[1] <= STALE_MS + 3 * CYCLE_MS
     assert turning.stopped_after() <= STALE_MS + 3 * CYCLE_MS + RAMP_MS + CYCLE_MS
@@ -117,7 +117,7 @@ def test_row_20_a_wrong_length_of_sync_is_explained(turning):
     assert "0x1019" in event.text
 
 
-def test_row_20_our_own_missed_syncs_are_counted_and_told(turning):
+def test_row_20_our_own_missed_syncs_are_counted_and_reported(turning):
     turning.reactor.clock.now_ns += 200_000_000
     turning.run(100)
     assert turning.robot.pacer.missed >= 9

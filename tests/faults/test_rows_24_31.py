@@ -46,7 +46,7 @@ def test_row_24_where_a_drive_has_603f_the_answer_holds_it(bench, tmp_path):
 
 
 @pytest.mark.parametrize("fault", ["drive_fault", "short_circuit", "undervoltage"])
-def test_row_25_a_fault_stops_the_robot_and_a_reset_with_the_cause_present_says_so(turning, fault):
+def test_row_25_a_fault_stops_the_robot_and_a_reset_with_the_cause_present_reports_this(turning, fault):
     turning.switch(fault)
     event, after = turning.told("fault")
     assert after <= SEEN_MS
@@ -186,7 +186,7 @@ def test_row_31_a_mode_that_never_shows_ends_in_an_error_and_no_target_is_sent_i
     assert not robby.powered(RIGHT)
 
 
-def test_row_31_the_old_mode_comes_back(bench, tmp_path):
+def test_row_31_the_old_mode_returns(bench, tmp_path):
     robby = bench(config=write_generic(tmp_path), drives=(2, 3), controllers=["velocity"])
     robby.start()
     robby.robot.switch([], ["velocity"], strict=True)

@@ -120,7 +120,7 @@ def test_row_36_wheels_stop_together_at_a_limit_switch_and_only_the_other_direct
     assert turning.found("limit_left")
 
 
-def test_row_36_a_position_axis_at_its_limit_lets_the_others_go_on(servo):
+def test_row_36_a_position_axis_at_its_limit_lets_the_others_continue(servo):
     robby = servo("position")
     positions(robby, 20.0, 300)
     robby.switch("limit_switch", node=2)
@@ -161,7 +161,7 @@ def test_row_36_torque_limits_are_read_and_respected(servo):
     assert robby.drives[3].get(0x6071) == -200
 
 
-def test_row_37_a_homing_that_fails_says_so_and_gives_the_mode_back(servo):
+def test_row_37_a_homing_that_fails_reports_this_and_gives_the_mode_back(servo):
     robby = servo("velocity")
     robby.switch("homing_fails")
     reason = robby.axis_refused(Action.HOME, "2", method=17)
@@ -234,7 +234,7 @@ def test_row_38_a_jump_of_the_position_is_an_error_and_no_odometry(turning):
     turning.goes_on()
 
 
-def test_row_38_the_position_goes_on_where_32_bits_wrap(bench):
+def test_row_38_the_position_continues_where_32_bits_wrap(bench):
     robby = bench(drives=(LEFT,))
     robby.power_on(RIGHT, ["position_wrap"])
     robby.start()

@@ -63,7 +63,7 @@ def test_row_39_error_passive_is_shown_and_nothing_stops(turning):
     assert turning.robot.state is RobotState.RUNNING
 
 
-def test_row_39_frames_that_find_no_room_are_told_once_and_then_in_sum(turning):
+def test_row_39_frames_that_do_not_fit_are_reported_once_and_then_in_sum(turning):
     port = turning.robot.buses["can"].port
     for _ in range(50):
         port.stats.lost += 3
@@ -120,7 +120,7 @@ def test_row_40_another_revision_is_a_warning_unless_bus_yml_insists(bench, tmp_
     assert any("revision" in text for text in robby.texts("boot_warning"))
 
 
-def test_row_41_a_drive_under_local_control_is_not_enabled_and_says_why(turning):
+def test_row_41_a_drive_under_local_control_is_not_enabled_and_reports_why(turning):
     turning.switch("local_control")
     event, after = turning.told("control")
     assert after <= 3 * CYCLE_MS
@@ -137,7 +137,7 @@ def test_row_41_a_drive_under_local_control_is_not_enabled_and_says_why(turning)
 
 
 @pytest.mark.rest
-def test_row_41_a_drive_that_never_sets_bit_9_is_enabled_where_bus_yml_says_so(bench, tmp_path):
+def test_row_41_a_drive_that_never_sets_bit_9_is_enabled_where_bus_yml_reports_this(bench, tmp_path):
     config = copy_robby(tmp_path, bus={"  velocity_mode: 3": "  ignore_remote: true\n  velocity_mode: 3"})
     robby = bench(config=config, faults=["local_control"])
     robby.start()
@@ -146,7 +146,7 @@ def test_row_41_a_drive_that_never_sets_bit_9_is_enabled_where_bus_yml_says_so(b
     assert robby.texts("control") == []
 
 
-def test_row_42_a_value_that_the_drive_changes_is_read_back_and_told(bench):
+def test_row_42_a_value_that_the_drive_changes_is_read_back_and_reported(bench):
     robby = bench(drives=(RIGHT,))
     robby.power_on(LEFT, ["parameter_clamped"])
     robby.start()
@@ -228,7 +228,7 @@ def test_row_46_when_the_master_dies_the_drives_stop_by_themselves(turning):
     assert CONSUMER_MS - 100 <= took <= CONSUMER_MS + RAMP_MS + CYCLE_MS
 
 
-def test_row_47_syncs_are_on_an_exact_grid_and_a_set_point_more_or_less_is_no_fault(turning):
+def test_row_47_syncs_are_on_an_exact_grid_and_a_set_point_more_or_less_is_not_a_fault(turning):
     times = []
     turning.robot.observers.append(Observer(after_cycle=times.append))
     sent = []

@@ -76,7 +76,7 @@ def targets(bench, node):
 
 
 @pytest.mark.parametrize("fault", OF_DRIVES)
-def test_no_fault_of_one_wheel_lets_the_other_turn_on_alone(rolling, fault):
+def test_no_fault_of_one_wheel_leaves_the_other_turning_alone(rolling, fault):
     bench = rolling(base=len(fault) % 2 == 0)
     bench.switch(fault, node=RIGHT)
     alone, longest = 0, 0
@@ -182,7 +182,7 @@ def test_of_a_switch_one_drive_that_refuses_keeps_the_other_disabled(rolling):
     assert any("stay disabled" in text for text in bench.texts("not_enabled"))
 
 
-def test_a_base_is_one_group_whatever_the_description_says(rolling, tmp_path):
+def test_a_base_is_one_group_whatever_the_description_specifies(rolling, tmp_path):
     old = '<param name="device_name">${side}_drive</param>'
     config = copy_robby(tmp_path, description={old: old + '<param name="stop_group">${side}</param>'})
     bench = rolling(config=config)

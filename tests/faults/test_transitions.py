@@ -110,7 +110,7 @@ def test_11_12_and_16_a_quick_stop_that_stays(servo):
     servo.expect_made(11, 12)
 
 
-def test_8_somebody_else_shuts_it_down(servo, machine):
+def test_8_it_is_shut_down_by_another_process(servo, machine):
     enable(servo)
     servo.robot.buses["can"].network.image.refresh = 100  # our own 0x0F, said again, would undo it unseen
     servo.write_controlword(0x06)

@@ -32,7 +32,7 @@ def victim(turning, request):
 
 
 @pytest.mark.parametrize("frame", ["702#00", "702#7F", "702#04", "702#33"])
-def test_a_boot_up_or_another_nmt_state_nobody_asked_for_stops_all_in_the_cycle_it_comes(victim, frame):
+def test_an_unexpected_boot_up_or_nmt_state_stops_all_in_the_same_cycle(victim, frame):
     inject(victim, frame)
     victim.run(CYCLE_MS)
     assert int.from_bytes(sent(victim, 0x202)[-1][:2], "little") == QUICK_STOP, "the drive itself"
@@ -42,7 +42,7 @@ def test_a_boot_up_or_another_nmt_state_nobody_asked_for_stops_all_in_the_cycle_
     victim.expect_stays_down(500)
 
 
-def test_after_such_a_boot_up_the_robot_goes_on_with_a_new_enable(turning):
+def test_after_such_a_boot_up_the_robot_continues_with_a_new_enable(turning):
     turning.victim = RIGHT
     inject(turning, "702#00")
     turning.stopped_after()

@@ -131,7 +131,7 @@ def test_a_value_is_shown_by_its_type(type_name, data, shown):
         ("[7] 65536 4 start", 106),
     ],
 )
-def test_what_is_no_command_is_an_error(line, number):
+def test_what_is_not_a_command_is_an_error(line, number):
     dialect = GatewayDialect()
     dialect.sequence = 7
     assert events(f"{line}\n", dialect) == [dialect.error(GatewayRefusal(number))]
@@ -179,7 +179,7 @@ def test_lines_without_a_command_help_and_led():
     assert one("[1] led") == b" CANopen status LEDs: R  G         \r"
 
 
-def test_people_who_type_need_no_sequence_number():
+def test_typed_requests_need_no_sequence_number():
     assert one("4 start", optional_sequence=True) == NmtOrder(4, NmtCommand.START)
     assert events(b"# c\n\n[3] set node 5\n", optional_sequence=True) == [b"\r\n", b"\r\n", b"[3] OK\r\n"]
 
@@ -193,7 +193,7 @@ def test_a_command_comes_in_pieces_and_half_of_one_is_none():
     assert not dialect.unfinished
 
 
-def test_bytes_that_are_no_text_are_an_error_outside_of_a_comment():
+def test_bytes_that_are_not_text_are_an_error_outside_of_a_comment():
     for line in (b"\0\n", b"[1] 4 st\0art\n", b"\xff\xfe\n", b"[1] 4 start\x7f\n", b'[1] 4 w 0x1000 0 vs "\0"\n'):
         assert b"ERROR:101" in events(line)[0]
 

@@ -236,7 +236,7 @@ def test_a_slave_that_refuses_to_store_does_not_stay_in_configuration_state():
     assert slave.mode is LssMode.WAITING
 
 
-def test_the_search_ends_at_node_127_and_scans_what_it_is_told():
+def test_the_search_ends_at_node_127_and_scans_what_it_is_reported():
     slaves = [LssSlave(identity, store=lambda *_: True) for identity in (NEW, SECOND)]
     (text,) = said(Network(*slaves), "[7] lss_allnodes 0 127 0 2 0x286 0 0 1 0 2 78")
     assert text.endswith(b"0x0000004E\n# Not all nodes scanned!\n[7] OK\r\n")

@@ -67,7 +67,7 @@ def test_while_the_tpdo_comes_it_is_the_tpdos():
 
 
 @pytest.mark.sources
-def test_a_wanted_mode_that_no_pdo_carries_goes_by_sdo():
+def test_a_requested_mode_that_no_pdo_carries_goes_by_sdo():
     axis = make_axis(mode=False)
     status = AxisStatus(axis, SimpleNamespace(mode_request=SimpleNamespace(sent=8)))
     status.update(0)
@@ -105,7 +105,7 @@ def test_one_that_never_came_is_asked_for_by_sdo_where_an_end_waits_for_it(goal,
 
 
 @pytest.mark.sources
-def test_one_that_the_node_refuses_to_tell_is_invisible_until_its_tpdo_comes():
+def test_one_that_the_node_refuses_to_report_is_invisible_until_its_tpdo_comes():
     axis = make_axis()
     axis.pdo.stamp = -1
     status = AxisStatus(axis, SimpleNamespace(mode=9, goal=DriveGoal.DISABLED))
@@ -138,7 +138,7 @@ def test_when_it_stays_away_the_last_one_holds_for_a_while_then_the_sdos_then_no
 
 
 @pytest.mark.sources
-def test_a_drive_that_nobody_sees_is_told_to_quick_stop_and_then_to_take_its_power_away():
+def test_a_drive_without_feedback_is_commanded_to_quick_stop_and_then_to_disable_voltage():
     axis = make_axis()
     status = AxisStatus(axis, SimpleNamespace(mode=9))
     axis.pdo.overdue = True
@@ -151,7 +151,7 @@ def test_a_drive_that_nobody_sees_is_told_to_quick_stop_and_then_to_take_its_pow
 
 
 @pytest.mark.sources
-def test_the_power_of_a_load_that_would_fall_is_not_taken_by_a_master_that_sees_nothing():
+def test_a_master_without_feedback_does_not_disable_the_voltage_of_a_load_that_would_fall():
     axis = make_axis()
     status = AxisStatus(axis, SimpleNamespace(mode=9), holds_load=True)
     axis.pdo.overdue = True

@@ -30,7 +30,7 @@ def test_units_come_from_the_drive_where_bus_yml_gives_none(servo):
     assert bench.joint(2).parameters.counts_per_turn() == 65536
 
 
-def test_a_gear_counts_where_there_is_no_feed_constant(servo):
+def test_a_gear_counts_where_there_is_not_a_feed_constant(servo):
     sdo = (
         "- {index: 0x6091, sub_index: 1, value: 3}\n    - {index: 0x6092, sub_index: 1, value: 1}\n"
         "    - {index: 0x6092, sub_index: 2, value: 1}"
@@ -114,7 +114,7 @@ def test_the_largest_speed_of_the_motor_is_one_of_the_joint_in_the_unit_of_its_v
 
 @pytest.mark.parametrize(("slope", "told"), [(255, True), (655_360, False), (0, False)])
 @pytest.mark.parametrize("index", [0x6084, 0x6085])
-def test_a_ramp_in_the_drive_that_would_take_minutes_is_told(servo, index, slope, told):
+def test_a_ramp_in_the_drive_that_would_take_minutes_is_reported(servo, index, slope, told):
     sdo = f"- {{index: 0x{index:04X}, sub_index: 0, value: {slope}}}"
     bench = servo("ramps", sdo=sdo, velocity=10.0)
     bench.start()
@@ -124,7 +124,7 @@ def test_a_ramp_in_the_drive_that_would_take_minutes_is_told(servo, index, slope
 
 
 @pytest.mark.parametrize(("code", "told"), [(-1, True), (9, True), (2, False), (0, False), (8, False)])
-def test_a_reaction_to_a_quick_stop_that_cia_402_does_not_define_is_told(servo, code, told):
+def test_a_reaction_to_a_quick_stop_that_cia_402_does_not_define_is_reported(servo, code, told):
     bench = servo("quick")
     bench.start()
     bench.drives[2].store.set(0x605A, 0, code)

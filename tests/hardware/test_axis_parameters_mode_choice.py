@@ -104,7 +104,7 @@ def test_the_target_of_a_mode_of_bus_yml_must_be_mapped(bench, tmp_path):
         chosen(joint, "velocity")
 
 
-def test_a_list_of_nothing_says_nothing_and_bus_yml_has_the_word(bench, tmp_path):
+def test_a_list_of_nothing_reports_nothing_and_bus_yml_has_the_word(bench, tmp_path):
     servo = bench(write_generic(tmp_path, modes="velocity_mode: 3"), drives=(2, 3), controllers=["velocity"])
     joint = servo.joint(2)
     joint.parameters.values[0x6502, 0] = 0

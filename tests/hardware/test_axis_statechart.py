@@ -88,7 +88,7 @@ def test_a_fault_reset_changes_no_state_and_enables_nothing(state):
 
 @pytest.mark.parametrize("state", ENABLED_STATES)
 @pytest.mark.parametrize("trigger", ENDS_ENABLE)
-def test_every_reason_to_stop_is_heard_in_every_state_of_an_enabled_axis(state, trigger):
+def test_every_reason_to_stop_is_received_in_every_state_of_an_enabled_axis(state, trigger):
     row = TABLE[state][trigger]
     assert row.state not in ENABLED_STATES
     controlled = row.state in STOPPING or bool({DriveCommand.DISABLE, DriveCommand.QUICK_STOP} & set(row.commands))
@@ -105,7 +105,7 @@ def test_only_a_stop_that_is_overdue_cuts_the_voltage_and_never_that_of_a_load(s
 
 @pytest.mark.parametrize("holds_load", [False, True])
 @pytest.mark.parametrize("moving", [len(REACHED), 2])
-def test_a_drive_that_does_nothing_it_is_told_is_escalated_to_the_end_in_time(holds_load, moving):
+def test_a_drive_that_does_nothing_it_is_reported_is_escalated_to_the_end_in_time(holds_load, moving):
     power, now, states = make(*REACHED[:moving], holds_load=holds_load), 0, []
     power.fire(PhaseTrigger.STOP, now)
     while power.state is not AxisPhase.STOP_FAILED:
@@ -126,7 +126,7 @@ def test_a_target_that_stands_gives_a_stop_no_more_time():
 
 
 @given(st.lists(st.sampled_from(list(PhaseTrigger)), max_size=60), st.booleans())
-def test_whatever_happens_an_axis_moves_only_after_an_enable_and_the_drive_is_told_the_same(triggers, holds_load):
+def test_whatever_happens_an_axis_moves_only_after_an_enable_and_the_drive_is_reported_the_same(triggers, holds_load):
     power = make(holds_load=holds_load)
     machine, command = power._machine, power._commands[0]
     enabled = False
@@ -173,7 +173,7 @@ STEPS = st.one_of(
 
 
 @given(st.lists(st.lists(STEPS, max_size=4), max_size=30))
-def test_the_joints_of_a_group_are_let_up_together_and_stop_together(cycles):
+def test_the_joints_of_a_group_are_enabled_together_and_stop_together(cycles):
     group = StopGroup()
     group.joints = [Joint(), Joint(), Joint()]
     for now, cycle in enumerate(cycles):
@@ -202,5 +202,5 @@ def test_the_joints_of_a_group_are_let_up_together_and_stop_together(cycles):
         assert group.busy is any(each.statechart.rising or each.statechart.falling for each in group.joints)
 
 
-def test_stopped_is_said_of_states_in_which_nothing_is_on_its_way():
+def test_stopped_is_reported_of_states_in_which_nothing_is_on_its_way():
     assert not set(STOPPED) & {*ENABLED_STATES, *STOPPING, *LIMITS_NS}

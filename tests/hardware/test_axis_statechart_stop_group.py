@@ -47,7 +47,7 @@ def group_of(*joints):
     return group
 
 
-def test_nobody_is_let_through_before_the_last_one_waits():
+def test_no_joint_is_enabled_before_all_are_ready():
     first, last = Joint(*UP, ready=True), Joint(*UP)
     group = group_of(first, last)
     group.coordinate(0)
@@ -64,7 +64,7 @@ def test_nobody_is_let_through_before_the_last_one_waits():
     assert not group.busy
 
 
-def test_one_that_is_enabled_lets_the_others_rest_until_it_is():
+def test_others_stay_at_standstill_until_an_enabling_joint_is_enabled():
     first, last = (
         Joint(*UP, PhaseTrigger.DRIVE_ENABLED, PhaseTrigger.GROUP_ENABLED, PhaseTrigger.MOTION_PERMITTED),
         Joint(*UP),
@@ -76,7 +76,7 @@ def test_one_that_is_enabled_lets_the_others_rest_until_it_is():
     assert not first.statechart.following
 
 
-def test_nobody_is_disabled_before_the_last_one_stands():
+def test_no_joint_is_disabled_before_all_are_at_standstill():
     first, last = Joint(*DOWN, ready=True), Joint(*DOWN)
     group = group_of(first, last)
     group.coordinate(0)
@@ -95,7 +95,7 @@ def test_a_group_is_looked_at_no_longer_than_one_of_it_rises_or_falls():
     assert not group.busy, "in the cycle that disables them"
 
 
-def test_one_that_did_not_come_to_rest_in_time_keeps_nobody_any_more():
+def test_a_joint_that_did_not_stop_in_time_no_longer_blocks_the_others():
     first, last = Joint(*DOWN, ready=True), Joint(*DOWN)
     group = group_of(first, last)
     last.statechart.fire(PhaseTrigger.TIMEOUT, 0)

@@ -127,7 +127,7 @@ def test_released_it_takes_its_safe_value_unless_it_keeps_what_it_has():
 
 
 @pytest.mark.parametrize(("told", "raw"), [(None, 4), (5.0, 8), (math.nan, 20)])
-def test_let_go_it_goes_where_its_controller_says_else_to_its_safe_value(told, raw):
+def test_a_released_output_takes_the_value_of_its_controller_or_its_safe_value(told, raw):
     line = Line(VALVE, T.INTEGER16)
     assert line.command.safe == 3.0
     line.sends(11.0)
@@ -137,7 +137,7 @@ def test_let_go_it_goes_where_its_controller_says_else_to_its_safe_value(told, r
     assert line.command.release_value is None
 
 
-def test_one_that_is_to_keep_what_it_has_says_so():
+def test_one_that_is_to_keep_what_it_has_reports_this():
     assert math.isnan(Line(VALVE, T.INTEGER16, keeps=True).command.safe)
 
 
@@ -229,7 +229,7 @@ def test_the_devices_scale_of_the_newest_boot_counts():
     assert node.receives(5) == 20.0
 
 
-def test_a_position_goes_on_where_the_device_begins_again():
+def test_a_position_continues_where_the_device_begins_again():
     node = Node(Signal("position", *VALUE, unwrap=RANGE), {RANGE: 1000})
     assert [node.receives(raw) for raw in (900, 990, 10, 500, 999, 5, 990)] == [900, 990, 1010, 1500, 1999, 2005, 1990]
     node.node.ready = False
@@ -262,7 +262,7 @@ def test_what_no_tpdo_carries_is_asked_for_now_and_then_and_ages():
     assert math.isnan(node.value())
 
 
-def test_what_changes_faster_than_it_can_has_jumped_and_is_told_once():
+def test_what_changes_faster_than_it_can_has_jumped_and_is_reported_once():
     node = Node(Signal("level", *VALUE, max_rate=100.0, unit="m"), {VALUE: 0})
     for raw in (0, 5, 10):  # 5 in 50 ms
         assert node.receives(raw) == raw
@@ -286,7 +286,7 @@ def test_one_that_only_comes_when_it_changes_has_stood_still_while_it_was_silent
     assert math.isnan(node.receives(51)) is jumped
 
 
-def test_frames_that_come_together_are_no_jump():
+def test_frames_that_come_together_are_not_jump():
     node = Node(Signal("level", *VALUE, max_rate=100.0))
     node.receives(0)
     node.now += 1
@@ -315,7 +315,7 @@ def states(bench, *names):
 
 
 @pytest.mark.parametrize("robot", [406], indirect=True)
-def test_an_encoder_goes_on_beyond_its_range_and_tells_its_velocity(robot):
+def test_an_encoder_continues_beyond_its_range_and_reports_its_velocity(robot):
     turns = math.tau * 4095.75
     robot.set(position=turns)
     robot.start()
@@ -365,13 +365,13 @@ def test_a_measured_value_with_a_status_is_none(robot):
 
 
 @pytest.mark.parametrize("robot", [418], indirect=True)
-def test_a_battery_is_told_in_units(robot):
+def test_a_battery_is_reported_in_units(robot):
     robot.start()
     robot.run(1100)
     assert states(robot, *STATES_OF_DERIVED_SIGNALS[418]) == [pytest.approx(25.6, abs=1e-3), 25.0, 80.0, 80.0]
 
 
-def test_an_encoder_that_jumps_is_told_once_and_has_neither_position_nor_velocity(tmp_path):
+def test_an_encoder_that_jumps_is_reported_once_and_has_neither_position_nor_velocity(tmp_path):
     keys = {"signals": [{"name": "position", "max_rate": 20.0}]}
     bench = DeviceBench("sensor-jump", with_device(tmp_path, "generic_cia406.eds", ("position", "velocity"), keys=keys))
     try:
@@ -438,7 +438,7 @@ def test_outputs_are_sent_in_units_when_they_are_commanded(io):
     assert io.state("io/ao1") == pytest.approx(5.0, abs=0.001)
 
 
-def test_an_output_that_nobody_commanded_is_never_sent(io):
+def test_an_output_without_a_command_is_never_sent(io):
     io.start()
     io.run(300)
     rpdos = {rpdo_cob_id(1, IO), rpdo_cob_id(2, IO)}
@@ -459,7 +459,7 @@ def test_an_output_is_not_restored_when_its_node_restarts(io):
     assert [io.terminal("do0"), io.terminal("do1")] == [0.0, 1.0]
 
 
-def test_a_device_that_disappears_is_told_with_what_is_void(io):
+def test_a_device_that_disappears_is_reported_with_the_lost_commands(io):
     io.start()
     command(io, 1.0, 0.0, 2.0)
     io.power_off(IO)
@@ -477,7 +477,7 @@ def test_a_device_that_disappears_is_told_with_what_is_void(io):
     assert "do1" not in status_message(io.robot).nodes["io"].void_outputs
 
 
-def test_the_end_of_the_robot_sends_safe_values_to_a_module_that_knows_no_error_modes(tmp_path):
+def test_the_end_of_the_robot_sends_safe_values_to_a_module_without_error_modes(tmp_path):
     text = data_path("eds", EDS).read_text()
     for index in ("6206", "6207", "6443", "6444"):
         text = text.replace(f"[{index}", f"[{int(index, 16) - 0x3000:04X}").replace(f"=0x{index}\n", "=0x3FFF\n")
@@ -501,7 +501,7 @@ def test_what_moves_an_axis_is_not_commanded_past_its_joint(tmp_path):
         DeviceBench("device-axis", with_device(tmp_path, EDS, (), parameters=part, name="io"))
 
 
-def test_a_joint_that_an_encoder_measures_stands_in_joint_states(tmp_path):
+def test_a_joint_that_an_encoder_measures_is_in_joint_states(tmp_path):
     bench = DeviceBench("device-joint", with_measured_joint(tmp_path))
     try:
         bench.set(position=0.5)
@@ -522,7 +522,7 @@ def test_outputs_take_their_error_values_when_the_master_dies(io):
     assert [io.terminal(name) for name in COMMANDS] == [0.0] * 3
 
 
-def test_a_controller_that_lets_go_leaves_its_outputs_safe(io):
+def test_a_deactivated_controller_leaves_its_outputs_safe(io):
     io.start()
     command(io, 1.0, 0.0, 2.0)
     io.robot.switch([], ["outputs"], strict=True)
@@ -544,7 +544,7 @@ def test_on_release_keep_leaves_them_as_they_are(tmp_path):
         bench.close()
 
 
-def test_all_mistakes_of_a_part_are_told_at_once(tmp_path):
+def test_all_errors_of_a_part_are_reported_at_once(tmp_path):
     config = with_device(tmp_path, EDS, ("di99", "ai0"), commands=("di0", "do0"))
     with pytest.raises(RobotConfigError) as caught:
         DeviceBench("device-wrong", config)
@@ -579,7 +579,7 @@ def test_an_output_that_cannot_be_mapped_is_not_to_be_mapped(tmp_path):
     assert "'ao1' of I/O module (CiA 401) io is in no RPDO; 0x6411:02 cannot be mapped: remove it" in said
 
 
-def test_a_part_of_another_name_says_which_node_it_is(tmp_path):
+def test_a_part_of_another_name_specifies_which_node_it_is(tmp_path):
     wrong = '<param name="device_name">io1</param>'
     with pytest.raises(RobotConfigError, match=r"'io1' is not a node of bus\.yml \(did you mean 'io'"):
         DeviceBench("device-named", with_device(tmp_path, EDS, ("di0",), parameters=wrong))

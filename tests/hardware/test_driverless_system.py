@@ -156,7 +156,7 @@ def test_a_switch_that_makes_no_sense_is_refused():
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "soon", "inf"])
-def test_a_parameter_that_is_no_number_above_zero_is_refused(text):
+def test_a_parameter_that_is_not_a_number_above_zero_is_refused(text):
     with pytest.raises(RobotConfigError, match="time_constant is"):
         system(part(parameters={"time_constant": text}))
 

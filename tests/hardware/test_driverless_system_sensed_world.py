@@ -23,14 +23,14 @@ def values(world):
     return {each.name: each.value for each in world.state_interfaces}
 
 
-def test_nothing_is_known_until_the_world_tells_it(world):
+def test_nothing_is_known_until_the_world_reports_it(world):
     assert all(math.isnan(each) for each in values(world).values())
     world.take({"imu/orientation.w": 0.5, "other/range": 1.0})
     assert values(world)["imu/orientation.w"] == 0.5
     assert math.isnan(values(world)["imu/orientation.x"])
 
 
-def test_what_is_not_told_any_more_is_not_known_after_half_a_second(world):
+def test_what_is_not_reported_any_more_is_not_known_after_half_a_second(world):
     world.take({"imu/orientation.w": 1.0})
     for now in range(0, 501, 20):
         assert world.read(now * MS, 0.02) is OK

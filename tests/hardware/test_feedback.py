@@ -133,7 +133,7 @@ def test_without_a_velocity_the_drives_largest_one_is_the_measure():
     assert feedback.read(2 * CYCLE) == 1_000_000
 
 
-def test_a_node_that_is_back_goes_on_where_the_joint_was():
+def test_a_node_that_is_back_continues_where_the_joint_was():
     feedback, _ = make()
     feedback.put(0, 5000, 0)
     feedback.read(0)
@@ -262,14 +262,14 @@ def test_a_motor_behind_a_gear_is_recognised_by_its_own_turns():
 
 
 @pytest.mark.parametrize("factor", [COUNTS * math.tau / 60.0, COUNTS * math.tau / 60.0 / 2, 30.0])
-def test_other_velocities_are_no_unit(factor):
+def test_other_velocities_are_not_unit(factor):
     feedback, _ = make()
     told, jumps = in_rpm(feedback, rpm=80, factor=factor)
     assert not any(told)
     assert not any(jumps)
 
 
-def test_a_position_that_jumps_while_it_stands_is_no_unit():
+def test_a_position_that_jumps_while_it_stands_is_not_a_unit():
     feedback, _ = make()
     feedback.put(CYCLE, 0, 0)
     feedback.read(CYCLE)
@@ -315,7 +315,7 @@ def test_the_range_of_positions_is_that_of_0x607b_if_it_is_one(robot, low, high,
     assert made.simulated.core.joints["pan"].axis.unwrap.span == span
 
 
-def test_a_wheel_whose_drive_wraps_its_position_at_0x607b_goes_on(robot, monkeypatch):
+def test_a_wheel_whose_drive_wraps_its_position_at_0x607b_continues(robot, monkeypatch):
     """A modulo axis of 10 motor revolutions, within one of the wheel, so that only the range shows a wrap."""
     attach = VirtualDrive._attach
 

@@ -39,7 +39,7 @@ def test_a_quantity_that_no_tpdo_brings_is_named_when_it_is_asked_for(robot):
         made.position("pan")
 
 
-def test_a_robot_without_any_feedback_moves_and_says_so(robot):
+def test_a_robot_without_any_feedback_moves_and_reports_this(robot):
     made = robot("", broadcast=False)
     made.command("vel", 0.5, 0.0, seconds=1)
     made.run(0.8)

@@ -27,7 +27,7 @@ def test_each_unit_is_named(unit, per_turn, turns):
     assert f"velocities were in {unit} instead of counts per second" in doubt.text
 
 
-def test_a_motion_that_is_as_told_is_no_doubt():
+def test_a_motion_that_is_as_commanded_is_not_a_doubt():
     assert unit_mismatch(axis(), 3.0 * TURN, round(3.0 * TURN), rising=False) is None
     assert unit_mismatch(axis(), 3.0 * TURN, round(1.1 * TURN), rising=False) is None  # less than three times as fast
     assert unit_mismatch(axis(), 0.0, 100, rising=True) is None
@@ -40,7 +40,7 @@ def test_while_it_gets_faster_all_that_may_be_are_named_the_likeliest_first():
     assert "in bus.yml for deg/s (scale_vel_to_dev: 57.29578, " in doubt.text
 
 
-def test_the_scale_that_is_told_is_that_of_the_joint_and_has_its_sign():
+def test_the_scale_that_is_reported_is_that_of_the_joint_and_has_its_sign():
     """A motor that makes 50 turns for one of the joint, and is mounted mirrored."""
     geared = axis(-50 * TURN / math.tau, -50 * TURN / math.tau)
     doubt = unit_mismatch(geared, 20 * TURN, 20 * 60, rising=False)

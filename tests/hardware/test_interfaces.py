@@ -46,7 +46,7 @@ def driven(*verbs):
         (("configure", "activate", "shutdown"), "FINALIZED", ["begin", "rest"]),
     ],
 )
-def test_each_verb_goes_on(verbs, state, done):
+def test_each_verb_continues(verbs, state, done):
     assert driven(*verbs) == (state, done)
 
 

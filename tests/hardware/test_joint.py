@@ -110,7 +110,7 @@ def test_a_command_interface_needs_its_target_in_an_rpdo(tmp_path):
         Bench("joint4", config=config)
 
 
-def test_halt_holds_and_enable_goes_on(robby):
+def test_halt_holds_and_enable_continues(robby):
     robby.start()
     robby.hold(5.0, 5.0, ms=500)
     joint = robby.joint(LEFT)

@@ -29,7 +29,7 @@ def make(action="stop", *, inputs=None):
     return StatusWatch(axis, action), axis, velocity, position
 
 
-def test_each_is_told_when_it_begins_and_not_while_it_lasts():
+def test_each_is_reported_when_it_begins_and_not_while_it_lasts():
     watch, *_ = make()
     assert [each.kind for each in watch.check(WARNING, PV, None)] == ["warning"]
     assert watch.check(WARNING | 0x27, PV, None) == []
@@ -90,7 +90,7 @@ def test_the_limit_at_the_other_end_of_a_short_way_closes_the_other_side(speed, 
     assert axis.limits.blocked == blocked
 
 
-def test_an_axis_that_turns_against_its_command_is_told_once():
+def test_an_axis_that_turns_against_its_command_is_reported_once():
     watch, axis, velocity, _ = make()
     velocity.value, axis.velocity.value = 1000, -900
     seen = [watch.turns_the_wrong_way(enabled=True) for _ in range(3 * WRONG_CHECKS)]
@@ -133,13 +133,13 @@ EVENTS = [
 
 
 @pytest.mark.parametrize(("event", "kind", "stops"), EVENTS)
-def test_every_event_has_its_name_and_says_whether_it_stops(event, kind, stops):
+def test_every_event_has_its_name_and_reports_whether_it_stops(event, kind, stops):
     told = joint_event_of(event)
     assert (told.kind, told.stops) == (kind, stops)
     assert told.text == event.text
 
 
-def test_control_that_comes_back_is_told_as_good():
+def test_control_that_returns_is_reported_as_good():
     assert joint_event_of(events.ControlChanged(0, 0x0227)).level is Level.INFO
     assert joint_event_of(events.ControlChanged(0, 0x0027)).level is Level.ERROR
 
@@ -160,7 +160,7 @@ def make_watch(*, has=True):
     return FaultWatch(axis, happened), asked, happened
 
 
-def test_the_code_is_read_once_and_told_in_words():
+def test_the_code_is_read_once_and_reported_in_words():
     watch, asked, happened = make_watch()
     watch.enter(FAULT)
     watch.enter(FAULT)
@@ -174,7 +174,7 @@ def test_the_code_is_read_once_and_told_in_words():
     assert event.fault is watch.fault
 
 
-def test_a_drive_without_one_is_not_asked_and_a_failed_answer_is_no_code():
+def test_a_drive_without_one_is_not_asked_and_a_failed_answer_is_not_a_code():
     watch, asked, happened = make_watch(has=False)
     watch.enter(FAULT)
     assert asked == []

@@ -98,7 +98,7 @@ def test_a_homing_that_does_not_move_leaves_the_speeds_alone(slow):
     assert slow.drives[2].get(0x6099, 1) == 65536
 
 
-def test_there_is_no_homing_whose_speed_cannot_be_bounded(slow):
+def test_there_is_not_a_homing_whose_speed_cannot_be_bounded(slow):
     run, why = slow.joint(2).home_position, []
     slow.joint(2).parameters.bound_homing = lambda done: done("0x6099:01 stays 65536, faster than the limit")
     slow.robot.axis(Action.HOME, "2", why.append, method=17)
@@ -120,7 +120,7 @@ def test_a_lost_node_ends_it(servo):
 
 @pytest.mark.sources  # a property is replaced
 @pytest.mark.parametrize("moving", [False, True])
-def test_a_drive_without_bit_10_is_homed_once_it_stands_still(robot, monkeypatch, moving):
+def test_a_drive_without_bit_10_is_homed_once_it_is_at_standstill(robot, monkeypatch, moving):
     made = robot("csp")
     for node in (2, 3):
         made.drives[node].quirk("homing_without_bit_10")

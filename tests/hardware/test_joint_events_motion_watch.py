@@ -73,7 +73,7 @@ def test_an_axis_whose_feedback_is_mirrored_stops_after_a_motion_of_a_third_of_a
 
 @pytest.mark.rest
 @pytest.mark.parametrize("mode", ["csp", "pp", "ip", "pv", "csv"])
-def test_a_motion_and_its_way_back_are_no_deviation(robot, mode):
+def test_a_motion_and_its_way_back_are_not_deviation(robot, mode):
     made = robot(mode)
     controller = "vel" if mode in ("pv", "csv") else "pos"
     for step in range(150):
@@ -159,7 +159,7 @@ def test_a_mode_that_cannot_serve_its_interface_is_refused_with_its_line(tmp_pat
         read_robot(find_robot(str(path)))
 
 
-def test_a_bit_10_that_flickers_on_the_way_is_no_arrival(robot, monkeypatch):
+def test_a_bit_10_that_flickers_on_the_way_is_not_an_arrival(robot, monkeypatch):
     value, count = Statusword.value, itertools.count()
     monkeypatch.setattr(Statusword, "value", lambda self: value(self) ^ (0x400 if next(count) % 5 == 0 else 0))
     made = robot("pp")
@@ -188,7 +188,7 @@ def test_a_set_point_that_a_drive_ignores_on_its_way_is_given_again(robot, monke
     assert not any("given up" in each for each in sentences(made))
 
 
-def test_an_axis_whose_position_is_sent_on_one_of_many_syncs_is_no_standing_one(tmp_path):
+def test_an_axis_whose_position_is_sent_on_one_of_many_syncs_is_not_a_standing_one(tmp_path):
     """With transmission type 240 the position is 2.4 s old, while the axis turns."""
     path = folder(tmp_path, "pv")
     bus = path / "bus.yml"

@@ -64,7 +64,7 @@ def test_a_quick_stop_that_is_switched_off_is_named_with_its_object(robot, monke
     assert not made.drives[2].moving
 
 
-def test_a_node_that_answers_late_is_told_of_boot_time():
+def test_a_node_that_answers_late_is_reported_boot_time():
     node = Device(silent=True)
     with pytest.raises(BootError, match=r"its boot-up message was received: .* increase `boot_time` of the master"):
         node.run(boot(plan(), reset=True))

@@ -44,7 +44,7 @@ def _turn_then_position(made):
 @pytest.mark.parametrize("number", [2, 3])
 @pytest.mark.sources
 @pytest.mark.usefixtures("fixed_mode")
-def test_an_enabled_drive_goes_down_to_change_its_mode_and_comes_back(robot, number):
+def test_an_enabled_drive_goes_down_to_change_its_mode_and_returns(robot, number):
     made = robot("pv", "csp", keys=f"switching_state: {number}")
     seen, way = _turn_then_position(made)
     assert {State.OPERATION_ENABLED, State.READY_TO_SWITCH_ON} <= seen

@@ -75,7 +75,7 @@ def test_a_mode_that_does_not_serve_the_claim_follows_nothing(robby):
     assert joint.targets.handshakes
 
 
-def test_what_a_boot_read_is_no_target_of_an_axis_that_has_moved_since(robby):
+def test_what_a_boot_read_is_not_a_target_of_an_axis_that_has_moved_since(robby):
     targets = robby.joint(2).targets
     targets.take_mode(OperationMode.CSP)
     targets.hold()
@@ -236,7 +236,7 @@ def test_a_pace_below_a_count_in_a_cycle_is_kept_too(servo):
 
 
 @pytest.mark.rest
-def test_a_target_that_is_slowed_down_is_told_once_for_each_occasion(servo):
+def test_a_target_that_is_slowed_down_is_reported_once_for_each_occasion(servo):
     robby = servo("velocity", velocity=LIMIT)
     command(robby, "velocity", 6.0, 1000)
     for value in (6.1, 6.2, 6.3):
@@ -248,7 +248,7 @@ def test_a_target_that_is_slowed_down_is_told_once_for_each_occasion(servo):
     assert len(robby.texts("held_back")) == 4
 
 
-def test_a_velocity_limit_of_zero_is_one_that_nobody_gave(servo):
+def test_a_velocity_limit_of_zero_is_one_that_is_not_given(servo):
     robby = servo("velocity", velocity=0)
     command(robby, "velocity", 2.0, 1000)
     assert robby.speed(2) == pytest.approx(2.0 * K, rel=0.02)
@@ -264,7 +264,7 @@ class Mode(ModeTarget):
 
 @pytest.mark.sources
 @pytest.mark.parametrize(("told", "slope"), [(4000.0, 4000.0), (math.inf, 200.0), (0.0, 200.0), (math.nan, 200.0)])
-def test_a_drive_that_tells_no_deceleration_is_stopped_in_half_a_second(told, slope):
+def test_a_drive_that_reports_no_deceleration_is_stopped_in_half_a_second(told, slope):
     assert stop_slope(axis(told), 100) == slope
 
 

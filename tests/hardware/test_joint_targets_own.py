@@ -81,7 +81,7 @@ def test_a_target_object_of_the_manufacturer_takes_the_target(robot):
         ("velocity_mode: 8\nvelocity_target: 0x60FF", "CSP does not support the velocity interface"),
     ],
 )
-def test_what_is_wrong_with_them_is_said_with_its_line(tmp_path, keys, message):
+def test_what_is_wrong_with_them_is_reported_with_its_line(tmp_path, keys, message):
     path = folder(tmp_path, "csp", keys=keys)
     with pytest.raises(BusConfigError, match=rf"bus.yml:\d+.*{message}"):
         read_robot(find_robot(str(path)))

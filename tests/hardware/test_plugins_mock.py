@@ -75,7 +75,7 @@ def test_states_without_an_initial_value_start_at_zero_and_positions_at_the_offs
         system(position_state_following_offset="x")
 
 
-def test_what_is_released_stands_still():
+def test_what_is_released_is_at_standstill():
     made = system(joint(["velocity"], {"position": 0.0, "velocity": 0.0}), calculate_dynamics=True)
     made.perform_command_mode_switch(["j/velocity"], [])
     command(made, "j/velocity", 3.0)
@@ -123,7 +123,7 @@ def test_sensors_and_gpios_can_be_commanded_if_asked_for():
     assert values(mocked) == {"force": 4.0, "out": 1.0, "in": 0.0}
 
 
-def test_the_lifecycle_goes_its_ways_and_reached_states_are_no_mistakes():
+def test_the_lifecycle_goes_its_ways_and_reached_states_are_not_errors():
     made = GenericSystem(Ros2ControlSystem("mock", "system", PLUGINS[0]))
     made.activate()
     assert made.state is LifecycleState.UNCONFIGURED
@@ -140,7 +140,7 @@ def test_the_lifecycle_goes_its_ways_and_reached_states_are_no_mistakes():
     assert made.write(0, 0.1) is ReturnType.OK
 
 
-def test_robby_without_hardware_drives_where_it_is_told(config_folder):
+def test_robby_without_hardware_drives_where_it_is_reported(config_folder):
     description = read_description(config_folder / "robby.urdf.xacro", mappings={"use_mock_hardware": "true"})
     made = GenericSystem(description.hardware[0])
     assert description.hardware[0].plugin in PLUGINS

@@ -78,7 +78,7 @@ def test_what_no_transmission_turns_is_the_components_own():
     assert outer.command_interfaces[0] is not inner.command_interfaces[0]
 
 
-def test_a_joint_says_that_its_drive_follows_no_commands():
+def test_a_joint_reports_that_its_drive_follows_no_commands():
     inner, outer = system(Transmission("t", "j", "m", 2.0, 0.0))
     for enabled in (False, True):
         inner.command_interfaces[0].enabled = enabled

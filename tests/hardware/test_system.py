@@ -78,7 +78,7 @@ def test_one_that_cannot_go_keeps_all(hinder):
 
 
 @pytest.mark.sources  # stand-ins for joints
-def test_who_does_not_wait_is_left_alone():
+def test_a_reader_that_does_not_wait_is_not_woken():
     recovery, joints, _ = make()
     joints[1].resume = False
     unready(joints[1])
@@ -101,7 +101,7 @@ def test_a_drive_that_refuses_keeps_the_others_of_its_group_off():
 
 
 @pytest.mark.sources  # stand-ins for joints
-def test_a_drive_that_refuses_is_told():
+def test_a_drive_that_refuses_is_reported():
     recovery, joints, events = make(1)
 
     def refuse():
@@ -161,7 +161,7 @@ def test_deactivating_stops_what_no_controller_moves(robby):
     assert not robby.joint(LEFT).machine.enabled
 
 
-def test_an_interface_nobody_has_cannot_be_claimed(robby):
+def test_an_unknown_interface_cannot_be_claimed(robby):
     with pytest.raises(UnknownInterface, match="left_wheel_joint/velocity"):
         robby.robot.systems[0].prepare_command_mode_switch(["left_wheel/velocity"], [])
 
@@ -230,7 +230,7 @@ def test_the_axes_of_one_device_are_joints_of_their_own(tmp_path):
     bench.close()
 
 
-def test_one_axis_of_a_device_is_disabled_and_the_other_goes_on(tmp_path):
+def test_one_axis_of_a_device_is_disabled_and_the_other_continues(tmp_path):
     bench = Bench("oneaxis", config=write_two_axes(tmp_path), drives=(2,), controllers=["velocity"])
     bench.start()
     answers, (one, two) = [], bench.robot.joints.values()

@@ -52,7 +52,7 @@ def test_nothing_is_known_before_anything_was_compared_and_after_a_new_enable():
     assert tracking.figures() is None
 
 
-def test_unknown_values_are_no_errors():
+def test_unknown_values_are_not_errors():
     tracking = tracked()
     for wanted, actual in [(1.0, math.nan), (math.nan, 1.0), (1.0, 1.0), (1.0, math.nan), (1.0, 1.0)]:
         tracking.step(wanted, actual)
@@ -78,7 +78,7 @@ def test_a_position_that_is_sent_again_on_the_way_is_repeated(wanted, repeated):
     assert tracking.repeated == repeated
 
 
-def test_a_velocity_that_stays_is_no_repetition():
+def test_a_velocity_that_stays_is_not_a_repetition():
     tracking = tracked("velocity")
     for value in (0.0, 1.0, 1.0, 2.0, 2.0):
         tracking.step(value, 0.0)
@@ -103,7 +103,7 @@ def test_skipped_edges_cost_set_points_of_what_moves_alone(interface, values, co
     assert tracking.skipped == counted
 
 
-def test_values_behind_a_gear_are_told_of_the_joint():
+def test_values_behind_a_gear_are_reported_the_joint():
     tracking = tracked(factor=-0.01)
     for _ in range(3):
         tracking.step(100.0, 50.0)

@@ -94,7 +94,7 @@ def test_whatever_ends_the_motion_takes_it_away_in_the_same_cycle(arm, ends):
 
 
 @pytest.mark.rest
-def test_a_stream_that_stands_still_ends_it(arm):
+def test_a_stream_that_is_at_standstill_ends_it(arm):
     joint = arm.robot.joints["joint_1"]
     send(arm)
     arm.run(1000)
@@ -109,7 +109,7 @@ def test_a_stream_that_stands_still_ends_it(arm):
 
 
 @pytest.mark.rest
-def test_what_another_controller_gives_is_not_sent_and_that_is_told_once(arm):
+def test_what_another_controller_gives_is_not_sent_and_that_is_reported_once(arm):
     joint = arm.robot.joints["joint_1"]
     send(arm)
     arm.run(1000)

@@ -58,7 +58,7 @@ def test_a_place_behind_is_gone_to_after_the_speed_has_fallen():
     assert made.speed < 40_000
 
 
-def test_the_drives_own_limit_holds_too_and_rest_begins_anew():
+def test_the_drives_own_limit_holds_too_and_rest_restarts():
     made = ramp()
     for _ in range(50):
         assert made.step(1_000_000, PERIOD, 10_000.0) <= 100
@@ -66,7 +66,7 @@ def test_the_drives_own_limit_holds_too_and_rest_begins_anew():
     assert made.step(1_000_000, PERIOD) == 20
 
 
-def test_without_limits_there_is_no_ramp():
+def test_without_limits_there_is_not_a_ramp():
     made = TrapezoidalProfile()
     assert not made.limited
     made.limit(math.inf, 1.0)

@@ -85,7 +85,7 @@ def drives(stage):
         drive.until("ready on can1", 60)
 
 
-def test_up_sets_the_bit_rate_and_says_what_a_card_cannot_do(stage):
+def test_up_sets_the_bit_rate_and_reports_what_a_card_cannot_do(stage):
     bare = stage.call("bus", "up", "can1", "--bitrate", 3_000_000, seconds=60)
     assert bare.wait() == 2
     assert "the controller does not support this bit rate" in bare.err
@@ -152,7 +152,7 @@ def test_an_unplugged_card_is_named_stops_the_robot_and_is_found_again(stage, ro
     robby.end()
 
 
-def test_the_kernels_sync_goes_over_the_wire_comes_back_and_leads_the_cycle(stage, robby, drives, listen):
+def test_the_kernels_sync_goes_over_the_wire_returns_and_leads_the_cycle(stage, robby, drives, listen):
     hears = listen("can1", SYNC, 0x280 + LEFT, 0x280 + RIGHT)
     robby = Robot(stage, robby, "led", "--full-speed", "--kernel-sync")
     assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)

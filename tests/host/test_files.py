@@ -27,7 +27,7 @@ def test_a_file_is_replaced_as_a_whole_and_keeps_its_mode(tmp_path):
 
 
 @pytest.mark.parametrize(("before", "kept"), [(None, "nothing was written"), (b"old", "the file is unchanged")])
-def test_where_there_is_no_room_the_old_file_stays(tmp_path, monkeypatch, before, kept):
+def test_without_disk_space_the_old_file_stays(tmp_path, monkeypatch, before, kept):
     path = tmp_path / "a"
     if before is not None:
         path.write_bytes(before)
@@ -50,7 +50,7 @@ def test_a_device_is_written_to_and_stays_one():
         write_whole("/dev/full", b"x")
 
 
-def test_what_is_no_full_disk_is_a_matter_of_the_path(tmp_path):
+def test_what_is_not_a_full_disk_is_a_matter_of_the_path(tmp_path):
     with pytest.raises(ConfigError, match="a/b cannot be written: No such file or directory"):
         write_whole(tmp_path / "a" / "b", b"x")
     with pytest.raises(ConfigError, match="x cannot be written: "), telling("x", "nothing"):
@@ -73,7 +73,7 @@ def wait_for(log):
         log._busy.join(10)
 
 
-def test_it_begins_with_a_line_that_says_what_was_started(log):
+def test_it_begins_with_a_line_that_reports_what_was_started(log):
     os.close(start(log, "drive", "a b", "two\nlines"))
     text = log.path.read_text()
     assert text.startswith("--- 20")

@@ -260,7 +260,7 @@ def test_the_lifeline_breaks_when_the_parent_is_killed(parent, tmp_path):
     assert eventually(lambda: not any(map(runs, pids)))
 
 
-def test_a_detached_fork_is_no_child_of_its_starter(parent, tmp_path):
+def test_a_detached_fork_is_not_a_child_of_its_starter(parent, tmp_path):
     code = """
 from canopen_control.host.lifeline import report_ready
 

@@ -9,7 +9,7 @@ from canopen_control.host.environment import GATE, LIFELINE, READY
 from canopen_control.host.lifeline import LivenessReport, gate_fd, lifeline_fd, report_failure, report_ready
 
 
-def test_a_process_without_a_lifeline_knows_it(monkeypatch, tmp_path):
+def test_a_process_without_a_lifeline_detects_this(monkeypatch, tmp_path):
     monkeypatch.delenv(LIFELINE, raising=False)
     assert lifeline_fd() is None
     for nonsense in ("", "x", "-1", "99999"):
@@ -32,7 +32,7 @@ def test_a_lifeline_is_found_again_and_not_passed_on(monkeypatch):
     os.close(theirs)
 
 
-def test_reporting_to_somebody_who_has_left_does_nothing(monkeypatch):
+def test_reporting_to_a_client_that_has_left_does_nothing(monkeypatch):
     ours, theirs = os.pipe()
     os.close(ours)
     monkeypatch.setenv(READY, str(theirs))
@@ -56,7 +56,7 @@ def test_a_report_is_one_line_and_the_last_word(monkeypatch, report, line):
     os.close(ours)
 
 
-def test_a_pulse_is_heard_again_and_again_and_never_waits(monkeypatch):
+def test_a_pulse_is_received_again_and_again_and_never_waits(monkeypatch):
     ours, theirs = os.pipe()
     monkeypatch.setenv(READY, str(theirs))
     pulse = LivenessReport()
@@ -71,7 +71,7 @@ def test_a_pulse_is_heard_again_and_again_and_never_waits(monkeypatch):
     os.close(theirs)
 
 
-def test_a_gate_is_named_once_and_to_nobody_else(monkeypatch):
+def test_a_gate_is_named_once_and_only_to_its_client(monkeypatch):
     monkeypatch.delenv(GATE, raising=False)
     assert gate_fd() is None
     theirs, ours = os.pipe()

@@ -39,7 +39,7 @@ def test_what_is_sent_is_a_line_and_a_line_is_received(pair):
     assert client.receive() == b'{"d": 4}'
 
 
-def test_nobody_there_is_a_sentence(run_folder):
+def test_an_empty_bus_is_one_sentence(run_folder):
     with pytest.raises(RemoteError, match="robot x is not running") as caught:
         LineClient(socket_path("robot", "x"), label="robot x")
     assert caught.value.kind == "BusClosed"
@@ -70,7 +70,7 @@ def test_the_other_sides_end_is_an_error_after_its_last_words(pair):
     assert caught.value.kind == "BusClosed"
 
 
-def test_one_who_does_not_read_is_not_waited_for_for_ever(pair):
+def test_a_client_that_does_not_read_is_not_awaited_for_ever(pair):
     client, _ = pair
     big = b"x" * 60_000 + b"\n"
 
@@ -100,7 +100,7 @@ def test_a_long_message_arrives_whole(pair):
     assert received == b"x" * 60_000 + b"\n"
 
 
-def test_what_is_too_long_is_the_callers_mistake(pair):
+def test_what_is_too_long_is_the_callers_error(pair):
     with pytest.raises(LocalProtocolError, match="request to robot robby too long: 65537 bytes, more than 65536"):
         pair[0].send(b"x" * 65_536 + b"\n")
     pair[0].send(b"fine\n")
@@ -122,7 +122,7 @@ def test_an_endless_line_is_not_read_to_its_end(pair):
     assert not writer.is_alive()
 
 
-def test_closing_twice_and_using_it_afterwards_is_told(pair):
+def test_closing_twice_and_using_it_afterwards_is_reported(pair):
     client, _ = pair
     client.close()
     client.close()

@@ -86,7 +86,7 @@ def peer(owner):
         yield peer
 
 
-def test_the_owner_learns_who_it_is(reactor, owner, peer):
+def test_the_owner_receives_its_identity(reactor, owner, peer):
     reactor.run_for(1)
     (connection,) = owner.connections
     assert connection.name == "#1"
@@ -95,7 +95,7 @@ def test_the_owner_learns_who_it_is(reactor, owner, peer):
     assert connection.fileno() >= 0
 
 
-def test_a_peer_that_leaves_is_told_of_once(reactor, owner, peer):
+def test_a_peer_that_leaves_is_reported_once(reactor, owner, peer):
     reactor.run_for(1)
     peer.socket.close()
     reactor.run_for(1)
@@ -212,7 +212,7 @@ def test_lines_encoded_once_go_to_all(reactor, owner):
         assert first.messages() == second.messages() == [{"n": 1}, {"n": 2}]
 
 
-def test_one_that_ends_while_all_are_told_takes_nobody_with_it(reactor, small):
+def test_a_client_that_ends_during_a_broadcast_does_not_affect_the_others(reactor, small):
     with Peer(small) as first, Peer(small) as second:
         reactor.run_for(1)
         small.connections[0].close()
@@ -223,7 +223,7 @@ def test_one_that_ends_while_all_are_told_takes_nobody_with_it(reactor, small):
         assert second.messages() == [{"n": 1}]
 
 
-def test_one_who_floods_leaves_time_for_the_others(reactor, owner, peer):
+def test_a_client_that_floods_leaves_time_for_the_others(reactor, owner, peer):
     with Peer(owner) as other:
         peer.send(b"{}\n" * 5000)
         other.send(b'{"other": 1}\n')
@@ -289,7 +289,7 @@ def place_of(reactor, owner):
     return [int(name.removeprefix("#")) for name, _ in owner.closed]
 
 
-def test_where_all_places_are_taken_whoever_never_asked_makes_way_first_then_the_idle(reactor, owner):
+def test_if_all_connections_are_in_use_silent_clients_are_closed_first_then_idle_ones(reactor, owner):
     peers = crowd(reactor, owner)
     for peer in [*peers[:10], *peers[11:20], *peers[21:]]:  # the eleventh and the twenty-first never ask
         peer.send(b'{"n": 1}\n')
@@ -311,7 +311,7 @@ def test_where_all_places_are_taken_whoever_never_asked_makes_way_first_then_the
         LATE.pop().socket.close()
 
 
-def test_who_has_just_come_stays_and_who_comes_then_waits_at_the_door(reactor, owner):
+def test_a_new_connection_stays_and_the_next_one_waits_in_the_backlog(reactor, owner):
     peers = [*crowd(reactor, owner), Peer(owner)]
     peers[-1].send(b'{"late": 1}\n')
     reactor.run_for(GRACE // 2)
@@ -322,7 +322,7 @@ def test_who_has_just_come_stays_and_who_comes_then_waits_at_the_door(reactor, o
         peer.socket.close()
 
 
-def test_who_is_kept_or_waits_for_an_answer_does_not_make_way_while_another_is_idle(reactor, run_folder):
+def test_a_kept_or_waiting_client_is_not_closed_while_another_is_idle(reactor, run_folder):
     served = []
     server = json_server(
         reactor,
@@ -418,7 +418,7 @@ def test_out_of_descriptors_it_pauses_instead_of_spinning(reactor, owner, monkey
         assert len(owner.connections) == 1
 
 
-def test_out_of_descriptors_whoever_is_idle_makes_way_for_who_wants_to_stop(reactor, owner, monkeypatch):
+def test_out_of_descriptors_an_idle_client_is_closed_for_one_that_stops_the_robot(reactor, owner, monkeypatch):
     class Full:
         """A listener whose process may have as many descriptors as it has now."""
 

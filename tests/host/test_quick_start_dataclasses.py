@@ -93,7 +93,7 @@ def test_they_are_ordered_and_inherit(module):
     assert module.Base.__hash__ is None
 
 
-def test_what_is_no_field_is_recognised_by_its_annotation(module):
+def test_what_is_not_a_field_is_recognised_by_its_annotation(module):
     assert [field.name for field in dataclasses.fields(module.Special)] == ["number"]
     assert module.Special(4, number=2).number == 6
     assert (module.Special.shared, module.Special(1).number) == (3, 1)

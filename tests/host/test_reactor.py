@@ -247,7 +247,7 @@ def test_a_descriptor_has_a_reader_and_a_writer(reactor, pair):
     assert seen == [b"x", "w", b"y"]
 
 
-def test_what_was_ready_of_a_removed_descriptor_is_not_told_to_the_next_one_of_its_number(reactor, pair):
+def test_what_was_ready_of_a_removed_descriptor_is_not_reported_to_the_next_one_of_its_number(reactor, pair):
     """Both are ready in one turn; the reader that is served first puts another file in the place of the other one."""
     seen, files = [], [os.pipe(), os.pipe()]
     for _, write in files:
@@ -289,7 +289,7 @@ def test_a_number_used_again_after_a_close_without_removal_is_served_as_the_new_
         reactor.remove_reader(ours)
 
 
-def test_removing_one_of_two_from_a_closed_descriptor_forgets_both(reactor):
+def test_removing_one_of_two_from_a_closed_descriptor_removes_both(reactor):
     first, other = socket.socketpair()
     reactor.add_reader(first, lambda: None)
     reactor.add_writer(first, lambda: None)
@@ -361,7 +361,7 @@ def test_no_call_of_many_threads_is_lost(real):
 # -- signals
 
 
-def test_a_signal_is_served_on_the_loop_and_the_old_handler_comes_back():
+def test_a_signal_is_served_on_the_loop_and_the_old_handler_returns():
     seen = []
     before = signal.getsignal(signal.SIGUSR1)
     with Reactor() as loop:
@@ -374,7 +374,7 @@ def test_a_signal_is_served_on_the_loop_and_the_old_handler_comes_back():
     assert wakeup == -1
 
 
-def test_sigint_is_no_keyboard_interrupt_while_it_is_handled():
+def test_sigint_is_not_a_keyboard_interrupt_while_it_is_handled():
     before = signal.getsignal(signal.SIGINT)  # not the default where the tests run in the background
     with Reactor() as loop:
         loop.handle_signals({signal.SIGINT: loop.stop})

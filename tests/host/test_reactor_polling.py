@@ -4,7 +4,7 @@ from canopen_control.host.reactor import MarkedSelector, Reactor, open_poller
 from canopen_control.host.timer import ManualClock
 
 
-def test_who_is_marked_is_readable_until_it_is_unmarked():
+def test_a_marked_descriptor_is_readable_until_it_is_unmarked():
     selector = MarkedSelector()
     first, second = selector.allocate(), selector.allocate()
     selector.register(first, selectors.EVENT_READ, "a")
@@ -17,7 +17,7 @@ def test_who_is_marked_is_readable_until_it_is_unmarked():
     assert [key.data for key, _ in selector.select()] == ["a"]
 
 
-def test_who_is_not_watched_for_reading_is_not_told():
+def test_a_descriptor_not_watched_for_reading_is_not_reported():
     selector = MarkedSelector()
     number = selector.allocate()
     selector.set_ready(number)

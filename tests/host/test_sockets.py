@@ -165,7 +165,7 @@ def test_a_name_is_short_and_plain(name):
 
 
 @pytest.mark.parametrize("name", ["", "..", "a/b", "a b", "a.b", "x" * 33, "ä", "a\n", "a\0b"])
-def test_what_could_lead_out_of_the_folder_is_no_name(run_folder, name):
+def test_what_could_lead_out_of_the_folder_is_not_a_name(run_folder, name):
     with pytest.raises(ConfigError, match="is not a valid name"):
         socket_path("bus", name)
 
@@ -378,7 +378,7 @@ else:
 # -- locks
 
 
-def test_a_lock_has_one_holder_and_says_who_is_late(run_folder):
+def test_a_lock_has_one_holder_and_reports_the_process_that_came_second(run_folder):
     path = socket_path("bus", "b")
     with lock(path), pytest.raises(CanopenError, match=r"holds .*bus-b\.sock\.lock for too long"), lock(path, 0.01):
         pytest.fail("two holders")
@@ -415,7 +415,7 @@ def test_a_lock_through_a_link_is_refused(run_folder, tmp_path):
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
-def test_a_lock_that_is_no_file_is_refused(run_folder, make):
+def test_a_lock_that_is_not_a_file_is_refused(run_folder, make):
     path = socket_path("bus", "b")
     make(path.with_name("bus-b.sock.lock"))
     with pytest.raises(ConfigError, match=r"cannot be a lock: .*; remove it, and try again"), lock(path):
@@ -435,7 +435,7 @@ def test_only_the_living_of_a_kind_are_listed(run_folder):
         close_listener(listener)
 
 
-def test_both_ends_learn_who_the_other_is(run_folder):
+def test_both_ends_receive_the_credentials_of_the_other(run_folder):
     path = socket_path("bus", "b")
     listener = listen(path)
     with connect(path) as ours:
@@ -457,7 +457,7 @@ def test_the_server_of_another_user_is_not_talked_to(run_folder, monkeypatch):
 
 
 @pytest.mark.process
-def test_the_kernel_tells_another_user_apart(monkeypatch):
+def test_the_kernel_reports_another_user_apart(monkeypatch):
     with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_UNIX) as listener:
         listener.settimeout(10)
         listener.bind(f"{folder}/open.sock")
@@ -484,14 +484,14 @@ def test_the_kernel_tells_another_user_apart(monkeypatch):
             os.waitpid(stranger, 0)
 
 
-def test_a_peer_that_cannot_be_told_is_nobodys_friend():
+def test_a_peer_whose_user_is_unknown_is_refused():
     with socket.socket() as unconnected:
         unconnected.close()
         assert not same_user(unconnected)
         assert peer_pid(unconnected) == 0
 
 
-def test_on_a_bsd_the_user_is_told_and_the_process_is_not(monkeypatch):
+def test_on_a_bsd_the_user_is_known_and_the_process_is_not(monkeypatch):
     class Bsd:
         def getsockopt(self, level, option, size):
             assert (level, option, size) == (0, 1, 76)
@@ -502,7 +502,7 @@ def test_on_a_bsd_the_user_is_told_and_the_process_is_not(monkeypatch):
     assert peer_pid(Bsd()) == 0
 
 
-def test_one_process_at_a_time_has_a_claim_and_who_comes_second_learns_its_id(tmp_path):
+def test_one_process_at_a_time_has_a_claim_and_a_second_one_gets_its_id(tmp_path):
     path = tmp_path / "bridge-robby-0.lock"
     held = sockets.claim(path)
     with pytest.raises(sockets.SocketInUse, match=f"is in use by process {os.getpid()}") as raised:
@@ -512,7 +512,7 @@ def test_one_process_at_a_time_has_a_claim_and_who_comes_second_learns_its_id(tm
     os.close(sockets.claim(path))
 
 
-def test_a_claim_waits_for_who_is_ending(tmp_path):
+def test_a_claim_waits_for_a_holder_that_is_ending(tmp_path):
     path = tmp_path / "bridge-robby-0.lock"
     held = sockets.claim(path)
     with pytest.raises(sockets.SocketInUse):
@@ -534,7 +534,7 @@ def test_a_claim_whose_holder_is_not_known_has_the_number_0(tmp_path):
     os.close(held)
 
 
-def test_who_connects_waits_for_a_place_in_the_queue_as_long_as_it_says(run_folder):
+def test_a_connecting_client_waits_for_the_queue_up_to_its_timeout(run_folder):
     path = run_folder / "full.sock"
     with contextlib.ExitStack() as stack:
         server = listen(path, backlog=0)

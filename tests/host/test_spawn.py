@@ -77,7 +77,7 @@ def test_the_end_of_a_child_arrives_with_its_status_and_last_lines(children, rea
     assert not Path(f"/proc/{child.pid}").exists()  # no zombie either
 
 
-def test_the_end_is_told_once_and_leaves_no_descriptor(children, real):
+def test_the_end_is_reported_once_and_leaves_no_descriptor(children, real):
     before = open_descriptors()
     seen = []
     child = children(python(""))
@@ -93,7 +93,7 @@ def test_without_a_pidfd_the_end_is_seen_too(children, real, monkeypatch):
     assert exit_of(children(python("import sys; sys.exit(4)")), real) == (4, [])
 
 
-def test_a_child_that_ended_before_it_was_watched_is_told_of_from_the_loop(children, real):
+def test_a_child_that_ended_before_it_was_watched_is_reported_from_the_loop(children, real):
     child = children(python("print('bye')"))
     assert child.wait(20) == 0
     seen = []
@@ -103,7 +103,7 @@ def test_a_child_that_ended_before_it_was_watched_is_told_of_from_the_loop(child
     assert seen == [(0, ["bye"])]
 
 
-def test_a_child_no_longer_watched_is_not_told_of(children, real):
+def test_a_child_no_longer_watched_is_not_reported(children, real):
     child, told = children(python("")), []
     child.watch(real, lambda *end: told.append(end))
     child.unwatch()
@@ -137,7 +137,7 @@ def test_terminate_asks_and_kill_does_not(children):
     assert other.wait(20) == -signal.SIGTERM
 
 
-def test_children_are_asked_to_end_and_killed_when_they_do_not_and_nobody_is_told(children, real, tmp_path):
+def test_children_that_do_not_end_on_request_are_killed_without_an_event(children, real, tmp_path):
     deaf = "import signal, time; signal.signal(15, signal.SIG_IGN); open({!r}, 'w'); time.sleep(60)"
     both = [children(python(deaf.format(str(tmp_path / "deaf")))), children(SLEEP, name="sleep")]
     told = []
@@ -283,7 +283,7 @@ def detached(code):
     return python(f"{IMPORTS}\nimport os, sys, time\n{code}")
 
 
-def test_a_detached_process_is_nobodys_child_and_outlives_its_starter(run_folder, tmp_path):
+def test_a_detached_process_has_no_parent_and_outlives_its_starter(run_folder, tmp_path):
     service = detached(f"""
 with open({str(tmp_path / "pid")!r}, "w") as file:
     print(os.getpid(), file=file)
@@ -343,7 +343,7 @@ def test_a_child_finds_its_ros_although_another_environments_paths_leaked_into_o
     assert child.last_lines() == ["found"]
 
 
-def test_a_child_that_says_that_it_is_ready_is_waited_for_without_blocking(children, real):
+def test_a_child_that_reports_that_it_is_ready_is_waited_for_without_blocking(children, real):
     told = []
     child = children(
         python("import time; from canopen_control.host.lifeline import report_ready; report_ready(); time.sleep(60)"),
@@ -357,7 +357,7 @@ def test_a_child_that_says_that_it_is_ready_is_waited_for_without_blocking(child
     child.unwatch_ready(real)
 
 
-def test_a_child_that_never_says_it_is_left_alone_and_its_pipe_closed(children, real):
+def test_a_child_that_is_never_ready_is_left_running_and_its_pipe_closed(children, real):
     before = open_descriptors()
     child = children(SLEEP, reports=True)
     child.watch_ready(real, lambda: pytest.fail("it has said nothing"))
@@ -391,7 +391,7 @@ def test_a_child_waits_at_its_gate_until_it_is_opened_or_never_will_be(children,
     assert open_descriptors() == before
 
 
-def test_a_gate_opens_for_nobody_where_the_child_has_ended(children):
+def test_a_gate_does_not_open_after_the_child_has_ended(children):
     child = children(python("pass"), gated=True)
     assert child.wait(10) == 0
     child.open_gate()

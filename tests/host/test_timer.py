@@ -38,7 +38,7 @@ def test_a_timer_cancelled_between_being_due_and_firing_gives_no_callback():
     assert len(queue) == 0
 
 
-def test_cancelling_many_does_not_let_the_heap_grow():
+def test_cancelling_many_does_not_grow_the_heap():
     queue = TimerQueue()
     keep = queue.push(10**9, nothing)
     for deadline in range(100_000):
@@ -102,7 +102,7 @@ def test_an_alarm_rings_at_its_moment_and_not_before(alarm):
     assert time.monotonic_ns() >= deadline
 
 
-def test_setting_an_alarm_anew_silences_it_without_a_read(alarm):
+def test_setting_an_alarm_again_silences_it_without_a_read(alarm):
     alarm.set(1)
     assert readable(alarm, 5.0)
     alarm.set(time.monotonic_ns() + 3600 * 1000 * MS)

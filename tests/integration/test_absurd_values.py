@@ -53,7 +53,7 @@ def test_a_twist_whose_wheels_no_drive_could_turn_is_refused_and_the_base_stands
 
 
 @pytest.mark.parametrize("value", [*ABSURD, math.inf, -math.inf])
-def test_what_a_controller_makes_itself_stands_too_and_is_told_once(robby, value):
+def test_what_a_controller_makes_itself_stands_too_and_is_reported_once(robby, value):
     """A controller of somebody else's writes what it likes; no exception in the cycle, no old speed."""
     robby.hold(10, 10, ms=500)
     interface = robby.robot.joints["left_wheel_joint"].commands["velocity"]

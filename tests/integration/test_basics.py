@@ -92,7 +92,7 @@ def test_wheels_turn_as_commanded_and_ctrl_c_stops_and_disables_them(start):
     assert "Traceback" not in robot.program.out + robot.program.err
 
 
-def test_stop_stands_until_enable_although_somebody_goes_on_commanding(start):
+def test_stop_holds_until_enable_although_a_client_keeps_commanding(start):
     robot = start("stops")
     assert robot.stage.call("stop", "--name", "stops", seconds=LONG_S).wait() == 0
     assert robot.stands()
@@ -102,7 +102,7 @@ def test_stop_stands_until_enable_although_somebody_goes_on_commanding(start):
     robot.reaches(robot.turns)
 
 
-def test_a_drive_that_is_killed_stops_the_robot_is_named_and_comes_back_without_moving(start):
+def test_a_drive_that_is_killed_stops_the_robot_is_named_and_returns_without_moving(start):
     robot = start("lost", {HEARTBEATS: "heartbeat_multiplier: 30", "missed_syncs: 10": "missed_syncs: 500"})
     robot.drives[LEFT].end(signal.SIGKILL)
     robot.reaches(lambda: robot.state == "fault")

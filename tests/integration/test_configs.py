@@ -131,7 +131,7 @@ def driven(config, drives, base, twist, seconds):
     return bench, moving, bench.robot.manager.get(base).sample(0)
 
 
-def test_a_forklift_steers_with_its_rear_wheel_and_knows_where_it_is():
+def test_a_forklift_steers_with_its_rear_wheel_and_its_odometry_is_right():
     base = "forklift_base_controller"
     bench, moving, stood = driven("forklift", (2, 3, 4), base, [0.5, 0.25], 6.0)
     assert (moving.linear, moving.angular) == pytest.approx((0.5, 0.25), rel=0.02)
@@ -161,7 +161,7 @@ def test_a_forklift_drives_off_with_its_steering_across_and_does_not_lose_its_wa
     bench.close()
 
 
-def test_a_forklift_whose_steering_is_lost_stands_and_goes_on_with_a_newer_twist_once_it_is_enabled():
+def test_a_forklift_whose_steering_is_lost_stands_and_continues_with_a_newer_twist_once_it_is_enabled():
     base = "forklift_base_controller"
     bench = Bench("lost", config="forklift", drives=(2, 3, 4))
     bench.start()

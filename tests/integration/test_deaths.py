@@ -83,7 +83,7 @@ def test_when_the_runtime_is_killed_the_drives_stop_by_their_own_consumer(stage,
         assert each.state.errors == [0x8130]
 
 
-def test_a_hung_runtime_looks_dead_to_the_drives(stage, turning):
+def test_a_hung_runtime_appears_dead_to_the_drives(stage, turning):
     robot, probes = turning("hung")
     os.kill(robot.pid, signal.SIGSTOP)
     try:
@@ -142,7 +142,7 @@ def test_when_a_drive_dies_before_the_boot_has_ended_the_run_ends_and_names_it(s
 
 
 @pytest.mark.ros
-def test_when_the_ros_bridge_is_killed_the_robot_runs_on_and_says_so(stage, probe):
+def test_when_the_ros_bridge_is_killed_the_robot_runs_on_and_reports_this(stage, probe):
     robot = stage.robby("noros", "--ros")
     bridge = stage.pid_of("canopen_control.ros.bridge")
     with RobotClient.connect("noros") as client:

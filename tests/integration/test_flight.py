@@ -102,7 +102,7 @@ def test_a_runtime_that_is_killed_is_a_fault_and_the_drives_reaction_is_recorded
     assert seconds_until(lambda: "trace.flight" not in str(stage.survivors()), GONE_S) < GONE_S
 
 
-def test_a_run_that_fails_says_where_the_recording_is_although_it_has_ended(stage, tmp_path):
+def test_a_run_that_fails_reports_where_the_recording_is_although_it_has_ended(stage, tmp_path):
     robot = stage.robby("nohub")
     assert listening("nohub")
     os.kill(hub_status("nohub").pid, signal.SIGKILL)

@@ -62,7 +62,7 @@ def test_an_exception_in_the_block_stops_the_robot_and_is_not_swallowed(stage, p
     assert not any("drive --node-id" in line for line in processes_of(private_folders).values())
 
 
-def test_the_library_says_what_is_wrong(stage):
+def test_the_library_reports_what_is_wrong(stage):
     with pytest.raises(RobotConfigError, match="no robot 'robbie'"):
         Robot.from_config("robbie")
     with pytest.raises(RobotConfigError, match="no controller 'nobody'"):

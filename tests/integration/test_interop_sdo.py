@@ -105,7 +105,7 @@ def test_their_client_is_not_offered_the_switch_that_it_refuses(theirs):
 # --- our client, their LocalNode
 
 
-def test_our_client_falls_back_where_their_server_knows_no_block_transfer(ours):
+def test_our_client_falls_back_if_their_server_has_no_block_transfer(ours):
     bus, node = ours
     bus.write(THEIRS, 0x2000, 0, content(1000), block=True)  # refused with 0x05040001: done again in segments
     assert node.get_data(0x2000, 0) == content(1000)

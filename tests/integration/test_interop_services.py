@@ -71,7 +71,7 @@ def test_our_nmt_commands_move_its_slave(command, name):
         assert node.nmt.state == name
 
 
-def test_it_sees_our_boot_up_and_heartbeats():
+def test_it_receives_our_boot_up_and_heartbeats():
     wire, producer = Wire(), HeartbeatProducer(5, 100 * MS)
     node = wire.add_node(5, EDS)
     producer.boot_up(0)
@@ -85,7 +85,7 @@ def test_it_sees_our_boot_up_and_heartbeats():
     assert node.nmt.state == "OPERATIONAL"
 
 
-def test_we_see_its_boot_up_heartbeats_and_their_end():
+def test_we_receive_its_boot_up_heartbeats_and_detect_their_end():
     wire, consumer = Wire(), HeartbeatConsumer()
     consumer.watch(5, 300 * MS)
     node = wire.create_node(5, EDS)
@@ -116,7 +116,7 @@ def test_emergencies_are_understood_both_ways():
     assert consumer.events()[0] == EmcyMessage(6, 0x8611, 0x21, b"\1\2\3\4\5")
 
 
-def test_a_short_emergency_is_ours_alone_to_understand():
+def test_only_this_package_decodes_a_short_emcy():
     wire, consumer = Wire(), EmcyConsumer(5)
     node = wire.add_node(5, EDS)
     frame = CanFrame(0x085, bytes.fromhex("104308"))

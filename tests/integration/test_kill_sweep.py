@@ -17,7 +17,7 @@ SWEEP_MS = 1500
 
 @pytest.mark.parametrize("options", [(), ("--view",), ("--ros", "--view")], ids=["drives", "view", "ros"])
 @pytest.mark.embedded
-def test_whenever_a_starting_run_is_killed_nobody_survives_it(stage, options):
+def test_no_process_survives_a_run_killed_during_its_start(stage, options):
     if "--ros" in options:
         pytest.importorskip("rclpy")
     if "--view" in options:

@@ -14,7 +14,7 @@ from canopen_control.rpc.messages.robot import AxisRequest, GetStatus
 
 @pytest.mark.embedded
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT])
-def test_a_latched_robot_comes_back_latched_and_moves_after_release_enable_and_command(stage, end):
+def test_a_latched_robot_returns_latched_and_moves_after_release_enable_and_command(stage, end):
     robot = stage.robby("held")
     assert stage.call("stop", "--latch", "--name", "held").wait() == 0
     robot.end(end)

@@ -20,7 +20,7 @@ def robot(stage):
     return stage.robby("heard")
 
 
-def test_what_is_recorded_is_told_as_it_was_told_live(stage, robot, tmp_path):
+def test_what_is_recorded_is_reported_as_it_was_reported_live(stage, robot, tmp_path):
     log, dbc = tmp_path / "run.log", tmp_path / "heard.dbc"
     with RobotClient.connect("heard") as client:
         before = client.ask(GetStatus())

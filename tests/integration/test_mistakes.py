@@ -102,7 +102,7 @@ def test_a_file_that_is_missing_in_the_folder(stage, tmp_path):
     check(stage.call("run", config), 2, r"robby has no ros2_controllers\.yaml")
 
 
-def test_a_bus_that_nobody_answers_on(stage, tmp_path):
+def test_a_bus_that_is_not_answered(stage, tmp_path):
     config = copy_robby(tmp_path, bus={"  sync_period: 20000": "  boot_time: 1500\n  sync_period: 20000"})
     program = stage.call("run", config, "--no-drives", "--can", "local:desert")
     check(
@@ -186,7 +186,7 @@ def test_a_log_folder_that_cannot_be_written(stage):
     check(program, 2, "cannot write the log .*XDG_STATE_HOME")
 
 
-def test_mistakes_are_told_in_well_under_a_second(stage):
+def test_errors_are_reported_in_well_under_a_second(stage):
     begin = time.monotonic()
     stage.call("run", "robby", "--controller", "forwrd")
     assert time.monotonic() - begin < 5  # a bound for busy machines: it is about 0.25 s

@@ -56,7 +56,7 @@ def test_its_lifecycle_is_brought_up_and_down_twice(proxies, who):
             assert answer["success"], label
 
 
-def test_its_lifecycle_follows_the_numbers_of_transitions_from_the_states_that_it_tells(proxies):
+def test_its_lifecycle_follows_the_numbers_of_transitions_from_the_states_that_it_reports(proxies):
     for state, transition in ((1, 1), (2, 3), (3, 4), (2, 2)):  # configure, activate, deactivate, cleanup
         told = proxies.call("/lifecycle_manager/get_state", "lifecycle_msgs/srv/GetState")["current_state"]
         assert told["id"] == state
@@ -130,7 +130,7 @@ def test_a_reset_is_done_and_the_node_is_operational_again_by_itself(proxies):
     assert proxies.call("/proxy_device_1/nmt_start_node") == DONE
 
 
-def test_an_object_goes_out_in_its_pdo_and_one_that_comes_is_told(proxies):
+def test_an_object_goes_out_in_its_pdo_and_one_that_comes_is_reported(proxies):
     rpdo, tpdo = "/proxy_device_2/rpdo", "/proxy_device_2/tpdo"
     proxies.peer.order("subscribe", topic=rpdo, of=DATA)
     proxies.peer.order("publish", topic=tpdo, of=DATA, data={"index": 0x4000, "data": 999}, rate=20)

@@ -58,7 +58,7 @@ def test_a_foreign_request_would_be_seen_and_is_refused(opened, page_text):
     assert any("Content Security Policy" in line for line in said) or len(requests) > 1
 
 
-def test_it_is_dark_where_the_reader_wants_that_and_light_on_paper(opened, page_text):
+def test_it_is_dark_where_the_reader_needs_that_and_light_on_paper(opened, page_text):
     page, _, _ = opened(page_text)
     page.emulate_media(color_scheme="light")
     assert colour(page) == "rgb(255, 255, 255)"

@@ -84,7 +84,7 @@ def test_each_axis_has_a_target_of_its_own(scene, call):
     assert ros.eventually(speeds)
 
 
-def test_objects_of_both_axes_are_told(scene):
+def test_objects_of_both_axes_are_reported(scene):
     topic = "/drive_one/rpdo"
     scene.peer.order("subscribe", topic=topic, of=OBJECT)
     told = {scene.peer.message(topic)["index"] for _ in range(8)}

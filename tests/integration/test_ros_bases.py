@@ -125,7 +125,7 @@ def scene(tmp_path_factory):
 
 
 @pytest.mark.parametrize("kind", NAMES)
-def test_a_twist_from_another_program_moves_a_base_whose_odometry_and_transform_say_so(scene, kind):
+def test_a_twist_from_another_program_moves_a_base_whose_odometry_and_transform_report_this(scene, kind):
     name, peer = NAMES[kind], scene.peer
     commands, told = (
         (f"/{name}/cmd_vel", f"/{name}/odom") if kind == OMNI else (f"/{name}/reference", f"/{name}/odometry")
@@ -156,7 +156,7 @@ def test_a_twist_from_another_program_moves_a_base_whose_odometry_and_transform_
 
 
 @pytest.mark.parametrize("kind", STATE)
-def test_a_base_tells_its_wheels(scene, kind):
+def test_a_base_reports_its_wheels(scene, kind):
     topic = f"/{NAMES[kind]}/controller_state"
     scene.peer.order("subscribe", topic=topic, of=f"control_msgs/msg/{STATE[kind]}")
     message = scene.peer.message(topic)
@@ -192,7 +192,7 @@ def test_an_output_follows_a_command_by_name_until_its_controller_is_deactivated
 
 
 @pytest.mark.parametrize("topic", TOLD)
-def test_a_sensor_is_told_as_the_hardware_has_it(scene, topic):
+def test_a_sensor_is_reported_as_the_hardware_has_it(scene, topic):
     kind, part, value = TOLD[topic]
     scene.peer.order("subscribe", topic=topic, of=kind)
     assert part(scene.peer.message(topic)) == pytest.approx(value)

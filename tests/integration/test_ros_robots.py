@@ -89,7 +89,7 @@ def test_a_publisher_at_ten_kilohertz_does_no_harm_and_its_newest_value_counts(s
     scene.peer.order("silence", topic=topic)
 
 
-def test_what_is_no_command_stops_nobody_and_keeps_nobody_going(scene):
+def test_a_message_that_is_not_a_command_neither_stops_nor_renews_a_motion(scene):
     topic, nan = "/one/robby_forward_controller/commands", float("nan")
     scene.peer.order("publish", topic=topic, of=ARRAY, data={"data": [2.0, 2.0]}, rate=10)
     assert ros.eventually(lambda: scene.drives["one"].speed < -400)

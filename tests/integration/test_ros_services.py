@@ -196,7 +196,7 @@ def test_a_reset_of_a_node_is_seen_as_it_happens_and_a_start_boots_it(scene, cal
     assert scene.peer.message(topic) == {"data": "START"}
 
 
-def test_the_objects_of_the_tpdos_are_told_as_they_change_and_an_unmapped_one_is_written(scene, call):
+def test_the_objects_of_the_tpdos_are_reported_as_they_change_and_an_unmapped_one_is_written(scene, call):
     kind, rpdo, tpdo = "canopen_interfaces/msg/COData", "/left_drive/rpdo", "/left_drive/tpdo"
     scene.peer.order("subscribe", topic=rpdo, of=kind)
     first = [scene.peer.message(rpdo) for _ in range(4)]
@@ -212,7 +212,7 @@ def test_the_objects_of_the_tpdos_are_told_as_they_change_and_an_unmapped_one_is
     scene.peer.order("unsubscribe", topic=rpdo)
 
 
-def test_an_emergency_of_a_drive_is_told_on_its_topic(scene, call):
+def test_an_emergency_of_a_drive_is_reported_on_its_topic(scene, call):
     scene.peer.order("subscribe", topic="/left_drive/emcy", of="diagnostic_msgs/msg/DiagnosticArray")
     scene.peer.order("subscribe", topic="/rosout", of="rcl_interfaces/msg/Log")
     scene.drive.fault("drive_fault")

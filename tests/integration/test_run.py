@@ -50,7 +50,7 @@ def controlwords(frames, node_id):
     ]
 
 
-def test_a_witness_sees_both_wheels_at_ten_rad_per_second_and_no_frame_missing(stage, witness):
+def test_an_independent_listener_receives_both_wheels_at_ten_rad_per_second_without_a_missing_frame(stage, witness):
     sees = witness("wheels")
     robot = stage.robby("wheels", "--for", scaled(5))
     for node_id in (LEFT, RIGHT):

@@ -62,7 +62,7 @@ def wheels(bench, interface):
     return [bench.robot.registry.state(f"{side}_wheel_joint/{interface}").value for side in ("left", "right")]
 
 
-def test_the_forward_controller_turns_the_wheels_as_told(robot):
+def test_the_forward_controller_turns_the_wheels_as_commanded(robot):
     bench = robot(FORWARD)
     assert wheels(bench, "velocity") == pytest.approx([0.0, 0.0], abs=1e-6)
     bench.hold(10.0, -5.0, ms=1000)
@@ -98,7 +98,7 @@ def pose(bench):
     return sample["x"], sample["y"], sample["heading"], sample["linear"], sample["angular"]
 
 
-def test_the_base_goes_where_the_twist_says(robot):
+def test_the_base_goes_where_the_twist_reports(robot):
     bench = robot(BASE)
     drive(bench, [0.2, 0.0], 3.0)
     assert wheels(bench, "velocity") == pytest.approx([0.2 / 0.035] * 2, rel=0.01)
@@ -114,7 +114,7 @@ def test_the_base_goes_where_the_twist_says(robot):
     assert wheels(bench, "velocity") == pytest.approx([0.0, 0.0], abs=0.05)
 
 
-def test_the_base_is_put_somewhere_else_and_goes_on_from_there(robot):
+def test_the_base_is_put_somewhere_else_and_continues_from_there(robot):
     bench = robot(BASE)
     bench.robot.manager.get(BASE).set_odometry(5.0, 6.0, math.pi / 2)
     drive(bench, [0.2, 0.0], 2.0)

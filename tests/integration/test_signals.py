@@ -94,7 +94,7 @@ def test_a_command_that_is_interrupted_sends_zeros(stage, probe):
         assert seconds_until(lambda: abs(drive.speed) < 1, 5) < 1.0  # well before the controller's time-out
 
 
-def test_who_reads_our_output_may_go_or_stall(stage):
+def test_a_reader_of_the_output_may_leave_or_stall(stage):
     """A terminal that is closed or stopped does not stop the robot, nor make its end a failure."""
     for reader in ("head -n 1", "sleep 2"):
         line = f"{sys.executable} -m canopen_control run robby --can local:pipe --for 0.5 | {reader}"

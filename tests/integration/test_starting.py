@@ -80,7 +80,7 @@ def stopped_drives(request, stage, stopped):
 
 
 @pytest.mark.embedded
-def test_drives_that_need_seconds_to_start_are_waited_for_and_nothing_is_told_before(stage, stopped_drives):
+def test_drives_that_need_seconds_to_start_are_waited_for_and_nothing_is_reported_before(stage, stopped_drives):
     robot, drives = stopped_drives("slow", "--for", "1")
     time.sleep(4)  # a boot would have failed by now
     assert robot.out == ""

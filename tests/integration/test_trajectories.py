@@ -165,7 +165,7 @@ def test_a_cancelled_goal_brakes(arm):
     assert positions(arm) == pytest.approx(where, abs=1e-4)
 
 
-def test_what_it_tells_is_its_sample(arm):
+def test_what_it_reports_is_its_sample(arm):
     send(arm, ENDS)
     arm.run(1000)
     told = arm.robot.manager.running.samples(0)["arm_controller"]

@@ -66,7 +66,7 @@ def test_it_loads_unmodified_and_follows_a_goal(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_keys_without_effect_are_told_and_no_others(tmp_path, name):
+def test_keys_without_effect_are_reported_and_no_others(tmp_path, name):
     section = dict(SHAPES[name])
     told = section.pop("told", [])
     findings = check_robot(write_robot(tmp_path, section), CheckOptions()).findings

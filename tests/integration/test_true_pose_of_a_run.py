@@ -26,7 +26,7 @@ def speeds(robot):
     return [abs(each.velocity or 0.0) for each in robot.joints().values()]
 
 
-def test_the_true_pose_stands_beside_odometry_and_what_ends_a_calibration_stops_the_base(stage, erring):
+def test_the_true_pose_stands_alongside_odometry_and_what_ends_a_calibration_stops_the_base(stage, erring):
     _, robot = erring
     assert eventually(lambda: robot.status().true_pose is not None)
     truth = robot.status().true_pose
@@ -49,7 +49,7 @@ def test_the_true_pose_stands_beside_odometry_and_what_ends_a_calibration_stops_
     assert math.isfinite(robot.status().true_pose.x)
 
 
-def test_a_mistake_in_a_plant_file_is_told_before_anything_is_started(stage):
+def test_an_error_in_a_plant_file_is_reported_before_anything_is_started(stage):
     (stage.place / "floor.yml").write_text(plant_text().replace("wheel_separation", "wheel_seperation"))
     program = stage.start("run", "robby", "--plant", "floor.yml")
     assert program.wait() == 2

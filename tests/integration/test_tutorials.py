@@ -31,7 +31,7 @@ def parameter_events(bench):
 
 
 @pytest.mark.parametrize(("name", "tutorial", "base", "radius"), CASES)
-def test_its_base_drives_as_the_numbers_say(tmp_path, name, tutorial, base, radius):
+def test_its_base_drives_as_the_numbers_report(tmp_path, name, tutorial, base, radius):
     files = robot_files(tmp_path, name, tutorial)
     bench = Bench(f"tutorial_{name}", config=str(files.bus.parent), controllers=[base], drives=(2, 3))
     bench.start()

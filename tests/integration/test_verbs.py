@@ -58,7 +58,7 @@ def commanding(robot):
     commander.end()
 
 
-def test_status_says_how_long_each_boot_step_took(stage, robot):
+def test_status_reports_how_long_each_boot_step_took(stage, robot):
     said = stage.call("status").out
     for name in ("left_drive", "right_drive"):
         line = next(line for line in said.splitlines() if line.startswith(f"boot of {name}"))
@@ -78,7 +78,7 @@ def test_status_watch_prints_again_and_again_and_ends_with_the_robot(stage, robo
     assert "Traceback" not in watch.err
 
 
-def test_stop_ramps_and_disables_and_enable_goes_on(stage, robot, commanding):
+def test_stop_ramps_and_disables_and_enable_continues(stage, robot, commanding):
     _, probes, client = robot
     assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
     stop = stage.call("stop")
@@ -121,7 +121,7 @@ def test_axis_verbs_take_a_name_an_id_or_all(stage, robot, commanding, node, min
     assert client.ask(GetStatus()).state == "running"
 
 
-def test_a_fault_stops_the_robot_and_wants_reset_and_enable(stage, robot, commanding):
+def test_a_fault_stops_the_robot_and_needs_reset_and_enable(stage, robot, commanding):
     program, probes, client = robot
     assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
     probes[3].fault("undervoltage")

@@ -40,7 +40,7 @@ def turned(before, after):
     return math.acos(max(-1.0, min(1.0, (trace - 1) / 2)))
 
 
-def test_the_wheels_turn_in_what_is_drawn_and_nobody_else_is_asked(show, keep):
+def test_the_wheels_turn_in_the_scene_without_another_request(show, keep):
     show = show("vturn")
     page = show.page()
     show.ready(page)
@@ -142,7 +142,7 @@ def test_a_robot_that_is_started_again_is_on_the_same_page(show):
 
 
 @pytest.mark.rest
-def test_a_robot_that_hangs_reads_as_dead_and_speaks_again(show, keep):
+def test_a_robot_that_hangs_is_shown_as_dead_until_it_sends_again(show, keep):
     show = show("vhang")
     page = show.page()
     os.kill(show.run.pid, signal.SIGSTOP)
@@ -159,7 +159,7 @@ def test_a_robot_that_hangs_reads_as_dead_and_speaks_again(show, keep):
 
 
 @pytest.mark.rest
-def test_a_page_whose_server_has_died_says_so_and_goes_on_when_it_is_back(show, keep):
+def test_a_page_whose_server_has_died_reports_this_and_continues_when_it_is_back(show, keep):
     show = show("vserver")
     page = show.page()
     port = urlsplit(show.url).port
@@ -213,7 +213,7 @@ def test_on_a_phone_stop_state_and_pad_are_in_sight_and_stop_under_the_thumb(sho
 
 
 @pytest.mark.rest
-def test_run_shows_the_page_and_a_dead_page_hurts_nobody(stage, chromium):
+def test_run_shows_the_page_and_a_dead_page_does_not_affect_the_robot(stage, chromium):
     run = stage.robby("vrun", "--view", "--controller", DIFF_DRIVE)
     url = run.until("view: http").split()[-1]
     page = RobotPage(chromium, url).open()
@@ -277,7 +277,7 @@ def _what_nobody_sees_is_not_drawn(page):
 
 
 @pytest.mark.rest
-def test_a_simulated_base_has_its_own_way_beside_that_of_odometry(show, stage, keep):
+def test_a_simulated_base_has_its_own_way_alongside_that_of_odometry(show, stage, keep):
     (stage.place / "floor.yml").write_text(plant_text(track=1.3))
     show = show("vtruth", "--controller", DIFF_DRIVE, "--plant", stage.place / "floor.yml")
     page = show.page()

@@ -64,7 +64,7 @@ def enable(node, mode):
         assert state_of(node) == state
 
 
-def test_it_reads_identity_and_strings_and_sees_the_abort_codes():
+def test_it_reads_identity_strings_and_abort_codes():
     with running(TMCM, "oracle1") as (_, node, _):
         assert node.sdo[0x1000].raw == 0xFFFF0192
         assert [node.sdo[0x1018][sub].raw for sub in (1, 2, 4)] == [0x286, 0x4F6, NODE]
@@ -92,7 +92,7 @@ def test_it_boots_starts_and_shows_its_heartbeat():
         assert node.sdo[0x1017].raw == 0
 
 
-def test_its_process_data_can_be_mapped_anew_and_carry_profile_velocity():
+def test_its_process_data_can_be_mapped_again_and_carry_profile_velocity():
     with running(TMCM, "oracle3") as (network, node, device):
         for index in (0x6083, 0x6085):
             node.sdo[index].raw = 160_000

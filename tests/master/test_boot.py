@@ -56,7 +56,7 @@ class Harness:
             self.task.transfer_ended(request, now)
 
 
-def test_a_good_boot_goes_through_its_steps_and_knows_their_times():
+def test_a_successful_boot_executes_its_steps_and_records_their_times():
     harness = Harness()
     task = harness.task
     assert task.awaits_boot_up
@@ -100,7 +100,7 @@ def test_a_server_that_is_silent_ends_the_boot_with_its_step():
     assert "boot error B" in harness.task.steps[-1].error
 
 
-def test_a_cancelled_boot_hears_nothing_any_more():
+def test_a_cancelled_boot_receives_nothing_any_more():
     harness = Harness(reset=False)
     harness.task.cancel()
     harness.serve(10 * MS)
@@ -376,7 +376,7 @@ def test_a_node_to_be_kept_alive_that_is_not_operational_is_reset_and_configured
 
 
 @pytest.mark.parametrize(("guard", "letter"), [(None, "E"), ((50_000_000, 3), "F")])
-def test_a_node_to_be_kept_alive_whose_state_nobody_knows_is_letter_e_or_f(guard, letter):
+def test_keep_alive_for_a_node_in_an_unknown_state_is_error_letter_e_or_f(guard, letter):
     device = Device(state=None)
     with pytest.raises(BootError) as caught:
         device.run(boot(scripted(keep_alive=True, guard=guard), reset=True))
@@ -401,7 +401,7 @@ def test_another_firmware_is_letter_g_h_or_i(held, changes, letter):
     assert "0x1F56:01" in str(caught.value)
 
 
-def test_the_right_firmware_goes_on():
+def test_the_right_firmware_continues():
     device = Device({(0x1F56, 1): b"\x01\0\0\0"})
     device.run(boot(scripted(software_version=1), reset=True))
     assert device.commands[-1] is NmtCommand.START
@@ -417,7 +417,7 @@ def test_restoring_writes_load_and_resets_what_makes_it_effective(subindex, comm
     assert device.steps == ["identify", "restore", "reset", "configure", "heartbeat", "start"]
 
 
-def test_a_node_that_does_not_come_back_from_restoring_is_letter_j():
+def test_a_node_that_does_not_return_from_restoring_is_letter_j():
     device = Device()
     device.boots = False
     with pytest.raises(BootError, match=r"boot error J.*no boot-up within 1 s after restoring"):
@@ -433,7 +433,7 @@ def test_a_configuration_is_stored_only_when_the_boot_has_changed_it():
     assert same.written == []
 
 
-def test_a_node_that_cannot_store_boots_and_says_so():
+def test_a_node_that_cannot_store_boots_and_reports_this():
     device = Device(refuse={(0x1010, 1): 0x06060000})
     writes = (PlannedWrite(0x6083, 0, b"\x01\0\0\0", "ramp"),)
     result = device.run(boot(scripted(save=1, writes=writes), reset=True))
@@ -458,7 +458,7 @@ def test_a_mode_that_bus_yml_writes_is_what_the_rpdo_carries_at_first():
     assert result.presets == {(0x6060, 0): 1, (0x6061, 0): 3}
 
 
-def test_a_node_nobody_watches_and_that_sends_nothing_is_started_without_proof():
+def test_an_unsupervised_silent_node_is_started_without_confirmation():
     device = Device(state=None)
     device.run(boot(scripted(heartbeat_timeout_ns=0), reset=False))
     assert device.commands == [NmtCommand.START]

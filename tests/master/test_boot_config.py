@@ -40,7 +40,7 @@ def write_once(bench, index, subindex, data):
     write_mapped(bench.robot, bench.io, index, subindex, bytes.fromhex(data))
 
 
-def test_nothing_is_sent_until_somebody_writes_and_then_once(robby):
+def test_nothing_is_sent_until_the_first_write_and_then_once(robby):
     robby.run(2000)
     assert sent(robby, 0x205) + sent(robby, 0x305) == []
     assert values(robby) == [0x0F, 0xA0, 100, -200]
@@ -142,13 +142,13 @@ def test_a_refused_write_is_letter_j_with_object_and_abort_text():
         configured(device, u32(0x6083, 1))
 
 
-def test_an_addition_that_the_node_refuses_is_done_without_and_told():
+def test_an_addition_that_the_node_refuses_is_done_without_and_reported():
     device = Device(refuse={(0x60C2, 0): NO_OBJECT})
     transfers = configured(device, u32(0x60C2, 1, reason="interpolation over the SYNC period", optional=True))
     assert "it refuses ramp 0x60C2:00 (interpolation over the SYNC period): abort 0x06020000" in transfers.warnings[0]
 
 
-def test_a_vital_addition_that_the_node_refuses_is_letter_j_with_the_way_out():
+def test_a_vital_addition_that_the_node_refuses_is_letter_j_with_the_remedy():
     device = Device(refuse={(0x1016, 0): READ_ONLY})
     with pytest.raises(BootError, match="allow_unsupervised"):
         configured(device, u32(0x1016, 1, reason="the drive notices when the master is lost"))
@@ -265,7 +265,7 @@ def test_a_scale_that_was_made_for_the_drive_as_it_is_is_taken(tmp_path):
     assert booted.node.ready, booted.node.error
 
 
-def test_pdos_of_a_device_that_nobody_lists_are_as_in_its_eds_too(tmp_path):
+def test_pdos_of_a_device_that_is_not_listed_are_as_in_its_eds_too(tmp_path):
     live = [number for number in range(4) if not read_eds(GENERIC, 5).od.get(0x1800 + number, 1).default & 1 << 31]
     index = 0x1A00 + live[0]
     booted = booted_with(tmp_path, (index, 0, 1), (index, 1, 0x60640020), node="counts_per_revolution: 65536\n")

@@ -66,7 +66,7 @@ def test_a_pdo_is_read_once_for_each_of_its_objects():
     assert [is_cob_id(write) for write in PDO] == [True, False, False, False, False, True]
 
 
-def test_a_pdo_that_is_as_wanted_needs_nothing_whatever_its_bit_30():
+def test_a_pdo_that_is_as_requested_needs_nothing_whatever_its_bit_30():
     assert told(HELD) == []
     assert told({**HELD, (0x1400, 1): (0x203).to_bytes(4, "little")}) == []
 
@@ -184,7 +184,7 @@ def held(node):
     }
 
 
-def test_a_pdo_that_is_as_wanted_is_only_read():
+def test_a_pdo_that_is_as_requested_is_only_read():
     node = device(0x60400010, 0x60600008)
     assert run(node).writes == 0
     assert node.written == []
@@ -289,7 +289,7 @@ def test_a_refusal_half_way_puts_back_what_was_there():
     assert held(node)[0x1400, 1] & 0x80000000
 
 
-def test_a_mapping_that_is_taken_and_not_kept_is_no_success():
+def test_a_mapping_that_is_taken_and_not_kept_is_not_a_success():
     node = device(0x60410010, clamp={(0x1600, 1): number(0x60410010)})
     with pytest.raises(BootError, match="0x1600:01 holds 0x60410010 after 0x60400010 was written"):
         run(node)
@@ -305,7 +305,7 @@ def test_an_unlisted_pdo_is_switched_off_once():
     assert run(node, UNLISTED, rpdos=()).writes == 0
 
 
-def test_an_unlisted_pdo_that_stays_live_is_told_and_a_listed_one_that_does_is_an_error():
+def test_an_unlisted_pdo_that_stays_live_is_reported_and_a_listed_one_that_does_is_an_error():
     stubborn = {(0x1400, 1): READ_ONLY}
     assert "remains valid" in run(device(0x60400010, refuse=stubborn), UNLISTED, rpdos=()).warnings[0]
     asked = [write(0x1400, 1, 0x80000203)]

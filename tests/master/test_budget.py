@@ -53,7 +53,7 @@ def test_an_event_driven_tpdo_is_bounded_by_its_inhibit_time_or_named(tmp_path):
     assert next(share for share in held.shares if share.cob_id == 0x183).per_cycle == 0.25
 
 
-def test_a_sync_counter_is_a_byte_and_no_sync_is_no_frame(tmp_path):
+def test_a_sync_counter_is_a_byte_and_no_sync_is_not_a_frame(tmp_path):
     with_counter = budget_of(bus(tmp_path, master="node_id: 1, sync_period: 10000, sync_overflow: 10"), 10 * MS)
     without = budget_of(bus(tmp_path, master="node_id: 1"), 10 * MS)
     assert [share.length for share in with_counter.shares if share.name == "SYNC"] == [1]

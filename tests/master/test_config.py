@@ -32,7 +32,7 @@ def test_pdos_that_wait_for_a_sync_that_is_not_sent_are_named(tmp_path):
 EDS = data_path("eds", "TMCM-1270.eds")
 
 
-def test_a_file_is_sought_in_the_nodes_path_the_files_path_beside_bus_yml_and_among_the_bundled(tmp_path, monkeypatch):
+def test_a_file_is_sought_in_the_nodes_path_the_files_path_next_to_bus_yml_and_among_the_bundled(tmp_path, monkeypatch):
     sources = Sources(tmp_path, "@BUS_CONFIG_PATH@/general")
     assert sources.find("TMCM-1270.eds") == EDS
     places = [tmp_path, tmp_path / "general", tmp_path / "own"]
@@ -43,7 +43,7 @@ def test_a_file_is_sought_in_the_nodes_path_the_files_path_beside_bus_yml_and_am
         assert sources.find("TMCM-1270.eds", "$OWN_FILES") == place / "TMCM-1270.eds"
 
 
-def test_a_path_of_another_computer_is_the_file_of_that_name_beside_bus_yml_and_a_note_says_so(tmp_path):
+def test_a_path_of_another_computer_is_the_file_of_that_name_next_to_bus_yml_and_a_note_reports_this(tmp_path):
     text = NESTED.replace("dcf: TMCM-1270.eds", "dcf: /home/robot/config/TMCM-1270.eds")
     path = write(tmp_path, text)
     (tmp_path / EDS.name).unlink()
@@ -55,7 +55,7 @@ def test_a_path_of_another_computer_is_the_file_of_that_name_beside_bus_yml_and_
     assert note.endswith(f"/home/robot/config/{EDS.name} does not exist; {tmp_path / EDS.name} is used instead")
 
 
-def test_a_bundled_file_that_replaces_a_missing_one_is_told_once_with_the_folders_that_lack_it(tmp_path):
+def test_a_bundled_file_that_replaces_a_missing_one_is_reported_once_with_the_folders_that_lack_it(tmp_path):
     path = write(tmp_path, NESTED)
     assert read_bus(path).substitutes == ()
     (tmp_path / EDS.name).unlink()
@@ -105,7 +105,7 @@ def test_a_node_that_is_indented_too_far_is_named(tmp_path, section):
 
 
 @pytest.mark.parametrize("node_id", ["0", "x", "200"])
-def test_a_wrong_node_id_of_the_master_is_one_mistake(tmp_path, node_id):
+def test_a_wrong_node_id_of_the_master_is_one_error(tmp_path, node_id):
     text = f"master: {{node_id: {node_id}}}\nnodes:\n  left: {{node_id: 1, dcf: TMCM-1270.eds}}\n"
     found = mistakes(tmp_path, text)
     assert "already used by the master" not in found
@@ -181,7 +181,7 @@ def test_the_flat_shape_is_read_too(tmp_path):
     assert bus.nodes["wheel"].node_id == 5
 
 
-def test_all_mistakes_are_told_at_once_with_line_and_nearest_key(tmp_path):
+def test_all_errors_are_reported_at_once_with_line_and_nearest_key(tmp_path):
     text = """\
         master: {node_id: 1, sync_period: fast}
         nodes:
@@ -235,7 +235,7 @@ def test_a_drive_that_nothing_would_stop_is_refused(tmp_path):
     assert read_bus(write(tmp_path, accepted)).nodes["left_drive"].supervision.allow_unsupervised
 
 
-def test_a_missing_file_and_text_that_is_no_yaml_are_one_sentence_each(tmp_path):
+def test_a_missing_file_and_text_that_is_not_a_yaml_are_one_sentence_each(tmp_path):
     with pytest.raises(BusConfigError, match="no-such"):
         read_bus(tmp_path / "no-such.yml")
     broken = tmp_path / "broken.yml"
@@ -272,7 +272,7 @@ TEN_MISTAKES = """\
     """
 
 
-def test_ten_different_mistakes_are_ten_messages_with_the_right_lines(tmp_path):
+def test_ten_different_errors_are_ten_messages_with_the_right_lines(tmp_path):
     said = mistakes(tmp_path, TEN_MISTAKES)
     wanted = {
         1: "unknown key 'heartbeat_multiplyer' (did you mean 'heartbeat_multiplier'?)",
@@ -299,7 +299,7 @@ def test_ten_different_mistakes_are_ten_messages_with_the_right_lines(tmp_path):
     assert said.endswith("10 errors"), said
 
 
-def test_an_unknown_section_beside_nodes_is_no_silent_node(tmp_path):
+def test_an_unknown_section_alongside_nodes_is_not_a_silent_node(tmp_path):
     said = mistakes(tmp_path, NESTED.replace("defaults:", "option: {}\n    defaults:"))
     assert "unknown key 'option' (did you mean 'options'?)" in said
 
@@ -354,18 +354,18 @@ def test_a_pdo_that_the_device_does_not_have_is_off_already(tmp_path, kind):
         ("slaves: {}", "write `nodes:`"),
     ],
 )
-def test_a_key_beside_the_sections_is_told_where_it_belongs(tmp_path, text, wanted):
+def test_a_key_alongside_the_sections_is_reported_with_where_it_belongs(tmp_path, text, wanted):
     assert wanted in mistakes(tmp_path, NESTED.replace("defaults:", f"{text}\n    defaults:"))
 
 
 @pytest.mark.parametrize("name", ["slaves", "drives", "node", "devices"])
-def test_nodes_under_another_name_are_one_mistake(tmp_path, name):
+def test_nodes_under_another_name_are_one_error(tmp_path, name):
     said = mistakes(tmp_path, NESTED.replace("nodes:", f"{name}:"))
     assert f"unknown key '{name}'; write `nodes:`" in said
     assert "errors" not in said
 
 
-def test_sections_that_are_indented_too_far_are_told_and_no_missing_master(tmp_path):
+def test_sections_that_are_indented_too_far_are_reported_and_no_missing_master(tmp_path):
     said = mistakes(tmp_path, "options:\n  master: {node_id: 1}\nnodes:\n  a: {node_id: 2, dcf: TMCM-1270.eds}\n")
     assert "write `master:` at the margin" in said
     assert "no `master` section" not in said
@@ -441,7 +441,7 @@ SCRAPS = st.sampled_from(
 @given(
     st.lists(st.tuples(st.integers(0, len(LINES) - 1), SCRAPS, st.booleans()), min_size=1, max_size=6), st.booleans()
 )
-def test_whatever_stands_in_the_file_is_a_bus_or_a_configuration_error(changes, peer_merge):
+def test_whatever_is_in_the_file_is_a_bus_or_a_configuration_error(changes, peer_merge):
     lines = list(LINES)
     for number, scrap, drop in changes:
         lines[number % len(lines)] = scrap

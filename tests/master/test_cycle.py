@@ -169,7 +169,7 @@ def test_a_value_that_does_not_fit_leaves_the_record_as_it_was():
     assert image.outputs[0].record == RECORD.pack(0x203, 3, before[0][1])
 
 
-def test_process_data_begin_with_what_the_node_says():
+def test_process_data_begin_with_what_the_node_reports():
     image = image_with_two_controlwords()
     image.add_tpdo(3, 0x283, [POSITION, VELOCITY])
     image.preset(3, {(0x6060, 0): 3, (0x6064, 0): -5, (0x5999, 0): 1})

@@ -63,7 +63,7 @@ def test_what_the_node_refuses_is_raised_and_the_next_request_works(bus):
     assert bus.read(3, 0x1000) == bytes.fromhex("9201ffff")
 
 
-def test_nobody_there_is_a_timeout_and_nonsense_a_mistake_of_the_caller(bus):
+def test_an_absent_server_is_a_timeout_and_nonsense_an_error_of_the_caller(bus):
     with pytest.raises(SdoTimeout, match=r"node 9: 0x1000:00: no answer within 0\.3 s"):
         bus.read(9, 0x1000)
     with pytest.raises(LocalProtocolError):
@@ -101,7 +101,7 @@ def test_a_transfer_that_is_broken_off_is_aborted_on_the_wire(drives):
     assert sent[1].data[1:4] == bytes.fromhex("081000")
 
 
-def test_a_heartbeat_confirms_a_command_and_silence_says_so(bus):
+def test_a_heartbeat_confirms_a_command_and_silence_reports_this(bus):
     assert bus.command(NmtCommand.START, 3, 0.05) == [NmtUnconfirmed(3, NmtCommand.START, 1, None)]
     bus.write(3, 0x1017, 0, (10).to_bytes(2, "little"))
     (confirmed,) = bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, 3, 5.0)
@@ -109,7 +109,7 @@ def test_a_heartbeat_confirms_a_command_and_silence_says_so(bus):
     assert bus.states[3] is NmtState.PRE_OPERATIONAL
 
 
-def test_of_all_nodes_those_tell_that_boot(bus):
+def test_of_all_nodes_those_report_that_boot(bus):
     results = bus.command(NmtCommand.RESET_NODE, 0, 0.5)
     assert [(type(result), result.node_id) for result in results] == [(NmtConfirmed, 3), (NmtConfirmed, 5)]
 
@@ -134,7 +134,7 @@ class Stubborn:
         return out
 
 
-def test_listening_hears_heartbeats_boot_ups_and_guarding_answers():
+def test_listening_receives_heartbeats_boot_ups_and_guarding_answers():
     with OnBus("memory:listen", cores=(Stubborn(),)) as others, DirectBus.open("memory:listen") as bus:
         others.send(CanFrame(0x709, b"\0"), CanFrame(0x70A, b"\x85"), CanFrame(0x70B, b"\x33"), CanFrame(0x70C, b""))
         bus.listen(0.05)
@@ -177,7 +177,7 @@ def test_bus_off_is_an_error_at_once():
         timer.join()
 
 
-def test_a_silence_on_a_channel_that_is_down_is_told_as_that():
+def test_a_silence_on_a_channel_that_is_down_is_reported_as_that():
     MemoryBus.get("down")
     with DirectBus.open("memory:down", timeout_s=0.05, retries=0) as bus:
         bus.port.events = lambda: [BusEvent(BusEventKind.DOWN, "bus x: unplugged")]
@@ -202,7 +202,7 @@ def test_the_segments_of_a_block_upload_are_taken_at_once(bus, monkeypatch):
     assert client.ignored == 0
 
 
-def test_a_heartbeat_among_the_segments_is_heard_and_disturbs_nothing(bus, monkeypatch):
+def test_a_heartbeat_among_the_segments_is_received_and_disturbs_nothing(bus, monkeypatch):
     data = bytes(n % 251 for n in range(127 * 7 * 3))
     bus.write(5, 0x2000, 0, data, block=True)
     receive, heartbeat = bus.port.receive, pack_records([CanFrame(0x709, b"\5")])
@@ -217,7 +217,7 @@ def test_a_heartbeat_among_the_segments_is_heard_and_disturbs_nothing(bus, monke
     assert (bus.client(5).retried, bus.client(5).ignored) == (0, 0)
 
 
-def test_a_node_heard_in_stopped_is_not_asked_whether_it_is_powered(bus, drives):
+def test_a_node_received_in_stopped_is_not_asked_whether_it_is_powered(bus, drives):
     bus.write(3, 0x1017, 0, b"\x14\0")
     bus.command(NmtCommand.STOP, 3, 0.5)
     with pytest.raises(SdoStopped, match=r"node 3: 0x1000:00: no answer .* NMT STOPPED, .* `nmt preop`"):

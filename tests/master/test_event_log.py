@@ -28,7 +28,7 @@ def test_each_event_is_taken_once():
     assert len(log.recent) == 1
 
 
-def test_what_nobody_takes_keeps_the_newest_and_counts_the_rest():
+def test_an_unread_queue_keeps_the_newest_and_counts_the_rest():
     log = EventLog(capacity=4)
     for number in range(10):
         log.add(Event(number, "emcy", f"node{number}", "x"))
@@ -50,14 +50,14 @@ def test_fifty_thousand_error_frames_are_a_handful_of_lines_and_one_entry_with_i
     assert len(log.take()) == len(told)
 
 
-def test_one_that_goes_on_for_hours_is_told_once_a_minute():
+def test_one_that_continues_for_hours_is_reported_once_a_minute():
     log = EventLog()
     told = run(log, [warning(number * S) for number in range(3600)], 3600 * S)
     assert 3600 / 64 <= len(told) <= 3600 / 64 + 10
     assert WIDEST_WINDOW_NS >= told[-1][0] - told[-2][0] >= WIDEST_WINDOW_NS - S
 
 
-def test_what_comes_again_after_a_while_is_told_at_once():
+def test_what_comes_again_after_a_while_is_reported_at_once():
     log = EventLog()
     told = run(log, [warning(0), warning(S), warning(30 * S)], 60 * S)
     assert [(now, event.count) for now, event in told] == [(0, 1), (FIRST_WINDOW_NS, 2), (30 * S, 1)]
@@ -80,7 +80,7 @@ def test_other_nodes_kinds_codes_and_node_ids_are_others():
     assert log.add(warning(1, "EMCY 0xFF80, data 12 ff 00")) == []
 
 
-def test_deliberate_acts_and_good_news_are_told_each_unless_they_flood():
+def test_deliberate_acts_and_good_news_are_reported_each_unless_they_flood():
     log = EventLog()
     for kind, level in (("stop", Level.WARNING), ("activated", Level.INFO)):
         acts = [Event(number, kind, "", "done", level) for number in range(1000)]
@@ -94,7 +94,7 @@ def test_what_counts_more_than_one_by_itself_is_summed():
     assert [event.sentence for _, event in told] == ["cycle missed (3 times)", "cycle missed (7 times in 1.0 s)"]
 
 
-def test_the_end_tells_what_is_counted_and_not_told():
+def test_the_end_reports_what_is_counted_and_not_reported():
     log = EventLog()
     log.add(warning(0))
     log.add(warning(1))

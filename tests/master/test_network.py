@@ -32,7 +32,7 @@ def feed(net, now, *frames):
     net.receive(pack_records([CanFrame(int(f[:3], 16), bytes.fromhex(f[4:])) for f in frames]), now)
 
 
-def test_the_master_says_that_it_is_there_and_resets_every_node():
+def test_the_master_reports_that_it_is_there_and_resets_every_node():
     net, _ = network()
     net.start(0)
     assert sent(net) == ["701#00", "000#8203", "000#8202"]
@@ -93,7 +93,7 @@ def test_a_node_that_stays_away_is_named_once_not_every_second():
     assert sorted(event.node for event in events if event.kind == "boot_failed") == ["left_drive", "right_drive"]
 
 
-def test_an_emcy_is_told_with_its_text_and_kept_as_the_nodes_error():
+def test_an_emcy_is_reported_with_its_text_and_kept_as_the_nodes_error():
     net, events = network()
     net.start(0)
     feed(net, 7, "083#1043090201000000")
@@ -122,7 +122,7 @@ def test_rpdos_are_not_sent_before_the_node_is_operational():
     assert net.cycle(sync=False) == b""
 
 
-def test_sync_of_somebody_else_is_heard_and_not_sent_and_its_missing_answers_are_counted():
+def test_an_external_sync_is_received_and_not_sent_and_missing_answers_are_counted():
     net, _ = network()
     net.start(0)
     heard = []
@@ -142,7 +142,7 @@ def test_sync_of_somebody_else_is_heard_and_not_sent_and_its_missing_answers_are
 
 
 @pytest.mark.parametrize(("between", "told"), [(20, 0), (19, 0), (10, 1)])
-def test_a_sync_beside_the_kernels_is_another_masters(between, told):
+def test_a_sync_alongside_the_kernels_is_another_masters(between, told):
     net, events = network()
     net.start(0)
     net.hear_sync(lambda _now: None)
@@ -209,14 +209,14 @@ def test_a_read_that_equals_the_last_one_passes_every_other_frame_on():
     assert net.unknown == pdo.count == 4
 
 
-def test_frames_of_nobody_are_counted():
+def test_frames_without_a_receiver_are_counted():
     net, _ = network()
     feed(net, 0, "7FF#00", "123#0102")
     assert net.unknown == 2
 
 
 @pytest.mark.parametrize("length", [0, 2, 8])
-def test_a_heartbeat_of_the_wrong_length_is_no_heartbeat(length):
+def test_a_heartbeat_of_the_wrong_length_is_not_a_heartbeat(length):
     net, _ = network()
     net.start(0)
     feed(net, 5, f"703#{'05' * length}")

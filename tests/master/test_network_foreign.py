@@ -46,7 +46,7 @@ def told(bench):
         ("303#0000000000000000", "RPDO 0x303 of node 3 (left_drive)"),
     ],
 )
-def test_each_sign_of_a_master_is_told_within_a_second_and_once(robby, frame, words):
+def test_each_sign_of_a_master_is_reported_within_a_second_and_once(robby, frame, words):
     master_like(robby, 1.0, frame)
     (event,) = told(robby)
     assert (event.kind, event.level) == ("other_master", Level.WARNING)
@@ -67,7 +67,7 @@ def test_all_that_it_sends_is_one_sentence(robby):
     assert event.details.identifiers == ("0x000", "0x080", "0x203", "0x603", "0x701")
 
 
-def test_a_tool_is_told_as_one_and_a_master_after_it_as_one(robby):
+def test_a_tool_is_reported_as_one_and_a_master_after_it_as_one(robby):
     say(robby, "603#4000100000000000")
     robby.run(1000)
     assert [(event.kind, event.level) for event in told(robby)] == [("other_sdo_client", Level.INFO)]
@@ -81,7 +81,7 @@ def test_a_tool_is_told_as_one_and_a_master_after_it_as_one(robby):
     assert [event.kind for event in told(robby)] == ["other_sdo_client", "other_master", "other_master"]
 
 
-def test_who_asks_whether_the_id_of_a_node_that_is_not_there_is_free_is_nobody(robby):
+def test_checking_an_unused_node_id_leaves_no_member(robby):
     robby.power_off(LEFT)
     robby.run(1000)
     say(robby, "603#4000100000000000")
@@ -90,14 +90,14 @@ def test_who_asks_whether_the_id_of_a_node_that_is_not_there_is_free_is_nobody(r
 
 
 @pytest.mark.rest
-def test_after_a_minute_without_it_is_told_anew(robby):
+def test_after_a_minute_without_it_is_reported_again(robby):
     master_like(robby, 1.0, "080#")
     robby.run(61_000)
     master_like(robby, 1.0, "080#")
     assert len(told(robby)) == 2
 
 
-def test_this_master_alone_its_boots_and_faults_are_nobody_elses(robby):
+def test_only_this_master_has_these_boots_and_faults(robby):
     robby.hold(10.0, 10.0, ms=500)
     robby.switch("second_node", node=LEFT)
     robby.run(3000)
@@ -106,7 +106,7 @@ def test_this_master_alone_its_boots_and_faults_are_nobody_elses(robby):
     assert told(robby) == []
 
 
-def test_nmt_frames_of_any_length_are_told_as_they_are(robby):
+def test_nmt_frames_of_any_length_are_reported_as_they_are(robby):
     say(robby, "000#", "000#01", "000#0100", "000#5503", "000#0102030405060708")
     robby.run(600)
     (event,) = told(robby)

@@ -6,7 +6,7 @@ from support.busfile import MERGED, NESTED, mistakes, mistakes_of_a_node, warnin
 from canopen_control.master.config import read_bus
 
 
-def test_peer_merge_lets_whole_defaults_win_and_either_way_the_difference_is_told(tmp_path):
+def test_peer_merge_lets_whole_defaults_win_and_either_way_the_difference_is_reported(tmp_path):
     path = write(tmp_path, MERGED)
     ours, theirs = read_bus(path), read_bus(path, peer_merge=True)
     assert ours.nodes["left"].supervision.heartbeat_producer == 50
@@ -23,7 +23,7 @@ def test_peer_merge_lets_whole_defaults_win_and_either_way_the_difference_is_tol
     assert [note for note in ours.notes if "bus.yml:10:" in note]
 
 
-def test_without_a_difference_nothing_is_told_of_merging(tmp_path):
+def test_without_a_difference_nothing_is_reported_merging(tmp_path):
     text = MERGED.replace("heartbeat_producer: 50", "heartbeat_producer: 100").replace("{2: {map", "{1: {map")
     text = text.replace("0x60FF", "0x6040")
     assert not [note for note in read_bus(write(tmp_path, text)).notes if "merge" in note]
@@ -40,7 +40,7 @@ def test_without_a_difference_nothing_is_told_of_merging(tmp_path):
         ("required: true, mandatory: true", True),
     ],
 )
-def test_who_is_waited_for(tmp_path, keys, required):
+def test_awaited_members(tmp_path, keys, required):
     text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
     assert read_bus(write(tmp_path, text)).nodes["right_drive"].required is required
 
@@ -57,7 +57,7 @@ def test_who_is_waited_for(tmp_path, keys, required):
         ("transition_timeouts_ms: {17: 100}", "transition 17 does not exist"),
     ],
 )
-def test_keys_that_contradict_each_other_are_told_at_their_line(tmp_path, keys, words):
+def test_keys_that_contradict_each_other_are_reported_at_their_line(tmp_path, keys, words):
     assert words in mistakes_of_a_node(tmp_path, keys)
 
 
@@ -76,7 +76,7 @@ def test_scales_that_do_not_cancel_are_doubted(tmp_path):
     assert any("scale_pos_to_dev times scale_pos_from_dev is 0.2546, not 1" in note for note in notes)
 
 
-def test_a_misspelt_key_is_one_mistake_and_its_value_is_read(tmp_path):
+def test_a_misspelt_key_is_one_error_and_its_value_is_read(tmp_path):
     text = NESTED.replace("dcf: TMCM-1270.eds", "eds: TMCM-1271.eds")
     said = mistakes(tmp_path, text)
     assert "unknown key 'eds'; write `dcf`" in said
@@ -84,7 +84,7 @@ def test_a_misspelt_key_is_one_mistake_and_its_value_is_read(tmp_path):
     assert "file 'TMCM-1271.eds' not found" in said
 
 
-def test_pdos_written_as_keys_of_their_own_are_one_mistake_each_and_are_read(tmp_path):
+def test_pdos_written_as_keys_of_their_own_are_one_error_each_and_are_read(tmp_path):
     full = "{enabled: true, mapping: [{index: 0x6064}, {index: 0x606C}, {index: 0x6041}]}"
     text = (
         "master: {node_id: 1}\nnodes:\n  left: {node_id: 2, dcf: TMCM-1270.eds, tpdo1: %s, rpdo1: {enabled: false}}\n"
@@ -96,7 +96,7 @@ def test_pdos_written_as_keys_of_their_own_are_one_mistake_each_and_are_read(tmp
     assert "expected" not in found
 
 
-def test_pdos_whose_keys_stand_beside_their_numbers_are_one_mistake(tmp_path):
+def test_pdo_keys_next_to_pdo_numbers_are_one_error(tmp_path):
     """As in an example of ros2_canopen's manual: the keys of PDO 1 and 2 are at the height of `1:` and `2:`."""
     text = """
     master: {node_id: 1}
@@ -117,7 +117,7 @@ def test_pdos_whose_keys_stand_beside_their_numbers_are_one_mistake(tmp_path):
     assert found.count("bus.yml:") == 1, found
 
 
-def test_a_misspelt_key_of_a_node_and_of_defaults_is_no_question_of_which_one_counts(tmp_path):
+def test_a_misspelt_key_of_a_node_and_of_defaults_is_not_a_question_of_which_one_counts(tmp_path):
     text = NESTED.replace("dcf: TMCM-1270.eds", "dcf: TMCM-1270.eds\n      driver_name: proxy")
     text = text.replace("{node_id: 2}", "{node_id: 2, driver_name: drive}")
     found = mistakes(tmp_path, text)
@@ -125,7 +125,7 @@ def test_a_misspelt_key_of_a_node_and_of_defaults_is_no_question_of_which_one_co
     assert "counts; ros2_canopen" not in found
 
 
-def test_a_driver_of_somebody_else_is_named_and_its_keys_are_no_mistakes(tmp_path):
+def test_a_third_party_driver_is_named_and_its_keys_are_not_errors(tmp_path):
     keys = "driver: ros2_canopen::ThomsonDriver, center_position: 880, reverse: true"
     notes = with_node(tmp_path, keys).notes
     assert sum("ros2_canopen::ThomsonDriver is not part of this package" in note for note in notes) == 1
@@ -134,7 +134,7 @@ def test_a_driver_of_somebody_else_is_named_and_its_keys_are_no_mistakes(tmp_pat
 
 
 @pytest.mark.parametrize("driver", ["ros2_canopen::Cia402Driver", "ros2_canopen::LifecycleProxyDriver", ""])
-def test_a_driver_of_ros2_canopen_is_none_of_somebody_else(tmp_path, driver):
+def test_a_driver_of_ros2_canopen_is_not_a_third_party_driver(tmp_path, driver):
     assert not [note for note in with_node(tmp_path, f"driver: '{driver}'").notes if "not part of" in note]
 
 
@@ -185,12 +185,12 @@ def test_a_nodes_own_keys_win_over_the_defaults_at_every_depth(tmp_path):
         ("configuration_file: none.bin", "file 'none.bin' not found"),
     ],
 )
-def test_what_cannot_be_is_told_at_its_key(tmp_path, keys, words):
+def test_what_cannot_be_is_reported_at_its_key(tmp_path, keys, words):
     assert words in mistakes_of_a_node(tmp_path, keys)
 
 
 @pytest.mark.parametrize("key", ["line: 3", "mandatory_slave_heartbeat: 2000", "foo_bar: {a: 1}"])
-def test_a_key_that_no_other_one_is_like_is_told_and_without_effect(tmp_path, key):
+def test_a_key_that_no_other_one_is_like_is_reported_and_without_effect(tmp_path, key):
     (note,) = [each for each in with_node(tmp_path, key).notes if "unknown key" in each]
     assert "has no effect, neither here nor in ros2_canopen" in note
 
@@ -213,7 +213,7 @@ def test_a_similar_key_is_an_error_only_if_it_could_be_added(tmp_path, keys, is_
         assert "has no effect, neither here nor in ros2_canopen" in note
 
 
-def test_a_name_of_the_master_is_told_and_without_effect(tmp_path):
+def test_a_name_of_the_master_is_reported_and_without_effect(tmp_path):
     text = NESTED.replace("node_id: 1\n", "node_id: 1\n      name: master\n")
     (note,) = [each for each in read_bus(write(tmp_path, text)).notes if "unknown key" in each]
     assert "master.name: unknown key 'name' has no effect" in note

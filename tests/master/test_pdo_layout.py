@@ -82,7 +82,7 @@ def test_a_prismatic_joint_has_metres_and_offsets_belong_to_positions(tmp_path):
     }
 
 
-def test_what_bus_yml_does_not_say_has_no_unit(tmp_path):
+def test_what_bus_yml_does_not_report_has_no_unit(tmp_path):
     assert meanings(layout_of(robby_with(tmp_path), linear=()), "left_drive") == {}
     given = robby_with(tmp_path, "scale_pos_to_dev: 1000.0", "scale_pos_from_dev: 0.001")
     assert set(meanings(layout_of(given, linear=()), "left_drive")) == {0x607A, 0x6064}, (
@@ -90,5 +90,5 @@ def test_what_bus_yml_does_not_say_has_no_unit(tmp_path):
     )
 
 
-def test_where_nobody_knows_the_joints_no_unit_is_named():
+def test_without_known_joints_no_unit_is_named():
     assert meanings(layout_of(read_bus(ROBBY)), "left_drive") == {}

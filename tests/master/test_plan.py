@@ -34,7 +34,7 @@ def test_the_tutorials_file_gives_the_peers_writes_in_the_peers_order_but_superv
     assert len(ours) == 35
 
 
-def test_what_is_added_says_why():
+def test_what_is_added_reports_why():
     plan = read_bus(DATA / "robby_tutorial" / "bus.yml").plans["left_drive"]
     added = {(w.index, w.subindex): w.reason for w in plan.writes if w.reason}
     assert set(added) >= {(0x1016, 1), (0x1029, 1), (0x1402, 1)}
@@ -64,7 +64,7 @@ def test_a_pdo_is_disabled_emptied_filled_counted_and_enabled_with_bit_30_kept(t
     ]
 
 
-def test_a_live_default_pdo_that_nobody_configured_is_switched_off(tmp_path):
+def test_a_live_default_pdo_that_is_not_configured_is_switched_off(tmp_path):
     plan = plan_of(tmp_path, "rpdo: {1: {mapping: [{index: 0x6040}]}}")
     second = [w for w in plan.writes if w.index == 0x1401]
     assert [w.data.hex() for w in second] == ["030300c0"]
@@ -82,7 +82,7 @@ def test_an_enabled_pdo_without_cob_id_gets_the_predefined_one(tmp_path):
     assert [layout.cob_id for layout in plan.tpdos] == [0x483]
 
 
-def test_a_drive_with_0x6007_is_told_to_fault_when_the_master_is_lost(tmp_path):
+def test_a_drive_with_0x6007_is_commanded_to_fault_when_the_master_is_lost(tmp_path):
     path = tmp_path / "bus.yml"
     path.write_text("master: {node_id: 1}\nnodes:\n  servo: {dcf: generic_cia402.eds, node_id: 5}\n")
     plan = read_bus(path).plans["servo"]
@@ -131,7 +131,7 @@ def final(plan, index, subindex=0, unwritten=None):
 @pytest.mark.parametrize(
     ("period", "words"), [(1_000_000, "with this sync_period, 1000 ms"), (70_000, ""), (280_000, ""), (0, "")]
 )
-def test_a_cycle_in_which_the_heartbeat_is_too_late_for_the_nodes_is_told(tmp_path, period, words):
+def test_a_cycle_in_which_the_heartbeat_is_too_late_for_the_nodes_is_reported(tmp_path, period, words):
     path = tmp_path / "bus.yml"
     path.write_text(
         f"master: {{node_id: 1, sync_period: {period}}}\n"
@@ -395,7 +395,7 @@ def saved_for(folder, node_id, object_name="Node-ID"):
         (3, "", "Node-ID", []),
     ],
 )
-def test_a_dcf_that_was_saved_for_another_node_is_told(tmp_path, saved, keys, name, told):
+def test_a_dcf_that_was_saved_for_another_node_is_reported(tmp_path, saved, keys, name, told):
     _, notes, errors = read_plan(tmp_path, keys, saved_for(tmp_path, saved, name))
     assert not errors
     found = [note for note in dict.fromkeys(notes) if "was saved for node" in note]

@@ -35,7 +35,7 @@ def read_of_plan_interpolation(folder, period, asked):
     return values, [str(each) for each in problems.warnings if "60C2" in str(each)]
 
 
-def test_another_time_in_a_dcf_is_told_at_the_file(tmp_path):
+def test_another_time_in_a_dcf_is_reported_at_the_file(tmp_path):
     eds = data_path("eds", "generic_cia402.eds").read_text()
     dcf = re.sub(r"(?m)^(\[60C2sub1\](?:\n[^\[\n]+)*)", r"\1\nParameterValue=10", eds)
     (tmp_path / "drive.dcf").write_text(dcf)
@@ -70,7 +70,7 @@ def test_the_period_is_written_exactly(tmp_path, period, written):
     assert warnings == []
 
 
-def test_a_period_that_the_object_cannot_hold_is_told_with_what_to_do(tmp_path):
+def test_a_period_that_the_object_cannot_hold_is_reported_with_what_to_do(tmp_path):
     values, warnings = read_of_plan_interpolation(tmp_path, 3333, "")
     assert values[0] * 10.0 ** values[1] == pytest.approx(0.0033, abs=1e-4)
     (warning,) = warnings
@@ -79,7 +79,7 @@ def test_a_period_that_the_object_cannot_hold_is_told_with_what_to_do(tmp_path):
 
 
 @pytest.mark.parametrize(("value", "exponent"), [(2, -2), (200, -4), (20, -3)])
-def test_the_same_time_in_another_unit_is_no_mistake(tmp_path, value, exponent):
+def test_the_same_time_in_another_unit_is_not_an_error(tmp_path, value, exponent):
     lines = [f"    - {{index: 0x60C2, sub_index: {sub}, value: {each}}}\n" for sub, each in ((1, value), (2, exponent))]
     asked = "".join(lines)
     values, warnings = read_of_plan_interpolation(tmp_path, 20000, asked)
@@ -94,7 +94,7 @@ def test_the_same_time_in_another_unit_is_no_mistake(tmp_path, value, exponent):
         "    - {index: 0x60C2, sub_index: 1, value: 200}\n",  # in the unit that the EDS has
     ],
 )
-def test_another_time_than_syncs_is_told_where_it_stands(tmp_path, asked):
+def test_another_time_than_syncs_is_reported_with_where_it_stands(tmp_path, asked):
     _, warnings = read_of_plan_interpolation(tmp_path, 20000, asked)
     assert len(warnings) == 1
     assert "remove 0x60C2, the boot writes the SYNC period" in warnings[0]
@@ -125,19 +125,19 @@ def test_nothing_is_mapped_unless_it_is_asked_for(tmp_path):
     assert rpdos(tmp_path, "[]") == ({1: (1, [0x6040, 0x6060, 0x607A])}, [])
 
 
-def test_without_room_beside_the_target_an_rpdo_that_nobody_uses_is_taken_with_its_transmission(tmp_path):
+def test_without_space_next_to_the_target_an_unused_rpdo_is_used_with_its_transmission(tmp_path):
     found, warnings = rpdos(tmp_path, "[velocity, effort]")
     assert found == {1: (1, [0x6040, 0x6060, 0x607A]), 2: (1, [0x60B1, 0x60B2])}
     assert warnings == []
 
 
-def test_where_there_is_room_it_goes_behind_the_target_position(tmp_path):
+def test_it_follows_the_target_position_if_it_fits(tmp_path):
     found, warnings = rpdos(tmp_path, "[effort]", (MODE, ""))
     assert found == {1: (1, [0x6040, 0x607A, 0x60B2])}
     assert warnings == []
 
 
-def test_of_two_with_room_the_one_with_the_target_position_is_taken(tmp_path):
+def test_of_two_pdos_with_space_the_one_with_the_target_position_is_used(tmp_path):
     first = "    1: {transmission: 1, mapping: [{index: 0x6040}]}\n"
     second = "    2: {transmission: 1, mapping: [{index: 0x607A}]}\n"
     text = (data_path("config", "arm6") / "bus.yml").read_text()
@@ -169,7 +169,7 @@ def test_what_cannot_be_fed_forward_is_refused_with_its_place(tmp_path, asked):
     assert any("feed_forward" in str(each) for each in problems.errors)
 
 
-def test_no_room_anywhere_is_told(tmp_path):
+def test_missing_space_is_reported(tmp_path):
     full = "".join(
         f"    {number}: {{transmission: 1, mapping: [{{index: 0x60FF}}, {{index: 0x6081}}]}}\n" for number in (2, 3, 4)
     )

@@ -112,7 +112,7 @@ MISTAKES = """\
 """
 
 
-def test_all_mistakes_are_told_at_once_with_their_places(tmp_path):
+def test_all_errors_are_reported_at_once_with_their_places(tmp_path):
     with pytest.raises(BusConfigError) as caught:
         plan(tmp_path, MISTAKES)
     said = str(caught.value)
@@ -147,13 +147,13 @@ def test_keys_of_a_signal_are_checked_as_all_others(tmp_path, keys, words):
     assert any(words in str(each) for each in (*problems.errors, *problems.warnings))
 
 
-def test_what_moves_an_axis_is_no_signal(tmp_path):
+def test_what_moves_an_axis_is_not_a_signal(tmp_path):
     path = bus(tmp_path, "    signals: [{name: target, object: 0x60FF}, {name: ok, object: 0x60FD}]\n", "TMCM-1270.eds")
     with pytest.raises(BusConfigError, match=r"0x60FF:00 moves an axis; only a joint can command it"):
         read_bus(path)
 
 
-def test_outputs_that_keep_what_they_have_are_told(tmp_path):
+def test_outputs_that_keep_what_they_have_are_reported(tmp_path):
     assert warnings(tmp_path) == []
     kept = "    sdo: [{index: 0x6206, sub_index: 1, value: 0}]\n"
     assert "the outputs 0x6200:01 keep their values when the master is lost" in warnings(tmp_path, kept)[0]
@@ -201,7 +201,7 @@ def test_pdos_come_in_the_order_of_the_file(tmp_path):
     assert next(write.index for write in plan.writes if write.index in (0x1800, 0x1801)) == 0x1801
 
 
-def test_a_pdo_that_the_eds_switches_off_gets_a_cob_id_and_that_is_told(tmp_path):
+def test_a_pdo_that_the_eds_switches_off_gets_a_cob_id_and_that_is_reported(tmp_path):
     text = EDS.read_text(encoding="latin-1").replace("$NODEID+0xC0000480", "0x80000000")
     (tmp_path / "bare.eds").write_text(text, encoding="latin-1")
     plan, notes = planned(tmp_path, "tpdo: {4: {mapping: [{index: 0x606C}]}}", dcf="bare.eds")
@@ -325,7 +325,7 @@ def test_a_generated_concise_dcf_is_planned_in_an_order_that_devices_take(tmp_pa
     assert records(plan, 0x1801) == [(0x1801, 1, 0xC0000283)]
 
 
-def test_what_bus_yml_says_of_a_pdo_goes_before_the_file(tmp_path):
+def test_what_bus_yml_specifies_of_a_pdo_goes_before_the_file(tmp_path):
     (tmp_path / "drive.bin").write_bytes(encode_concise(GENERATED))
     plan, _ = planned(tmp_path, "configuration_file: drive.bin\ntpdo: {1: {mapping: [{index: 0x6061}]}}\n")
     assert [mapped.index for mapped in plan.tpdos[0].objects] == [0x6061]

@@ -60,7 +60,7 @@ def test_what_an_emergency_holds_is_there_for_programs_too(log):
 
 
 @pytest.mark.parametrize(("code", "hint"), [(0x8240, "0x1019"), (0x8120, "nmt reset-comm"), (0x8130, "axis enable")])
-def test_what_helps_is_said_with_it(log, code, hint):
+def test_what_helps_is_reported_with_it(log, code, hint):
     hear(log, EmcyMessage(3, code, 0x11), 0)
     assert hint in log.told[0].text
 
@@ -74,7 +74,7 @@ def test_the_end_of_an_error_names_those_that_are_left(log):
     assert "still" not in log.told[-1].text
 
 
-def test_a_flood_is_kept_but_told_in_sum(log):
+def test_a_flood_is_kept_but_reported_in_sum(log):
     for number in range(100):
         assert hear(log, EmcyMessage(3, 0xFF00, 1, bytes([number])), number) is not None
     assert len(log.told) == 10
@@ -83,7 +83,7 @@ def test_a_flood_is_kept_but_told_in_sum(log):
     assert "90 more EMCY" in log.told[-1].text
 
 
-def test_process_data_are_told_when_they_go_and_come_and_never_were(log):
+def test_process_data_are_reported_when_they_go_and_come_and_never_were(log):
     pdo = ReceivedPdo(0x183, [MappedObject(0x6041, 0, 16, DataType.UNSIGNED16)], 1)
     pdo.overdue, pdo.silent = True, 3
     log.pdo(pdo, 0)
@@ -128,7 +128,7 @@ def test_ready_means_operational_with_live_process_data(robby):
     assert [step.name for step in node.boot_steps] == ["reset", "identify", "configure", "heartbeat", "start"]
 
 
-def test_a_drive_that_restarts_by_itself_is_told_stopped_for_and_booted_again(robby):
+def test_a_drive_that_restarts_by_itself_is_reported_stopped_for_and_booted_again(robby):
     robby.hold(10.0, 10.0, ms=300)
     robby.power_off(LEFT)
     robby.power_on(LEFT)
@@ -138,7 +138,7 @@ def test_a_drive_that_restarts_by_itself_is_told_stopped_for_and_booted_again(ro
     assert "node 3 (left_drive)" in robby.texts("restarted")[0]
 
 
-def test_a_state_change_nobody_commanded_stops_the_robot_and_is_repaired(robby):
+def test_a_state_change_that_was_not_commanded_stops_the_robot_and_is_repaired(robby):
     robby.bus.inject(CanFrame(0x000, bytes((NmtCommand.ENTER_PRE_OPERATIONAL, LEFT))))
     robby.until(lambda: robby.texts("nmt"))
     assert "PRE_OPERATIONAL" in robby.texts("nmt")[0]
@@ -146,7 +146,7 @@ def test_a_state_change_nobody_commanded_stops_the_robot_and_is_repaired(robby):
     assert left(robby).boots == 2
 
 
-def test_a_command_of_the_user_is_no_fault_and_is_not_repaired(robby):
+def test_a_command_of_the_user_is_not_a_fault_and_is_not_repaired(robby):
     left(robby).command(NmtCommand.ENTER_PRE_OPERATIONAL, robby.reactor.now())
     robby.robot.buses["can"].send_waiting()
     robby.run(3000)
@@ -157,7 +157,7 @@ def test_a_command_of_the_user_is_no_fault_and_is_not_repaired(robby):
     robby.until(lambda: left(robby).ready)
 
 
-def test_what_was_taken_out_stays_out_when_it_falls_silent_and_its_transfers_go_on(robby):
+def test_what_was_taken_out_stays_out_when_it_falls_silent_and_its_transfers_continue(robby):
     node, ended = left(robby), []
     node.command(NmtCommand.ENTER_PRE_OPERATIONAL, robby.reactor.now())
     robby.robot.buses["can"].send_waiting()
@@ -188,7 +188,7 @@ def test_silence_longer_than_the_heartbeat_time_is_a_loss_and_its_return_a_boot(
     robby.until(lambda: left(robby).ready, ms=4000)
 
 
-def test_the_nmt_state_is_what_the_node_said_last_and_unknown_while_it_is_silent(robby):
+def test_the_nmt_state_is_what_the_node_reported_last_and_unknown_while_it_is_silent(robby):
     node, states = left(robby), []
 
     def follow(ms):
@@ -210,7 +210,7 @@ def test_the_nmt_state_is_what_the_node_said_last_and_unknown_while_it_is_silent
     assert states == [NmtState.OPERATIONAL, NmtState.STOPPED, *booted, None, NmtState.STOPPED, *booted]
 
 
-def test_jitter_of_the_heartbeat_is_no_loss(robby):
+def test_jitter_of_the_heartbeat_is_not_a_loss(robby):
     for _ in range(10):
         robby.bus.cut("drive 3")
         robby.run(300)
@@ -226,7 +226,7 @@ def test_an_sdo_request_of_a_user_is_answered_while_the_robot_runs(robby):
     assert request.data == (0x286).to_bytes(4, "little")
 
 
-def test_an_error_that_is_reset_is_forgotten(robby):
+def test_an_error_that_is_reset_is_discarded(robby):
     robby.bus.inject(CanFrame(0x083, bytes.fromhex("1043090201000000")))
     robby.run(20)
     assert "0x4310" in left(robby).error
@@ -246,7 +246,7 @@ def test_a_reset_that_is_to_boot_it_again_does(robby):
     assert robby.texts("restarted") == []
 
 
-def test_a_node_that_does_not_come_back_from_its_reset_is_looked_for(robby):
+def test_a_node_that_does_not_return_from_its_reset_is_looked_for(robby):
     robby.power_off(LEFT)
     left(robby).command(NmtCommand.RESET_NODE, robby.reactor.now(), boot=True)
     robby.robot.buses["can"].send_waiting()

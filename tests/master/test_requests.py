@@ -27,7 +27,7 @@ def test_only_what_the_node_took_counts_as_written_and_as_a_change():
     assert (transfers.writes, transfers.changed) == (2, True)
 
 
-def test_silence_is_no_missing_object():
+def test_silence_is_not_a_missing_object():
     with pytest.raises(SdoTimeout):
         Device(silent=True).run(BootTransfers().try_read(0x1000))
 

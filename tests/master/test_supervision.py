@@ -39,7 +39,7 @@ def test_three_that_stay_away_are_too_many_whatever_their_rate(every):
     assert not pdo.overdue
 
 
-def test_what_comes_in_time_is_never_told():
+def test_what_comes_in_time_is_never_reported():
     pdo, watch = make_pdo(2)
     for number in range(100):
         if number % 2:
@@ -78,7 +78,7 @@ def test_ten_emergencies_a_second_pass_and_the_rest_is_summed_up():
     assert gate.passes(1500 * MS)
 
 
-def test_a_flood_read_once_a_cycle_is_summed_though_it_goes_on_when_the_second_is_over():
+def test_a_flood_read_once_a_cycle_is_summed_though_it_continues_when_the_second_is_over():
     gate, told = EmcyGate(), []
     for edge in range(0, 3001, 20):
         for _ in range(4):
@@ -119,7 +119,7 @@ def test_boot_ups_at_equal_distances_are_a_node_that_does_not_start(gap):
     assert not watch.stuck
 
 
-def test_boot_ups_that_answer_resets_are_no_such_thing():
+def test_boot_ups_that_answer_resets_are_not_such_thing():
     watch = DuplicateWatch(1000 * MS)
     for number in range(8):
         watch.reset()
@@ -166,7 +166,7 @@ def test_a_second_device_is_found_behind_a_hub_that_stood_still():
     assert sum(told) == 1
 
 
-def test_syncs_of_a_late_process_that_lie_close_together_are_no_three_misses():
+def test_syncs_of_a_late_process_that_lie_close_together_are_not_three_misses():
     pdo, _ = make_pdo(1)
     watch = PdoWatch(20 * MS)
     watch.add(pdo)
@@ -194,7 +194,7 @@ def test_what_waits_to_be_read_has_come():
     assert any(watch.sync(now * MS) for now in range(200, 300, 20))
 
 
-def test_heartbeats_and_boot_ups_that_waited_for_a_late_reader_say_nothing_of_a_rate():
+def test_heartbeats_and_boot_ups_that_waited_for_a_late_reader_report_nothing_of_a_rate():
     watch = DuplicateWatch(PERIOD)
     assert not any(watch.heartbeat(2000 * MS, 0) for _ in range(20))
     assert not any(watch.heartbeat(2000 * MS + number * PERIOD, 2000 * MS) for number in range(1))
@@ -204,7 +204,7 @@ def test_heartbeats_and_boot_ups_that_waited_for_a_late_reader_say_nothing_of_a_
     assert sum(told) == 1, "a true one is found afterwards"
 
 
-def test_a_second_device_is_told_again_when_it_was_away():
+def test_a_second_device_is_reported_again_when_it_was_away():
     watch = DuplicateWatch(PERIOD)
     assert sum(watch.heartbeat(number * PERIOD // 2) for number in range(400)) == 1
     assert not any(watch.heartbeat((200 + number) * PERIOD) for number in range(150))

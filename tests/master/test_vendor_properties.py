@@ -48,7 +48,7 @@ def test_a_unit_finer_than_the_period_needs_is_filled_out(tmp_path):
         (dictionary([(0x60C2, 2)]), "an unknown unit"),
     ],
 )
-def test_an_interpolation_period_that_cannot_be_set_is_done_without_and_told(tmp_path, od, words):
+def test_an_interpolation_period_that_cannot_be_set_is_done_without_and_reported(tmp_path, od, words):
     plan, notes = plan_of(tmp_path, od)
     assert written(plan, 0x60C2) == []
     told = [note for note in notes if words in note]
@@ -142,7 +142,7 @@ def test_a_drive_whose_eds_gives_no_modes_is_asked_for_them(tmp_path, default):
     assert booted.node.identity.supported_modes == 0x3EF
 
 
-def test_a_drive_without_the_object_tells_no_modes_and_boots(tmp_path):
+def test_a_drive_without_the_object_reports_no_modes_and_boots(tmp_path):
     booted = boot(tmp_path, dictionary([0x6502]))
     assert booted.node.ready
     assert booted.node.identity.supported_modes is None
@@ -200,14 +200,14 @@ def one_byte_for(booted, index, times=100):
         (0x6502, "J", "reading 0x6502:00: answered 1 byte (ef), UNSIGNED32 has 4"),
     ],
 )
-def test_an_answer_that_is_no_value_of_its_object_fails_the_boot_with_a_sentence(tmp_path, index, letter, words):
+def test_an_answer_that_is_not_a_value_of_its_object_fails_the_boot_with_a_sentence(tmp_path, index, letter, words):
     booted = one_byte_for(Booted(write_bus(tmp_path, dictionary())), index).run(900)
     assert not booted.node.ready
     assert booted.told == [f"node 5 (drive): boot error {letter}: {LETTERS[letter]}: {words}"]
 
 
 @pytest.mark.sources
-def test_a_setting_that_is_answered_with_another_length_is_told_and_written_anew(tmp_path):
+def test_a_setting_that_is_answered_with_another_length_is_reported_and_written_again(tmp_path):
     booted = one_byte_for(Booted(write_bus(tmp_path, dictionary())), 0x1017).run(2000)
     assert booted.node.ready
     assert any("0x1017:00: answered 1 byte (00), UNSIGNED16 has 2" in text for text in booted.told)
@@ -217,7 +217,7 @@ def test_a_setting_that_is_answered_with_another_length_is_told_and_written_anew
 # --- what counts as a failure
 
 
-def test_what_a_drive_has_not_is_no_failed_transfer(tmp_path):
+def test_what_a_drive_has_not_is_not_a_failed_transfer(tmp_path):
     od = dictionary([(0x1018, 3), (0x1018, 4), 0x6502, 0x6061], s1018_00={"default": 2})
     node = ORDINARY.replace(", {index: 0x6061}", "")
     booted = boot(tmp_path, od, node)
@@ -225,7 +225,7 @@ def test_what_a_drive_has_not_is_no_failed_transfer(tmp_path):
     assert booted.node.sdo_failed == 0
 
 
-def test_a_node_in_stopped_is_said_to_be_there(tmp_path):
+def test_a_node_in_stopped_is_reported_to_be_there(tmp_path):
     booted, ended = boot(tmp_path, dictionary()), []
     booted.node.command(NmtCommand.STOP, booted.now)
     for _ in range(200):
@@ -289,7 +289,7 @@ def _gone(name, absent):
 
 @settings(max_examples=examples(25), suppress_health_check=list(HealthCheck))
 @given(habits())
-def test_whatever_the_eds_says_its_own_virtual_drive_boots(tmp_path_factory, habits):
+def test_whatever_the_eds_specifies_its_own_virtual_drive_boots(tmp_path_factory, habits):
     absent, changes = habits
     node = ORDINARY.replace("heartbeat_producer: 100\n", "") + "allow_unsupervised: true\n"
     booted = boot(tmp_path_factory.mktemp("eds"), dictionary(absent, **changes), node)

@@ -35,7 +35,7 @@ LINES = {
 
 
 @pytest.mark.parametrize("name", JOBS)
-def test_a_line_becomes_the_words_of_its_verb_which_knows_them(name):
+def test_a_line_becomes_the_arguments_of_its_verb(name):
     text, words = LINES[name]
     made = work_words(name, text, "left", "robby")
     assert made == [*words.split(), "--name=robby"]
@@ -43,7 +43,7 @@ def test_a_line_becomes_the_words_of_its_verb_which_knows_them(name):
     assert args.name == "robby"
 
 
-def test_an_empty_line_and_no_drive_are_told():
+def test_an_empty_line_and_no_drive_are_reported():
     with pytest.raises(ConfigError, match=r"backup: enter FILE\.dcf"):
         work_words("backup", " , ", "left", "robby")
     with pytest.raises(ConfigError, match="backup: no drive is selected"):
@@ -51,7 +51,7 @@ def test_an_empty_line_and_no_drive_are_told():
 
 
 @pytest.mark.process
-def test_a_verb_runs_beside_and_its_lines_come():
+def test_a_verb_runs_alongside_and_its_lines_come():
     run = WorkRun(["eds", "show", "TMCM-1270.eds", "0x6081"])
     lines = []
     assert eventually(lambda: lines.extend(run.fresh()) or run.code is not None, 60)
@@ -71,7 +71,7 @@ def test_a_verb_that_is_asked_to_end_ends_as_with_ctrl_c():
 
 @pytest.mark.process
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="prctl is Linux's")
-def test_a_verb_ends_when_who_began_it_is_killed():
+def test_a_verb_ends_when_its_parent_is_killed():
     program = (
         "import time; from canopen_control.monitor.drive_objects import WorkRun\n"
         "run = WorkRun(['simulate', 'robby', '--for', '1h', '--speed', '1', '--faults', 'none'])\n"
@@ -91,7 +91,7 @@ def _state(pid):
 
 
 @pytest.mark.process
-def test_a_process_that_cannot_be_is_told(monkeypatch):
+def test_a_process_that_cannot_be_is_reported(monkeypatch):
     monkeypatch.setattr(drive_objects.sys, "executable", "/nowhere/python")
     with pytest.raises(CanopenError, match="backup cannot be started: No such file"):
         WorkRun(["backup", "left"])
@@ -169,7 +169,7 @@ def test_another_drive_has_rows_of_its_own(objects):
     assert eventually(lambda: objects.rows()["0x1017:00"][2] == Cell("100", Tone.WARN))
 
 
-def test_what_keeps_it_from_being_read_is_told(objects, tmp_path):
+def test_what_keeps_it_from_being_read_is_reported(objects, tmp_path):
     objects.choose("robby", None)
     assert objects.title == "no drive is selected"
     assert objects.rows() == {}
@@ -243,7 +243,7 @@ def test_a_second_undo_waits_for_the_first(edited, monkeypatch):
         ("0x9999=1", "no object '0x9999' in the EDS"),
     ],
 )
-def test_what_cannot_be_written_is_told(edited, text, said):
+def test_what_cannot_be_written_is_reported(edited, text, said):
     with pytest.raises(ConfigError, match=said):
         edited.write(text)
 

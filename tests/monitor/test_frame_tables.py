@@ -41,7 +41,7 @@ def test_words_of_one_kind_are_alternatives_and_kinds_must_all_hold(text, ids):
 
 
 @pytest.mark.parametrize("text", ["xx", "hb,0xZZ", "0x200-0x100", "200"])
-def test_a_wrong_word_is_told_with_those_there_are(text):
+def test_a_wrong_word_is_reported_with_those_there_are(text):
     with pytest.raises(ConfigError) as caught:
         parse_filter(text, NETWORK)
     assert str(caught.value)

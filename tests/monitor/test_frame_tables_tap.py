@@ -30,7 +30,7 @@ def receive_until(tap, found, count):
 
 
 @pytest.mark.process
-def test_it_hears_what_others_send_and_sends_nothing_itself(channel):
+def test_it_receives_what_others_send_and_sends_nothing_itself(channel):
     found, ports = [], []
     watcher = SimpleNamespace(port_changed=ports.append)
     with_others = open_port(channel, label="others")

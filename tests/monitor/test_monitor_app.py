@@ -74,7 +74,7 @@ async def test_only_changed_cells_are_written():
         assert str(table.get_cell("b", "state").style) == TONE_STYLES[Tone.BAD]
 
 
-async def test_rows_come_and_go_and_the_cursor_tells_which_is_meant():
+async def test_rows_appear_and_disappear_and_the_cursor_reports_which_is_meant():
     async with table_on_screen() as table:
         assert table.selected is None
         table.show({"a": row("a"), "b": row("b")})
@@ -94,7 +94,7 @@ def test_a_row_for_each_identifier_by_identifier():
     assert len(rows[str(0x080)]) == len(FRAME_COLUMNS)
 
 
-def test_every_tone_and_every_mark_has_a_style_that_rich_knows():
+def test_every_tone_and_every_mark_has_a_valid_rich_style():
     assert set(TONE_STYLES) == set(Tone)
     assert set(MARK_STYLES) == set(Mark)
     for style in [*TONE_STYLES.values(), *MARK_STYLES.values()]:
@@ -294,7 +294,7 @@ async def test_stop_does_not_wait_for_what_else_was_asked():
         source.hold.set()
 
 
-async def test_a_refusal_is_told_as_it_is():
+async def test_a_refusal_is_reported_as_it_is():
     source = FakeSource()
     source.refusal = "axis enable is refused [latched]: STOP"
     async with on_screen(source) as (app, pilot, source):
@@ -340,7 +340,7 @@ async def test_a_click_selects_a_drive():
         assert await asked(pilot, source) == [AxisRequest(action="enable", node="right", source="monitor")]
 
 
-async def test_who_only_listens_asks_nobody_and_says_why():
+async def test_a_listen_only_port_sends_no_request_and_reports_why():
     source = FakeSource(can_command=False)
     async with on_screen(source) as (app, pilot, source):
         await pilot.press("space", "e", "r", "f", "E")
@@ -395,7 +395,7 @@ async def test_events_and_emergencies_have_logs_of_their_own():
 
 
 @pytest.mark.rest
-async def test_identifiers_are_a_table_and_stand_still_when_paused():
+async def test_identifiers_are_a_table_and_are_at_standstill_when_paused():
     async with on_screen() as (app, pilot, source):
         source.hear(0x703, [5])
         await pilot.press("3")
@@ -429,7 +429,7 @@ async def test_the_trace_follows_its_filter():
 
 
 @pytest.mark.rest
-async def test_a_wrong_filter_is_told_and_can_be_mended():
+async def test_a_wrong_filter_is_reported_and_can_be_repaired():
     async with on_screen() as (app, pilot, _source):
         await pilot.press("slash", "x", "x", "enter")
         await pilot.pause()
@@ -440,7 +440,7 @@ async def test_a_wrong_filter_is_told_and_can_be_mended():
 
 
 @pytest.mark.rest
-async def test_a_flood_is_told_instead_of_drawn():
+async def test_a_flood_is_reported_instead_of_drawn():
     async with on_screen() as (app, pilot, source):
         await pilot.press("4")
         await pilot.pause()
@@ -490,7 +490,7 @@ async def test_a_robot_without_drives_has_no_table_of_them_until_it_has():
         assert await asked(pilot, source) == [AxisRequest(action="enable", node="right", source="monitor")]
 
 
-async def test_its_picture_asks_nobody_for_anything():
+async def test_its_picture_loads_no_external_resource():
     async with on_screen() as (app, _pilot, _source):
         assert "url(" in app.export_screenshot()  # what is taken out was there
         picture = app.picture_svg()
@@ -515,7 +515,7 @@ async def test_a_new_sample_is_drawn_when_it_comes():
 
 
 @pytest.mark.rest
-async def test_frames_are_listened_to_while_somebody_looks_at_them():
+async def test_frames_are_received_only_while_they_are_displayed():
     async with on_screen() as (app, pilot, source):
         app.refresh_picture()
         wanted = [source.listening]
@@ -545,7 +545,7 @@ async def test_a_changing_number_does_not_have_the_screen_laid_out_again(monkeyp
 
 
 @pytest.mark.rest
-async def test_on_80_columns_and_24_lines_the_errors_and_the_way_out_are_in_sight():
+async def test_on_80_columns_and_24_lines_the_errors_and_the_remedy_are_in_sight():
     """What tmux, a serial console and an old laptop have: the error of a drive, and how to quit."""
     async with on_screen(size=(80, 24)) as (app, pilot, source):
         drive = dict(zip(DRIVE_COLUMNS, ("right_drive (2)", "● OPERATIONAL", "● OPERATION ENABLED"), strict=False))
@@ -604,7 +604,7 @@ async def test_the_objects_of_the_selected_drive_are_read_while_their_tab_is_ope
 
 
 @pytest.mark.rest
-async def test_a_search_of_objects_is_typed_like_a_filter_and_a_mistake_is_told():
+async def test_a_search_of_objects_is_typed_like_a_filter_and_an_error_is_reported():
     source = FakeSource()
     source.objects = FakeObjects()
     async with on_screen(source) as (app, pilot, source):
@@ -701,7 +701,7 @@ async def test_stop_works_while_a_line_is_filled_in():
 
 
 @pytest.mark.rest
-async def test_one_verb_runs_at_a_time_and_a_refusal_is_told():
+async def test_one_verb_runs_at_a_time_and_a_refusal_is_reported():
     source = FakeSource()
     source.objects = Objects()
     async with on_screen(source) as (app, pilot, source):

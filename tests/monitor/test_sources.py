@@ -79,7 +79,7 @@ def test_a_drive_that_is_gone_is_dead_in_words(bench):
     assert row[3].text.startswith("no heartbeat for "), "the row names the node, and 80 columns are few"
 
 
-def test_a_latched_stop_is_an_alarm_with_the_way_out(bench):
+def test_a_latched_stop_is_an_alarm_with_the_remedy(bench):
     bench.robot.stop(lambda _: None, "somebody")
     bench.run(100)
     assert content(bench).alarm.startswith("STOP is latched by somebody: nothing moves before it is released")
@@ -100,7 +100,7 @@ def test_events_are_lines_with_their_level(bench):
     assert log_line(event_of({"time": 1.0, "kind": "x", "level": "error", "text": "t"})).tone is Tone.BAD
 
 
-def test_without_a_robot_it_says_that_stop_does_not_reach_it():
+def test_without_a_robot_it_reports_that_stop_does_not_reach_it():
     shown = without_robot("robby", "no robot 'robby' is running")
     assert shown.state.tone is Tone.BAD
     assert shown.alarm == "no robot 'robby' is running. STOP cannot reach the robot; reconnecting"
@@ -147,7 +147,7 @@ def test_a_link_that_is_closed_while_it_connects_leaves_no_connection(private_fo
     assert [connection.fileno() for connection in connections] == [-1]
 
 
-def test_each_event_is_told_once_also_those_from_before(link):
+def test_each_event_is_reported_once_also_those_from_before(link):
     with running(real_time=True):
         assert eventually(lambda: link.connected)
         texts = [event.text for event in link.events()]
@@ -159,7 +159,7 @@ def test_each_event_is_told_once_also_those_from_before(link):
         assert sum(each.kind == "stop_latched" for each in found) == 1
 
 
-def test_a_connection_that_broke_is_made_again_and_what_was_told_is_not_told_again(link):
+def test_a_connection_that_broke_is_made_again_and_what_was_reported_is_not_reported_again(link):
     with running(real_time=True):
         assert eventually(lambda: link.connected)
         first = link._robot
@@ -170,7 +170,7 @@ def test_a_connection_that_broke_is_made_again_and_what_was_told_is_not_told_aga
         assert not [event for event in link.events() if event in told]
 
 
-def test_commands_reach_the_robot_or_say_why_not(link):
+def test_commands_reach_the_robot_or_report_why_not(link):
     assert eventually(lambda: link.why.startswith("no robot is running"))
     with pytest.raises(RemoteError, match="stop cannot reach the robot: no robot is running"):
         link.ask(Stop(), 1.0)
@@ -249,7 +249,7 @@ def test_an_emergency_is_the_error_until_it_is_reset_and_a_line_of_its_own(bus):
     assert len(bus.table.log()) == 2
 
 
-def test_a_boot_up_forgets_what_the_node_was(bus):
+def test_a_boot_up_clears_the_previous_state_of_the_node(bus):
     bus.tpdo(0x0637)
     bus.hear(0x083, [0x10, 0x32, 0x04, 0, 0, 0, 0, 0])
     bus.hear(0x703, [0])
@@ -275,7 +275,7 @@ def test_stale_and_dead_follow_the_nodes_own_pace(bus):
     assert bus.rows(7000)["3"][4] == "✖ 5.0 s, dead"
 
 
-def test_a_node_that_comes_back_is_not_given_the_patience_of_its_absence(bus):
+def test_a_node_that_returns_is_not_given_the_patience_of_its_absence(bus):
     for at in (0, 1000, 60_000, 61_000):
         bus.hear(0x703, [5], at)
     assert bus.rows(66_000)["3"][4] == "✖ 5.0 s, dead"

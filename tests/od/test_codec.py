@@ -124,7 +124,7 @@ def test_known_values_have_known_bytes(data_type, value, data):
 
 
 @given(st.sampled_from(INTEGERS), st.data())
-def test_every_whole_number_comes_back(data_type, data):
+def test_every_whole_number_returns(data_type, data):
     value = data.draw(st.integers(data_type.minimum, data_type.maximum))
     encoded = encode(value, data_type)
     assert len(encoded) == (data_type.bits + 7) // 8
@@ -132,13 +132,13 @@ def test_every_whole_number_comes_back(data_type, data):
 
 
 @given(st.text(st.characters(max_codepoint=0xFF)).filter(lambda text: not text.endswith("\0")))
-def test_every_string_comes_back(text):
+def test_every_string_returns(text):
     for data_type in (DataType.VISIBLE_STRING, DataType.UNICODE_STRING):
         assert decode(encode(text, data_type), data_type) == text
 
 
 @given(st.binary(max_size=10), st.sampled_from(list(DataType)))
-def test_decoding_knows_no_error_but_value_error(data, data_type):
+def test_decoding_raises_only_value_error(data, data_type):
     try:
         value = decode(data, data_type)
     except ValueError:

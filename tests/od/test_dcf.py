@@ -41,7 +41,7 @@ DOWNLOADS = st.lists(st.tuples(st.integers(0, 0xFFFF), st.integers(0, 0xFF), st.
 
 
 @given(DOWNLOADS)
-def test_any_downloads_come_back(entries):
+def test_any_downloads_return(entries):
     assert decode_concise(encode_concise(entries)) == entries
 
 
@@ -119,7 +119,7 @@ def test_what_was_not_understood_is_written_as_it_was():
         assert line in text.splitlines()
 
 
-def test_what_was_changed_is_written_anew():
+def test_what_was_changed_is_written_again():
     od = parse(eds(DefaultValue="0x5", access="RW", Unit="mm")).od
     od.add(Entry(0x2000, 0, "Thing", DataType.UNSIGNED32, "ro", default=6, texts=od[0x2000, 0].texts))
     lines = eds_text(od).splitlines()
@@ -252,13 +252,13 @@ def dictionaries(draw):
 
 @pytest.mark.rest
 @given(dictionaries())
-def test_any_dictionary_comes_back(od):
+def test_any_dictionary_returns(od):
     assert parse_eds(eds_text(od).encode()).od.entries == od.entries
 
 
 @pytest.mark.rest
 @given(mutated(), st.none() | st.integers(1, 127))
-def test_whatever_was_read_comes_back(data, node_id):
+def test_whatever_was_read_returns(data, node_id):
     try:
         od = parse_eds(data, node_id).od
     except EdsError:

@@ -34,7 +34,7 @@ def compact_of_compact_pdo(mask, rx, tx):
     return section("DeviceInfo", CompactPDO=mask, NrOfRXPDO=rx, NrOfTXPDO=tx)
 
 
-def test_records_are_made_as_the_mask_says():
+def test_records_are_made_as_the_mask_reports():
     od = parse(compact_of_compact_pdo("0x13", 5, 1), eds()).od
     assert sorted(od.objects) == [*range(0x1400, 0x1405), *range(0x1600, 0x1605), 0x1800, 0x1A00, 0x2000]
     assert od.subindices(0x1400) == [0, 1, 2, 5]
@@ -219,7 +219,7 @@ def test_mandatory_objects_are_missed():
 @pytest.mark.parametrize(
     ("device_type", "code"), [("0x00020192", ["profile-type"]), ("0xFFFF0192", ["profile-type"]), ("0x00020191", [])]
 )
-def test_types_that_differ_from_the_profile_are_kept_and_told(device_type, code):
+def test_types_that_differ_from_the_profile_are_kept_and_reported(device_type, code):
     file = parse(eds("1000", DefaultValue=device_type), eds("6060", data_type=5))
     assert codes(file) == code
     assert file.od[0x6060, 0].data_type.name == "UNSIGNED8"
@@ -246,7 +246,7 @@ def test_the_second_axis_is_compared_too():
         ("1600", 8, (7, 7), "note"),
     ],
 )
-def test_arrays_and_records_that_are_the_other_are_told(index, code, types, issue):
+def test_arrays_and_records_that_are_the_other_are_reported(index, code, types, issue):
     subs = [sub(f"{index}sub{number}", 0, data_type) for number, data_type in enumerate(types, 1)]
     head = section(index, ParameterName="Record", ObjectType=code, SubNumber=3)
     file = parse(head, sub(f"{index}sub0", 2, 5, "ro"), *subs)
@@ -326,7 +326,7 @@ def test_a_defect_costs_nothing_but_itself(name):
 
 
 @pytest.mark.parametrize("name", [name for name, wanted in INDEX.items() if wanted.startswith("reject")])
-def test_what_is_no_canopen_eds_is_refused_with_one_clear_error(name):
+def test_what_is_not_a_canopen_eds_is_refused_with_one_clear_error(name):
     path = MALFORMED / f"{name}.eds"
     with pytest.raises(EdsError) as caught:
         read_eds(path)
@@ -354,7 +354,7 @@ def test_an_issue_is_at_its_line(name, line):
 
 
 @pytest.mark.parametrize("row", rows(DEVIATIONS), ids=lambda row: row["file"])
-def test_a_drive_that_deviates_loads_with_its_own_types_and_the_deviation_is_told(row):
+def test_a_drive_that_deviates_loads_with_its_own_types_and_the_deviation_is_reported(row):
     file = read_eds(DEVIATIONS / f"{row['file']}.eds", 3)
     assert sorted(issue.code for issue in file.issues) == sorted(row["issues"].split())
     for expected in row["types"].split():
@@ -461,7 +461,7 @@ def test_subindices_are_hexadecimal_in_any_spelling(title):
 
 
 @pytest.mark.parametrize("title", ["1018sub", "1018sub100", "1018subG", "20005"])
-def test_what_looks_like_an_object_and_is_none_is_told(title):
+def test_what_resembles_an_object_and_is_none_is_reported(title):
     file = parse(DEVICE_TYPE, section(title, ParameterName="x"))
     assert codes(file) == ["section-unknown"]
     assert file.od.sections[title] == {"ParameterName": "x"}
@@ -502,7 +502,7 @@ def test_compact_objects_that_do_not_fit(text, issue):
     assert sorted(codes(parse(text))) == issue
 
 
-def test_a_file_without_objects_is_no_canopen_eds():
+def test_a_file_without_objects_is_not_a_canopen_eds():
     with pytest.raises(EdsError, match=r"no object sections.*first section is \[FileInfo\]"):
         parse("[FileInfo]\nFileName=x\n")
     with pytest.raises(EdsError, match="ODVA"):

@@ -17,7 +17,7 @@ def only(file):
     return entry
 
 
-def test_everything_a_section_says_is_in_the_entry():
+def test_everything_a_section_reports_is_in_the_entry():
     file = parse(
         eds(
             data_type="0x0004",
@@ -57,7 +57,7 @@ def test_values_with_the_node_id_are_marked(key, relative):
         ({"LowLimit": "", "HighLimit": ""}, []),
     ],
 )
-def test_limits_that_say_nothing_are_none_and_keep_their_text(limits, code):
+def test_limits_that_report_nothing_are_none_and_keep_their_text(limits, code):
     file = parse(eds(**limits))
     assert (only(file).low, only(file).high) == (None, None)
     assert codes(file) == code
@@ -68,7 +68,7 @@ def test_limits_that_say_nothing_are_none_and_keep_their_text(limits, code):
     ("data_type", "low", "high", "numbers"),
     [(2, "0x00", "0xFF", " (0 > -1 as INTEGER8)"), (4, "10", "5", "")],  # the first as in Faulhaber's EDS
 )
-def test_limits_in_the_wrong_order_are_told_as_numbers(data_type, low, high, numbers):
+def test_limits_in_the_wrong_order_are_reported_as_numbers(data_type, low, high, numbers):
     file = parse(eds(data_type=data_type, LowLimit=low, HighLimit=high))
     (issue,) = [issue for issue in file.issues if issue.code == "limit-order"]
     assert issue.text == f"LowLimit={low} is above HighLimit={high}{numbers}; both are ignored"
@@ -291,7 +291,7 @@ def test_the_first_of_two_keys_counts_and_the_lost_value_is_named():
     assert "same value" in issues[1].text
 
 
-def test_lines_that_say_nothing_are_reported():
+def test_lines_that_report_nothing_are_reported():
     _, issues = split("before=1\n[A]\nno equals\n; comment\n# comment\n[B\n[C] rest\n")
     assert [(issue.line, issue.code) for issue in issues] == [
         (1, "stray-line"),
@@ -312,7 +312,7 @@ def test_lines_that_say_nothing_are_reported():
         ("some\nother\ntext\n", "no sections"),
     ],
 )
-def test_what_is_no_eds_is_refused_with_what_it_is(text, reason):
+def test_what_is_not_an_eds_is_refused_with_what_it_is(text, reason):
     with pytest.raises(EdsError, match=reason) as caught:
         split(text)
     assert (caught.value.path, caught.value.line) == ("a.eds", 1)
@@ -352,7 +352,7 @@ def test_messages_quote_no_more_than_fits():
         "X=1\n # a\ny=2\ny=2",
     ],
 )
-def test_keys_know_their_lines_however_a_section_was_read(body):
+def test_keys_have_their_lines_for_every_way_of_reading(body):
     sections, _ = split(f"\n[A]\n{body}\n[B]\nz=3")
     lines = [line.strip().lower() for line in body.split("\n")]
     at = {key: next(n for n, line in enumerate(lines, 3) if line.startswith(key)) for key in "xy"}

@@ -58,7 +58,7 @@ def test_number_forms(text, number, code):
     "text",
     ["", "x", "0x", "1_000", "٣", "1 2", "0b11", "--5", "0.5", "1e999", "9" * 5000, "0x" + "F" * 5000, "$NODEID"],
 )
-def test_what_is_no_number(text):
+def test_what_is_not_a_number(text):
     with pytest.raises(ValueError, match="not a number"):
         parse_number(text)
 
@@ -81,7 +81,7 @@ def test_the_node_id_stands_anywhere(text, value):
 
 
 @pytest.mark.parametrize("text", ["$MY_NODE_ID+0x200", "$NODEID-1", "$NODEID+$NODEID", "$NODEID+x", "$NODEID*2", "$"])
-def test_what_is_no_node_id(text):
+def test_what_is_not_a_node_id(text):
     with pytest.raises(ValueError, match=r"not a number|neither a number"):
         parse_value(text, DataType.UNSIGNED32, 3)
 
@@ -129,7 +129,7 @@ def test_reals_are_decimal_or_bits(text, data_type, value):
 
 
 @pytest.mark.parametrize("text", ["", "nan", "1,5", "1e39", "0x1FFFFFFFF", "$NODEID", "1_0.0", "1e" + "9" * 100])
-def test_what_is_no_real(text):
+def test_what_is_not_a_real(text):
     with pytest.raises(ValueError, match=r"not a number|too large|neither"):
         parse_value(text, DataType.REAL32)
 
@@ -158,7 +158,7 @@ def test_a_time_is_one_number_or_days_and_milliseconds(text, value):
 
 
 @pytest.mark.parametrize("text", ["70000 0", "-1 5", "1 2 3", "a b"])
-def test_what_is_no_time_is_refused(text):
+def test_what_is_not_a_time_is_refused(text):
     with pytest.raises(ValueError, match=r"days are|not a number"):
         parse_value(text, DataType.TIME_OF_DAY)
 

@@ -22,7 +22,7 @@ def entry(index=0x2000, subindex=0, name="Thing", data_type=DataType.UNSIGNED32,
         (DataType.DOMAIN, None, 0, 0),
     ],
 )
-def test_a_type_knows_its_width_and_range(data_type, bits, low, high):
+def test_a_type_has_its_width_and_range(data_type, bits, low, high):
     assert (data_type.bits, data_type.minimum, data_type.maximum) == (bits, low, high)
 
 
@@ -37,7 +37,7 @@ def test_a_type_knows_its_width_and_range(data_type, bits, low, high):
         ("rww", True, True, True, False),
     ],
 )
-def test_access_says_what_sdo_and_pdo_may_do(access, readable, writable, rpdo, tpdo):
+def test_access_reports_what_sdo_and_pdo_may_do(access, readable, writable, rpdo, tpdo):
     mappable = entry(access=access, pdo_mappable=True)
     assert (mappable.readable, mappable.writable) == (readable, writable)
     assert (mappable.rpdo_mappable, mappable.tpdo_mappable) == (rpdo, tpdo)

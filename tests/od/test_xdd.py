@@ -61,7 +61,7 @@ def read(text=FILE, name="device.xdd"):
     return parse_eds(text.encode(), name=name)
 
 
-def test_objects_have_what_their_attributes_and_their_parameters_say():
+def test_objects_have_what_their_attributes_and_their_parameters_specify():
     od = read().od
     assert (od.node_id, od.bitrate, od.commissioning.node_name) == (5, 250_000, "left")
     kind = od[0x1000, 0]
@@ -141,7 +141,7 @@ def test_an_odd_notation_of_an_eds_becomes_a_plain_one(keys, attributes):
         ("<a>" * 100, 1, "more than 64 levels"),
     ],
 )
-def test_what_is_no_device_description_is_refused_with_its_line(text, line, words):
+def test_what_is_not_a_device_description_is_refused_with_its_line(text, line, words):
     with pytest.raises(EdsError, match=words) as error:
         read(text)
     assert error.value.line == line

@@ -69,7 +69,7 @@ def test_the_motor_of_a_wheel_is_estimated_by_what_it_moves():
     assert not motor.brake
 
 
-def test_what_the_file_says_of_a_motor_holds():
+def test_what_the_file_specifies_of_a_motor_holds():
     axis = AxisSettings(
         "swing",
         1.0,

@@ -39,7 +39,7 @@ def test_a_scene_with_a_free_body_has_a_base(tmp_path):
     assert base.z == pytest.approx(0.05, abs=0.01)  # it has settled on its box
 
 
-def test_friction_and_damping_are_the_scenes_unless_the_plant_file_says_more(tmp_path):
+def test_friction_and_damping_are_the_scenes_unless_the_plant_file_specifies_more(tmp_path):
     scene = FIXED.replace('axis="0 1 0"', 'axis="0 1 0" damping="0.4" frictionloss="0.2"')
     (tmp_path / "scene.xml").write_text(scene)
     path = tmp_path / "plant.yml"

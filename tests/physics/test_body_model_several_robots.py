@@ -45,7 +45,7 @@ def pose(side):
     return base.x, base.y, base.heading
 
 
-def test_each_begins_where_the_file_says_and_drives_as_it_does_alone(tmp_path):
+def test_each_begins_where_the_file_specifies_and_drives_as_it_does_alone(tmp_path):
     left, right = both(shared(tmp_path))
     alone = robby(tmp_path)
     x, y, heading = pose(right)
@@ -86,7 +86,7 @@ def test_what_happens_to_one_does_not_to_the_other(tmp_path):
         shared(tmp_path, HALL + "steps: [{{at: 1s, robot: left, push: {{force: [1, 0, 0], on: arm}}}}]\n")
 
 
-def test_a_range_finder_sees_the_other_robot(tmp_path):
+def test_a_range_finder_detects_the_other_robot(tmp_path):
     plant = ROBBY.replace("axes:", "sensors: {{front: {{kind: range, link: caster, reach: 3}}}}\naxes:")
     left, right = both(shared(tmp_path, plant=plant))
     seen = [side.world.describe().sensors["front"][0] for side in (left, right)]
@@ -107,7 +107,7 @@ def test_the_other_robot_is_among_the_shapes(tmp_path):
     assert patch.rotation == pytest.approx((math.sqrt(0.5), 0, 0, math.sqrt(0.5)))
 
 
-def test_robots_that_begin_inside_each_other_are_told_with_the_line(tmp_path):
+def test_robots_that_begin_inside_each_other_are_reported_with_the_line(tmp_path):
     with pytest.raises(PhysicsError, match=r"hall\.yml:3:5: right starts inside left, at x -?0\.\d+ m"):
         shared(tmp_path, apart=0.1)
     with pytest.raises(PhysicsError, match=r"hall\.yml:2:5: left starts inside box 0"):

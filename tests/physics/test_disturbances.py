@@ -50,7 +50,7 @@ def test_a_push_moves_a_robot_and_ends(tmp_path):
     assert not axes.world.data.xfrc_applied.any()
 
 
-def test_a_blocked_joint_stands_and_goes_on(tmp_path):
+def test_a_blocked_joint_stands_and_continues(tmp_path):
     axes = driving(robby(tmp_path))
     axes.world.act(BlockJoint(joint="right_wheel_joint"))
     assert axes[2].plant.stalled
@@ -63,7 +63,7 @@ def test_a_blocked_joint_stands_and_goes_on(tmp_path):
     assert axes[2].plant.position > place + 200
 
 
-def test_less_grip_lets_a_start_slip(tmp_path):
+def test_with_less_grip_a_start_slips(tmp_path):
     axes = robby(tmp_path)
     axes.world.act(SetGrip(friction=0.03))
     driving(axes, speed=20.0, seconds=1.0, ramp=100.0)
@@ -80,7 +80,7 @@ def test_a_patch_grips_by_where_the_wheels_are(tmp_path):
     assert float(grips[wheel, 0]) == 0.05
 
 
-def test_what_a_file_plans_happens_at_its_time_whoever_looks_and_wakes_a_sleeping_world(tmp_path):
+def test_planned_events_occur_at_their_time_and_wake_a_sleeping_world(tmp_path):
     digests = []
     for every in (20, 137):
         axes = in_world(tmp_path, "steps: [{at: 4s, push: {force: [0, 60, 0], seconds: 0.1}}]")
@@ -111,7 +111,7 @@ def test_a_ramp_is_climbed_and_a_wall_is_not_passed(tmp_path):
         ("payload: {mass: .inf}", "finite"),
     ],
 )
-def test_what_is_not_there_is_told_before_anything_runs(tmp_path, step, words):
+def test_what_is_not_there_is_reported_before_anything_runs(tmp_path, step, words):
     with pytest.raises(PhysicsError) as caught:
         in_world(tmp_path, f"steps:\n- {{at: 0s, friction: 0.5}}\n- {{at: 1s, {step}}}\n- {{at: 2s, {step}}}")
     first, second = str(caught.value).splitlines()

@@ -24,26 +24,26 @@ def robot(request, state_home):
     made.close()
 
 
-def test_without_mujoco_it_is_told_what_to_install(tmp_path, monkeypatch):
+def test_without_mujoco_it_is_reported_with_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
     with pytest.raises(ConfigError, match=r"pip install 'canopen-control\[physics\]'"):
         engine.make(tmp_path / "physics.yml")
 
 
-def test_a_joint_that_is_not_there_is_told_with_its_line_and_the_nearest(tmp_path):
+def test_a_joint_that_is_not_there_is_reported_with_its_line_and_the_nearest(tmp_path):
     with pytest.raises(PhysicsError) as caught:
         world_of(tmp_path, ROBBY.replace("joint: left_wheel_joint", "joint: left_weel_joint"))
     assert "physics.yml:5:8: " in str(caught.value)
     assert "has no joint 'left_weel_joint' (did you mean 'left_wheel_joint'?)" in str(caught.value)
 
 
-def test_a_joint_that_no_drive_moves_is_told(tmp_path):
+def test_a_joint_that_no_drive_moves_is_reported(tmp_path):
     with pytest.raises(PhysicsError, match="joint caster_joint is fixed"):
         world_of(tmp_path, ROBBY.replace("joint: left_wheel_joint", "joint: caster_joint"))
 
 
-def test_a_robot_drives_and_knows_its_true_pose(robot):
+def test_a_robot_drives_and_has_its_true_pose(robot):
     robot.start()
     robot.hold(5.0, 5.0, ms=1500)
     base = robot.world.describe().base

@@ -36,7 +36,7 @@ def test_a_cylinder_that_turns_about_its_axis_is_a_wheel_and_the_robot_stands_on
         ("0 0 1", 'type="cylinder" size="0.1 0.1"', ContactPart.CASTER),  # it stands upright
     ],
 )
-def test_what_does_not_turn_about_its_own_axis_is_no_wheel(axis, shape, part):
+def test_what_does_not_turn_about_its_own_axis_is_not_a_wheel(axis, shape, part):
     assert [each.part for each in ground(wheel(axis=axis, shape=shape)).touches] == [part]
 
 

@@ -40,7 +40,7 @@ def positions(robot):
     return [robot.joint(node).states["position"].value for node in WHEELS]
 
 
-def test_truth_is_what_the_wheels_say_ahead_and_aside(robot):
+def test_the_true_motion_is_that_of_the_wheels_along_and_across(robot):
     wheels, truth = went(robot, [0.15, 0.3, 0.0])
     assert (wheels[0] > 0.08, wheels[1] > 0.15) == (True, True)
     assert truth == pytest.approx(wheels, abs=0.003)

@@ -16,7 +16,7 @@ def read(tmp_path, text):
     return read_physics_file(path)
 
 
-def test_what_is_not_said_is_none_or_the_default(tmp_path):
+def test_what_is_not_reported_is_none_or_the_default(tmp_path):
     file = read(tmp_path, GOOD)
     left = file.axes["3"]
     assert (left.joint, left.peak_torque, left.rated_torque, left.brake) == ("left", 1.5, None, None)
@@ -36,7 +36,7 @@ def test_what_is_not_said_is_none_or_the_default(tmp_path):
         ("peak_torque: 1.5", "peak_torque: much", ":4:"),
     ],
 )
-def test_a_mistake_is_told_with_its_place(tmp_path, old, new, message):
+def test_an_error_is_reported_with_its_place(tmp_path, old, new, message):
     with pytest.raises(PhysicsError) as caught:
         read(tmp_path, GOOD.replace(old, new))
     assert message in str(caught.value)

@@ -30,7 +30,7 @@ MODEL = """
 """
 
 
-def test_boxes_of_the_world_are_told_where_they_are_now():
+def test_boxes_of_the_world_are_reported_with_where_they_are_now():
     model = mujoco.MjModel.from_xml_string(MODEL)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -65,7 +65,7 @@ def test_another_robot_is_drawn_by_its_shapes_and_a_mesh_of_it_by_its_bounds():
     assert (0 < x < 1, 0 < y < 2, 0 < z < 3) == (True, True, True)
 
 
-def test_a_patch_is_flat_and_tells_its_grip():
+def test_a_patch_is_flat_and_reports_its_grip():
     (patch,) = patches_of([Patch((1.0, 2.0), (1.0, 3.0), 0.1, 180.0)])
     assert (patch.kind, patch.size[:2], patch.position, patch.grip) == ("patch", (1.0, 3.0), (1.0, 2.0, 0.0), 0.1)
     assert patch.rotation == pytest.approx((0.0, 0.0, 0.0, 1.0))
@@ -135,7 +135,7 @@ def told(tmp_path_factory):
     every=st.integers(300_000, 200 * MS),
     nodes=st.sampled_from([[(3, 0), (2, 0)], [(2, 0), (3, 0)], [(2, 0)], [(3, 0)]]),
 )
-def test_what_happens_does_not_depend_on_who_looks_how_often(tmp_path, told, every, nodes):
+def test_the_result_does_not_depend_on_the_rate_of_reading(tmp_path, told, every, nodes):
     axes = driven(tmp_path, every=every, nodes=nodes)
     axes[2].advance(axes.now)
     assert axes.digest() == told
@@ -171,7 +171,7 @@ def test_it_sleeps_at_rest_and_wakes_with_an_order(tmp_path):
     assert axes[3].plant.position < -50
 
 
-def test_a_brake_holds_a_joint_without_power_and_none_lets_it_fall(tmp_path):
+def test_a_joint_without_power_is_held_by_its_brake_and_falls_without_one(tmp_path):
     held, free = pendulum(tmp_path), pendulum(tmp_path, brake="false")
     held.go(2.0)
     free.go(2.0)
@@ -228,7 +228,7 @@ def test_what_acts_on_a_joint_from_outside_is_carried_by_its_drive(tmp_path, nam
     assert abs(axes[2].plant.torque - before) > 250
 
 
-def test_little_grip_lets_wheels_spin(tmp_path):
+def test_with_little_grip_wheels_spin(tmp_path):
     text = ROBBY.replace("axes:", "floor: {{friction: 0.05, caster_friction: 0.0}}\naxes:")
     axes = robby(tmp_path, text)
     axes.enable()

@@ -22,7 +22,7 @@ def test_an_encoder_turns_with_the_joint_that_it_sits_on_behind_its_gear(tmp_pat
     axes.world.publish()
 
 
-def test_an_encoder_on_no_joint_is_told_with_its_line(tmp_path):
+def test_an_encoder_on_no_joint_is_reported_with_its_line(tmp_path):
     with pytest.raises(
         PhysicsError, match=r"physics\.yml:7:17: an encoder names the unknown joint 'left_weel_joint'.* did you mean"
     ):

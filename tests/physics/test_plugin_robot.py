@@ -28,7 +28,7 @@ def found(parameters, **hardware):
     return tag_lidars(Ros2ControlSystem("robot", "system", "plugin", hardware, (), (part,)), "base", "robot.urdf")
 
 
-def test_everything_can_be_said():
+def test_everything_can_be_reported():
     more = {"frame_name": "laser", "range_min": "0.1", "range_max": "8", "laserscan_topic": "/front", "noise": "0.01",
             "seed": "3"}  # fmt: skip
     (lidar,) = found(ANGLES | more, lidar_publish_rate="20")
@@ -52,14 +52,14 @@ def test_everything_can_be_said():
         ({"laserscan_topic": " "}, "laserscan_topic is empty"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(changed, said):
+def test_what_is_wrong_is_reported_with_its_place(changed, said):
     with pytest.raises(PhysicsError) as told:
         found(ANGLES | changed)
     assert str(told.value).startswith("robot.urdf:7:5: sensor lidar: ")
     assert said in str(told.value)
 
 
-def test_all_that_is_missing_is_told_at_once_and_a_rate_that_is_none():
+def test_all_that_is_missing_is_reported_at_once_and_a_rate_that_is_none():
     with pytest.raises(PhysicsError) as told:
         found({"min_angle": "0"})
     assert [line.split(": ")[2].split(";")[0] for line in str(told.value).splitlines()] == [
@@ -70,7 +70,7 @@ def test_all_that_is_missing_is_told_at_once_and_a_rate_that_is_none():
         found(ANGLES, lidar_publish_rate="0")
 
 
-def test_each_camera_is_told_once():
+def test_each_camera_is_reported_once():
     parts = [ControlJoint("eye", {"image_topic": "/eye"}), ControlJoint("other", {"mujoco_type": "camera"})]
     notes = camera_notes([*parts, ControlJoint("imu")], ["eye", "scene"])
     assert [note.split()[1] for note in notes] == ["eye", "other", "scene"]
@@ -95,7 +95,7 @@ def scanner(frame="base", turned=0.0, low=-math.pi / 2, **more):
     return LidarScanner(model, data, settings)
 
 
-def test_each_ray_tells_how_far_it_reaches_and_minus_one_for_nothing():
+def test_each_ray_reports_how_far_it_reaches_and_minus_one_for_nothing():
     scan = scanner().scan(2.5)
     assert scan.ranges == pytest.approx([-1.0, 3.0, 2.0, -1.0])
     assert (scan.seconds, scan.topic, scan.frame_id, scan.scan_time) == (2.5, "/scan", "base", 0.1)
@@ -106,7 +106,7 @@ def test_it_turns_with_its_link_and_a_site_of_a_scene_is_a_frame_too():
     assert scanner("laser").scan(0.0).ranges == pytest.approx([-1.0, 2.5, -1.0, -1.0])
 
 
-def test_noise_is_that_of_a_seed_and_begins_anew():
+def test_noise_is_that_of_a_seed_and_restarts():
     lidar = scanner(noise=0.05, seed=1)
     first, second = lidar.scan(0.0).ranges, lidar.scan(0.0).ranges
     assert first[1] != second[1] != 3.0
@@ -115,7 +115,7 @@ def test_noise_is_that_of_a_seed_and_begins_anew():
     assert lidar.scan(0.0).ranges == first != scanner(noise=0.05, seed=2).scan(0.0).ranges
 
 
-def test_a_frame_that_is_not_there_is_told():
+def test_a_frame_that_is_not_there_is_reported():
     message = r"robot\.urdf:7:5: sensor lidar: no link 'bse' for its frame_name \(did you mean 'base'\?\)"
     with pytest.raises(PhysicsError, match=message):
         scanner("bse")
@@ -182,7 +182,7 @@ def test_a_velocity_is_kept_and_an_effort_moves_what_it_can():
     assert states["swing/velocity"] > 0.5  # it falls
 
 
-def test_a_reset_is_the_start_to_the_bit_with_its_noise_and_forgets_what_was_followed():
+def test_a_reset_restores_the_start_to_the_bit_with_its_noise_and_clears_targets():
     moved = Moved("position", ROBOT.replace('name="frame_id">', 'name="noise">0.1</param><param name="frame_id">'))
     first = moved.go(0.9, 0.5)
     moved.system.reset("")
@@ -208,7 +208,7 @@ def test_a_push_is_felt_as_long_as_it_lasts():
     assert moved.go(0.5, 0.5)["swing/effort"] == pytest.approx(light, rel=0.05)
 
 
-def test_a_joint_that_is_blocked_stays_and_is_let_go_again():
+def test_a_joint_that_is_blocked_stays_and_is_released_again():
     moved = Moved("velocity")
     moved.go(0.0, 0.2)
     moved.system.act(BlockJoint(joint="swing"))
@@ -221,7 +221,7 @@ def test_a_joint_that_is_blocked_stays_and_is_let_go_again():
     assert moved.go(1.0, 0.5)["swing/velocity"] == pytest.approx(1.0, rel=0.05)
 
 
-def test_what_is_not_there_is_told_and_changes_nothing():
+def test_what_is_not_there_is_reported_and_changes_nothing():
     moved = Moved("position")
     for act in (AddPayload(mass=1.0, on="rad"), PushRobot(force=(0.0, 1.0, 0.0), on="rad")):
         with pytest.raises(ConfigError, match=r"no link 'rad' \(did you mean 'rod'"):
@@ -230,7 +230,7 @@ def test_what_is_not_there_is_told_and_changes_nothing():
         moved.system.act(BlockJoint(joint="sing"))
 
 
-def test_a_key_frame_is_where_its_model_says(tmp_path):
+def test_a_key_frame_is_where_its_model_specifies(tmp_path):
     scene = tmp_path / "scene.xml"
     scene.write_text(SCENE.replace("</mujoco>", '<keyframe><key name="up" qpos="-1.5"/></keyframe></mujoco>'))
     description = parse_description(ROBOT, "arm.urdf")
@@ -270,7 +270,7 @@ def test_the_step_does_not_depend_on_how_long_a_cycle_is():
 
 
 @pytest.mark.parametrize("noise", ["much", "-1", "nan"])
-def test_a_noise_that_is_none_is_told(noise):
+def test_a_noise_that_is_none_is_reported(noise):
     text = ROBOT.replace('<param name="frame_id">', f'<param name="noise">{noise}</param><param name="frame_id">')
     with pytest.raises(PhysicsError, match="sensor imu: noise is"):
         make_simulated(parse_description(text), parse_description(text).hardware[0])

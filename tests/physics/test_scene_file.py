@@ -59,7 +59,7 @@ def test_what_stands_on_the_floor_has_its_sizes(tmp_path):
         ("friction: 0.2}", "friction: 0.2, for: 1s}", "for: is possible only with block"),
     ],
 )
-def test_a_mistake_is_told_with_its_line(tmp_path, old, new, message):
+def test_an_error_is_reported_with_its_line(tmp_path, old, new, message):
     with pytest.raises(PhysicsError) as caught:
         read(tmp_path, WORLD.replace(old, new))
     assert message in str(caught.value)
@@ -101,6 +101,6 @@ def test_robots_have_a_name_a_folder_and_a_place(tmp_path):
         ("heading: 90", "headnig: 90", "hall.yml:3:47: .*headnig.*did you mean.*heading"),
     ],
 )
-def test_mistakes_of_robots_are_told_with_their_line(tmp_path, old, new, message):
+def test_errors_of_robots_are_reported_with_their_line(tmp_path, old, new, message):
     with pytest.raises(PhysicsError, match=message):
         read(tmp_path, ROBOTS.replace(old, new, 1))

@@ -64,7 +64,7 @@ CORNERS = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 0.001) for z in
         ("mesh", (), (MeshPart(CORNERS - [0.5, 0.0, 0.0]),), 3.0, "box"),
     ],
 )
-def test_a_solid_stands_fast_where_its_pose_says_and_is_drawn(kind, size, parts, top, drawn):
+def test_a_solid_stands_fast_where_its_pose_specifies_and_is_drawn(kind, size, parts, top, drawn):
     solid = Solid("m::l::c", kind, Pose((2.0, 1.0, 1.0)), size, parts)
     model, data = scene(solids=(solid,))
     assert height(model, data, 2.0, 1.0005) == pytest.approx(top, abs=2e-4)
@@ -74,6 +74,6 @@ def test_a_solid_stands_fast_where_its_pose_says_and_is_drawn(kind, size, parts,
     assert (shape.kind, shape.moves) == (drawn, False)
 
 
-def test_a_plane_is_endless_and_tilted_as_its_pose_says():
+def test_a_plane_is_endless_and_tilted_as_its_pose_specifies():
     model, data = scene(solids=(Solid("m::l::c", "plane", Pose((0.0, 0.0, 1.0), about((0.0, 1.0, 0.0), -0.1))),))
     assert height(model, data, 5.0, 7.0) == pytest.approx(1.0 + 5.0 * math.tan(0.1), abs=1e-6)

@@ -36,7 +36,7 @@ def test_each_piece_that_hangs_together_is_a_part_at_the_scale():
         (bytes(80) + struct.pack("<I", 200_001), "200001 faces are more than the possible 200000"),
     ],
 )
-def test_what_cannot_be_simulated_is_told(content, why):
+def test_what_cannot_be_simulated_is_reported(content, why):
     with pytest.raises(ValueError, match=why):
         convex_parts(content, (1.0, 1.0, 1.0))
 
@@ -127,7 +127,7 @@ def test_a_file_that_is_included_has_the_pose_and_the_name_of_the_include(tmp_pa
     assert places(world_of(tmp_path / "elsewhere", include.format("model://shelf", ""))) == [(9.0, 0.0, 0.0)]
 
 
-def test_a_mesh_is_its_convex_parts_and_what_differs_from_gazebo_is_told(tmp_path):
+def test_a_mesh_is_its_convex_parts_and_what_differs_from_gazebo_is_reported(tmp_path):
     (tmp_path / "roof.stl").write_bytes(bytes(80) + struct.pack("<I", 1) + TRIANGLE)
     mesh = SHAPE.format("<mesh><uri>roof.stl</uri><scale>2 1 1</scale></mesh>")
     world = world_of(tmp_path, model(link(mesh)) + model(link(BOX), "crate", static=False))
@@ -204,7 +204,7 @@ def test_what_cannot_stand_is_one_sentence_with_its_line(tmp_path, inside, messa
         (None, "hall.sdf: cannot be read: No such file or directory"),
     ],
 )
-def test_a_file_that_is_no_world_is_told(tmp_path, content, message):
+def test_a_file_that_is_not_a_world_is_reported(tmp_path, content, message):
     path = tmp_path / "hall.sdf"
     if content is not None:
         path.write_text(content)
@@ -213,7 +213,7 @@ def test_a_file_that_is_no_world_is_told(tmp_path, content, message):
     assert message in str(caught.value)
 
 
-def test_all_mistakes_of_a_world_are_told_at_once_and_a_file_that_includes_itself_ends(tmp_path):
+def test_all_errors_of_a_world_are_reported_at_once_and_a_file_that_includes_itself_ends(tmp_path):
     (tmp_path / "ring.sdf").write_text(sdf(model("<include><uri>ring.sdf</uri></include>")))
     with pytest.raises(PhysicsError) as caught:
         world_of(tmp_path, "<include/><include/><include><uri>ring.sdf</uri></include>")

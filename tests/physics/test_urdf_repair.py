@@ -51,7 +51,7 @@ def test_a_collision_is_taken_and_what_is_seen_dropped():
 
 
 @pytest.mark.parametrize("inertial", ["", '<inertial><mass value="0"/></inertial>'])
-def test_a_moving_link_without_mass_and_shape_is_told_with_the_line_of_its_joint(inertial):
+def test_a_moving_link_without_mass_and_shape_is_reported_with_the_line_of_its_joint(inertial):
     with pytest.raises(PhysicsError, match=r"<urdf>:2:1: joint turn moves link part, which has neither a mass"):
         repair(f'<link name="part">{inertial}</link>')
 
@@ -75,7 +75,7 @@ def test_what_is_fixed_to_it_may_have_the_mass():
         ("gone.stl", "does not exist"),
     ],
 )
-def test_a_mesh_that_cannot_be_used_is_left_out_and_told(tmp_path, name, why):
+def test_a_mesh_that_cannot_be_used_is_left_out_and_reported(tmp_path, name, why):
     mesh = f'<collision><geometry><mesh filename="{name}"/></geometry></collision>'
     body = f'<link name="part">{mesh}<collision><geometry><sphere radius="1"/></geometry></collision></link>'
     for file, content in (("part.ply", ""), ("part.glb", "glTF"), ("broken.stl", "no mesh"), ("flat.obj", FLAT)):
@@ -86,7 +86,7 @@ def test_a_mesh_that_cannot_be_used_is_left_out_and_told(tmp_path, name, why):
     assert made.notes[0].startswith("link part: ")
 
 
-def test_a_mesh_is_found_beside_the_description_and_in_its_package_and_read_once(tmp_path):
+def test_a_mesh_is_found_next_to_the_description_and_in_its_package_and_read_once(tmp_path):
     folder = tmp_path / "my_robot"
     folder.mkdir()
     (folder / "part.obj").write_text(WEDGE)
@@ -134,7 +134,7 @@ def simulated(made):
     return sorted(model.body_inertia[model.body("part").id])
 
 
-def test_an_inertia_that_no_body_has_is_told_with_its_link_and_the_nearest_possible_one_counts():
+def test_an_inertia_that_no_body_has_is_reported_with_its_link_and_the_nearest_possible_one_counts():
     made = repair(with_inertia((1, 2, 5, 0, 0, 0)))
     assert made.notes == (
         "<urdf>:3:1: link part: its moments of inertia 1, 2, 5 kg m² are impossible, the largest is more than the sum "
@@ -143,24 +143,24 @@ def test_an_inertia_that_no_body_has_is_told_with_its_link_and_the_nearest_possi
     assert simulated(made) == pytest.approx([1.0, 2.0, 3.0])
 
 
-def test_rounded_numbers_of_a_flat_body_are_neither_told_nor_replaced_by_a_mean():
+def test_rounded_numbers_of_a_flat_body_are_neither_reported_nor_replaced_by_a_mean():
     made = repair(with_inertia((1, 1, 2.0000001, 0, 0, 0)))
     assert made.notes == ()
     assert simulated(made) == pytest.approx([1.0, 1.0, 2.0], rel=1e-6)
 
 
 @pytest.mark.parametrize("moments", [(1, 1, -1, 0, 0, 0), (0, 0, 0, 0, 0, 0), (1, 1, 1, 3, 0, 0)])
-def test_moments_that_are_not_above_zero_are_a_mistake_with_the_line_of_their_link(moments):
+def test_moments_that_are_not_above_zero_are_an_error_with_the_line_of_their_link(moments):
     with pytest.raises(PhysicsError, match=r"<urdf>:3:1: link part: no body of 2 kg has the moments of inertia"):
         repair(with_inertia(moments))
 
 
-def test_a_number_of_an_inertia_that_is_none_is_a_mistake():
+def test_a_number_of_an_inertia_that_is_none_is_an_error():
     with pytest.raises(PhysicsError, match=r"link part: a value of its <inertia> is not a number"):
         repair(with_inertia((1, 1, "nan", 0, 0, 0)))
 
 
-def test_a_friction_below_zero_is_a_mistake_with_the_line_of_its_joint():
+def test_a_friction_below_zero_is_an_error_with_the_line_of_its_joint():
     head = HEAD.replace("</joint>", '<dynamics damping="-1" friction="0.1"/></joint>')
     with pytest.raises(PhysicsError, match=r"<urdf>:2:1: joint turn: damping=-1 of <dynamics> is below 0"):
         repaired(parse_description(f"{head}{with_inertia((1, 1, 1, 0, 0, 0))}</robot>", "<urdf>"))

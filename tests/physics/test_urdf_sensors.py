@@ -50,11 +50,11 @@ def test_link_noise_seed_and_reach_are_parameters():
         ({"mujoco_type": "imo"}, "no mujoco_type 'imo' (did you mean 'imu'"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_line(parameters, said):
+def test_what_is_wrong_is_reported_with_its_line(parameters, said):
     with pytest.raises(PhysicsError) as told:
         found(part("range", **parameters))
     assert str(told.value).startswith(f"robot.urdf:7:5: sensor one: {said}")
 
 
-def test_who_reads_tags_need_not_have_mujoco():
+def test_reading_tags_does_not_need_mujoco():
     assert "mujoco" not in vars(sys.modules["canopen_control.physics.urdf_sensors"])

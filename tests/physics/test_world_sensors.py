@@ -29,7 +29,7 @@ def test_an_imu_feels_gravity_and_turning():
     assert told["linear_acceleration.z"] == pytest.approx(10.0, rel=1e-3)
 
 
-def test_a_range_finder_looks_ahead_and_tells_when_there_is_nothing():
+def test_a_range_finder_looks_ahead_and_reports_when_there_is_nothing():
     near, far = WorldSensor("near", RANGE, "tip", reach=5.0), WorldSensor("far", RANGE, "tip", reach=5.0)
     assert reader(near).read()["near"] == (pytest.approx(2.0, abs=1e-3),)
     spec = mujoco.MjSpec.from_string(ARM.replace('pos="3.1 0 0"', 'pos="-9 0 0"'))
@@ -46,7 +46,7 @@ def test_a_force_torque_sensor_carries_the_weight():
     assert told["torque.x"] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_link_that_is_not_there_is_told():
+def test_a_link_that_is_not_there_is_reported():
     with pytest.raises(PhysicsError, match=r"sensor imu: no link 'tap' \(did you mean 'tip'\?\)"):
         reader(WorldSensor("imu", IMU, "tap"))
 
@@ -80,6 +80,6 @@ def test_where_the_scene_has_not_all_of_them_the_link_measures():
         in_scene("", WorldSensor("imu", IMU, "nowhere", scene="my"))
 
 
-def test_another_sensor_of_that_name_is_told():
+def test_another_sensor_of_that_name_is_reported():
     with pytest.raises(PhysicsError, match="sensor imu: my_accel of the scene is not of type accelerometer"):
         in_scene('<velocimeter name="my_accel" site="here"/>', WorldSensor("imu", IMU, "tip", scene="my"))

@@ -41,14 +41,14 @@ def test_a_client_of_this_host_is_gone_as_soon_as_its_process_is():
     assert followed.is_alone({b"me"})
 
 
-def test_one_that_cannot_be_told_from_others_is_gone_with_the_last_of_them():
+def test_one_that_cannot_be_reported_from_others_is_gone_with_the_last_of_them():
     followed = goal(client=None)
     assert not followed.is_alone({b"a", b"b"})
     assert not followed.is_alone({b"b"})
     assert followed.is_alone(set())
 
 
-def test_he_is_told_at_the_rate_of_the_verdict():
+def test_he_is_reported_at_the_rate_of_the_verdict():
     followed = goal()
     followed.verdict = GripperVerdict(accepted=True, feedback_rate=10.0)
     told = [time for time in range(100) if followed.feedback_due(5.0 + time / 100)]

@@ -44,7 +44,7 @@ def expect_passes(code):
         run_ros(SCENE + code + END, number)
 
 
-def test_goals_are_judged_later_and_ended_from_elsewhere_while_nobody_spins_for_them():
+def test_goals_are_accepted_later_and_ended_elsewhere_without_spinning():
     expect_passes("""
 future = send()
 until(lambda: requests)
@@ -75,7 +75,7 @@ assert len(requests) == 1
 """)
 
 
-def test_a_refusal_has_a_result_for_who_asks_and_what_nobody_cancelled_is_aborted():
+def test_a_refused_goal_has_a_result_and_a_goal_that_was_not_cancelled_is_aborted():
     expect_passes("""
 from canopen_control.ros import action_goals
 action_goals._MAX_RESULTS = 2

@@ -77,7 +77,7 @@ def test_trajectories_after_one_another_share_their_connection_until_it_is_close
     assert len(scene.clients) == 2
 
 
-def test_a_connection_says_that_the_bridge_is_at_work_several_times_within_what_is_promised(scene):
+def test_a_connection_reports_that_the_bridge_is_at_work_several_times_within_what_is_promised(scene):
     scene.send(piece(1.0))
     scene.answer(Done())
     scene.send(piece(2.0))
@@ -101,7 +101,7 @@ def test_what_is_wrong_with_the_first_piece_is_the_answer_and_nothing_is_sent(sc
     assert (scene.answers, scene.clients) == ([(None, "a nan")], [])
 
 
-def test_what_is_wrong_with_a_later_one_lets_the_robot_forget_those_before(scene):
+def test_an_invalid_later_file_clears_the_earlier_ones(scene):
     def wrong():
         yield piece(1.0)
         yield piece(2.0)

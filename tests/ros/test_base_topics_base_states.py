@@ -63,7 +63,7 @@ def test_an_omni_base_has_the_topics_of_the_diff_drive(ros):
     assert list(ros.services) == ["base/set_odometry"]
 
 
-def test_a_steered_base_tells_its_wheels(ros):
+def test_a_steered_base_reports_its_wheels(ros):
     state = publisher_of(ros, reading("steering", PLANAR), "controller_state")
     sample = SteeringSample(
         **WHERE, traction_velocities=[1.0, None], steering=[0.25], traction_commands=[2.0, 3.0], steering_commands=[0.5]
@@ -78,7 +78,7 @@ def test_a_steered_base_tells_its_wheels(ros):
     assert list(told.linear_velocity_command) == [2.0, 3.0]
 
 
-def test_a_base_on_mecanum_wheels_tells_them_and_its_twist(ros):
+def test_a_base_on_mecanum_wheels_reports_them_and_its_twist(ros):
     state = publisher_of(ros, reading("mecanum", HOLONOMIC), "controller_state")
     sample = MecanumSample(**WHERE, wheels=[1.0, 2.0, 3.0, None], reference=[0.1, 0.2, None])
     state.on_state(StateSample(samples={"base": sample}))
@@ -91,7 +91,7 @@ def test_a_base_on_mecanum_wheels_tells_them_and_its_twist(ros):
 
 
 @pytest.mark.parametrize("broadcast", [True, False])
-def test_the_transform_of_odometry_is_told_once_where_it_is_broadcast(ros, broadcast):
+def test_the_transform_of_odometry_is_reported_once_where_it_is_broadcast(ros, broadcast):
     endpoint = TfOdometry(ros, reading("mecanum", HOLONOMIC))
     state = StateSample(samples={"base": MecanumSample(**WHERE, enable_odom_tf=broadcast)})
     endpoint.on_state(state)

@@ -39,7 +39,7 @@ def children(message):
     return {each["child_frame_id"]: each for each in message["transforms"]}
 
 
-def test_fixed_joints_are_kept_for_who_comes_later(scene):
+def test_fixed_joints_are_latched_for_late_subscribers(scene):
     _, peer = scene
     peer.order("subscribe", topic="/tf_static", of=TYPE, qos="latched")
     (camera,) = peer.message("/tf_static")["transforms"]
@@ -55,7 +55,7 @@ def test_a_joint_that_moves_is_published_with_the_time_of_the_sample(scene):
     assert wheel["transform"]["rotation"]["y"] == pytest.approx(math.sqrt(0.5))
 
 
-def test_joints_are_silent_without_a_broadcaster_and_odometry_goes_on(scene):
+def test_joints_are_silent_without_a_broadcaster_and_odometry_continues(scene):
     robot, peer = scene
     robot.switch(joint_state_broadcaster="inactive")
     robot.samples = {"base": ODOMETRY}

@@ -23,7 +23,7 @@ def seen(stage, linear):
     return any(each["linear"] == linear for each in stage.robot.commands("twist"))
 
 
-def test_the_type_is_that_of_whoever_publishes_and_changes_when_he_has_gone(driving):
+def test_the_type_is_that_of_the_publisher_and_changes_when_it_has_left(driving):
     for linear, kind, data in (
         (0.1, PLAIN, twist(0.1)),
         (0.2, STAMPED, {"twist": twist(0.2)}),

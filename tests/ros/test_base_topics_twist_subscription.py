@@ -53,16 +53,16 @@ def follow(graph):
 
 
 @pytest.mark.parametrize("kind", ["Twist", "TwistStamped"])
-def test_a_type_that_was_asked_for_stays_and_nobody_looks(graph, follow, kind):
+def test_a_requested_type_stays_without_a_search(graph, follow, kind):
     assert follow([STAMPED], [PLAIN], kind=kind) == [kind, None]
     assert graph.looks == 0
 
 
-def test_without_a_first_type_there_is_nothing_until_somebody_publishes(follow):
+def test_without_a_first_type_there_is_nothing_until_a_publisher_appears(follow):
     assert follow([], [PLAIN]) == ["Twist", None]
 
 
-def test_it_changes_when_all_of_the_other_type_have_gone_and_between_two_looks(graph, follow):
+def test_it_changes_when_all_of_the_other_type_have_left_and_between_two_searches(graph, follow):
     assert follow([STAMPED], [STAMPED, PLAIN], [PLAIN], [PLAIN], [PLAIN]) == ["TwistStamped", None, "Twist", None]
     assert graph.warned == [f"cmd_vel is published as {PLAIN} and as {STAMPED}; only {STAMPED} is received"]
 
@@ -73,7 +73,7 @@ def test_the_first_type_holds_until_the_other_one_alone_is_there(follow):
     ]  # fmt: skip
 
 
-def test_it_looks_four_times_a_second_whatever_the_rate_and_the_clock(graph):
+def test_it_checks_four_times_a_second_at_any_rate_and_clock(graph):
     from canopen_control.ros.base_topics import TwistSubscription
 
     made = TwistSubscription(graph, "cmd_vel", print)

@@ -42,7 +42,7 @@ def test_a_foreign_middleware_is_one_sentence_and_exit_code_1(number):
     assert output.count("\n") == 1
 
 
-def test_without_a_robot_it_says_so(number):
+def test_without_a_robot_it_reports_this(number):
     with ros.bridge(number) as process:
         output, _ = process.communicate(timeout=ros.TIMEOUT)
     assert process.returncode == 1
@@ -120,7 +120,7 @@ def test_a_signal_ends_it_within_two_seconds(number, number_of_signal):
         assert process.wait(2.0) == 0
 
 
-def test_started_by_hand_it_waits_for_the_robot_to_come_back(number):
+def test_started_by_hand_it_waits_for_the_robot_to_return(number):
     with ros.Peer(number) as peer, ExitStack() as stack:
         with ros.FakeRobot():
             process = stack.enter_context(ros.bridge(number))
@@ -145,7 +145,7 @@ def test_while_it_waits_for_its_robot_a_reason_is_printed_once(number):
     assert len(lines) == len(set(lines))
 
 
-def test_a_second_bridge_of_a_robot_is_refused_and_the_first_goes_on(number):
+def test_a_second_bridge_of_a_robot_is_refused_and_the_first_continues(number):
     with ros.FakeRobot() as robot, ros.bridge(number) as first:
         assert ros.eventually(lambda: robot.told)
         with ros.bridge(number) as second:
@@ -158,7 +158,7 @@ def test_a_second_bridge_of_a_robot_is_refused_and_the_first_goes_on(number):
         assert first.poll() is None
 
 
-def test_use_sim_time_is_told_with_what_it_does(number):
+def test_use_sim_time_is_reported_with_what_it_does(number):
     with ros.FakeRobot() as robot, ros.bridge(number, "--ros-args", "-p", "use_sim_time:=true") as process:
         assert ros.eventually(lambda: robot.told)
         process.terminate()
@@ -293,7 +293,7 @@ def test_joint_states_come_once_per_update_of_their_broadcaster(number, tmp_path
     assert min(periods) > 0.0, "no update is told twice"
 
 
-def test_the_death_of_the_bridge_is_told_and_the_robot_goes_on(number):
+def test_the_death_of_the_bridge_is_reported_and_the_robot_continues(number):
     with Robby(number) as robby:
         status = [sys.executable, "-m", "canopen_control", "status", "--json", "--name", "robby"]
 

@@ -102,7 +102,7 @@ def test_what_waits_for_a_controller_that_was_deactivated_is_gone(ros):
     assert asked(ros) == [command(io__lamp=1.0)]
 
 
-def test_a_refusal_of_the_robot_is_told_and_the_next_message_goes_out(ros):
+def test_a_refusal_of_the_robot_is_reported_and_the_next_message_goes_out(ros):
     GpioCommands(ros, reading())
     ros.publish(TOPIC, message(("io", ["lamp"], [1.0])))
     ros.asked[0][1](None, "a stop is latched")

@@ -72,7 +72,7 @@ class TestReferences:
         assert self.take(ros, [1.0, 2.0], rates) == [[1.0, 2.0]]
         assert ros.told == []
 
-    def test_derivatives_that_the_controller_does_not_take_are_told_and_left_out(self, ros):
+    def test_derivatives_that_the_controller_does_not_take_are_reported_and_left_out(self, ros):
         PidReferences(ros, reading("position"))
         assert self.take(ros, [1.0, 2.0], [0.1, 0.2]) == [[1.0, 2.0]]
         assert "values_dot is ignored" in ros.told[0]

@@ -124,7 +124,7 @@ def test_feedback_comes_at_the_controllers_rate_and_only_while_it_is_executed(ro
     assert result(maker, "fed")[0] == SUCCEEDED
 
 
-def test_what_the_robot_refuses_is_refused_and_its_result_says_why(robot, maker):
+def test_what_the_robot_refuses_is_refused_and_its_result_reports_why(robot, maker):
     text = "arm refuses the trajectory: it names 'c', which is not a joint of this controller"
     robot.answers["send_trajectory"] = {"accepted": False, "error_code": -2, "text": text}
     maker.order("goal", action=ACTION, of=KIND, data=goal(), name="refused")
@@ -167,7 +167,7 @@ def test_it_is_cancelled_by_its_client_and_by_others(robot, maker):
     assert result(maker, "others") == (ABORTED, -1, "the goal was cancelled")
 
 
-def test_a_newer_goal_goes_to_the_robot_at_once_and_the_one_before_ends_as_the_robot_says(robot, maker):
+def test_a_newer_goal_goes_to_the_robot_at_once_and_the_one_before_ends_as_the_robot_reports(robot, maker):
     accepted(robot, maker, "old")
     accepted(robot, maker, "new")
     robot.release_one({"state": "aborted", "error_code": -1, "text": "another goal has replaced it"})
@@ -176,7 +176,7 @@ def test_a_newer_goal_goes_to_the_robot_at_once_and_the_one_before_ends_as_the_r
     assert result(maker, "new")[0] == SUCCEEDED
 
 
-def test_the_death_of_the_client_ends_its_goal_unless_that_is_to_go_on(arm, robot):
+def test_the_death_of_the_client_ends_its_goal_unless_that_is_to_continue(arm, robot):
     robot.answers["send_trajectory"] = lambda goal: {"accepted": True, "outlives_client": goal["controller"] == "free"}
     with ros.Peer(arm.domain, "--interfaces") as mortal:
         accepted(robot, mortal, "free", action="/free/follow_joint_trajectory")
@@ -192,7 +192,7 @@ def test_the_death_of_the_client_ends_its_goal_unless_that_is_to_go_on(arm, robo
     assert robot.commands("cancel_trajectory") == [{"controller": "arm", "own": True, "why": why}]
 
 
-def test_the_end_of_the_bridge_ends_its_goals_and_their_clients_are_told(arm, robot, maker):
+def test_the_end_of_the_bridge_ends_its_goals_and_their_clients_are_notified(arm, robot, maker):
     accepted(robot, maker, "last")
     for second in range(3):  # by then it has asked for the result
         robot.samples = {"arm": sample(1_700_000_030.0 + second)}

@@ -66,7 +66,7 @@ def ended(peer, which):
 
 
 @pytest.mark.parametrize(("which", "velocity"), [("hand", None), ("jaws", 0.05)])
-def test_a_goal_is_sent_told_of_and_answered_with_its_result(robot, maker, which, velocity):
+def test_a_goal_is_sent_reported_of_and_answered_with_its_result(robot, maker, which, velocity):
     assert send(robot, maker, which)
     (sent,) = robot.commands("send_gripper")
     assert sent == {

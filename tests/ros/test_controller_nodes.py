@@ -75,7 +75,7 @@ def test_a_name_that_is_not_declared_leaves_the_answer_empty(robot, service):
     assert len(getattr(response, field)) == 0
 
 
-def test_a_robot_that_refuses_leaves_the_answer_empty_and_why_is_told(robot):
+def test_a_robot_that_refuses_leaves_the_answer_empty_and_why_is_reported(robot):
     response, _ = robot.call("base/list_parameters", "no controller 'base' is loaded")
     assert list(response.result.names) == []
     assert robot.told == ["base: no controller 'base' is loaded"]
@@ -101,7 +101,7 @@ def test_together_they_are_one_request_and_one_result(robot):
     assert robot.publishers == [], "nothing has changed"
 
 
-def test_what_was_set_is_told_to_those_who_show_parameters(robot):
+def test_set_parameters_are_published_to_clients_that_show_them(robot):
     robot.call("base/set_parameters", Done(), "no", parameters=parameters(timeout=1.5, other=2.0))
     (publisher,) = robot.publishers
     assert publisher.topic == "/parameter_events"

@@ -34,7 +34,7 @@ def parameter(name, value):
 
 
 @given(st.sampled_from(sorted(KINDS)).flatmap(lambda kind: st.tuples(st.just(kind), KINDS[kind])))
-def test_what_is_told_to_ros_and_set_again_is_the_same(value):
+def test_what_is_reported_to_ros_and_set_again_is_the_same(value):
     kind, plain = value
     came = requested_value(
         parameter("a.b", value_of(ParameterReading(name="a.b", kind=kind, value=plain_value(plain))))
@@ -42,7 +42,7 @@ def test_what_is_told_to_ros_and_set_again_is_the_same(value):
     assert (came.name, came.kind, came.value) == ("a.b", kind, plain_value(plain))
 
 
-def test_a_descriptor_tells_what_it_means_type_range_and_choices():
+def test_a_descriptor_has_meaning_type_range_and_choices():
     told_of = descriptor_of(ParameterReading(name="t", kind="double", read_only=True, low=0.0, text="s; 0: never"))
     assert told_of.description == "s; 0: never"
     assert (told_of.name, told_of.type, told_of.read_only) == ("t", 3, True)

@@ -34,7 +34,7 @@ def test_joints_come_alphabetically_unless_the_broadcaster_has_an_order():
     assert joint_arrays(JOINTS, ("right", "left")).names == ["right", "left"]
 
 
-def test_a_joint_that_the_state_does_not_know_is_left_out():
+def test_a_joint_that_is_not_in_the_state_is_omitted():
     assert joint_arrays(JOINTS, ("gone", "left")).names == ["left"]
 
 
@@ -69,7 +69,7 @@ def test_a_covariance_is_a_diagonal_of_six():
     assert diagonal(()) == [0.0] * 36
 
 
-def test_controllers_are_read_as_the_api_tells_them():
+def test_controllers_are_read_as_the_api_reports_them():
     views = VIEWS
     assert list(views) == ["joint_state_broadcaster", "forward", "base"]
     assert (views["forward"].width, views["forward"].topic, views["forward"].active) == (2, "commands", True)
@@ -101,7 +101,7 @@ def test_a_controller_has_the_width_that_it_claims_where_nothing_else_is_known()
         ([math.inf] * 20, r"not finite: \[inf, inf, inf, inf, inf, inf, inf, inf, \.\.\.\]"),
     ],
 )
-def test_a_command_that_the_robot_would_refuse_is_told_why(values, sentence):
+def test_a_command_that_the_robot_would_refuse_is_reported_with_why(values, sentence):
     refusal = command_refusal(values, VIEWS["forward"])
     if sentence is None:
         assert refusal is None
@@ -109,11 +109,11 @@ def test_a_command_that_the_robot_would_refuse_is_told_why(values, sentence):
         assert re.search(sentence, refusal)
 
 
-def test_a_command_for_a_controller_that_is_not_active_is_told():
+def test_a_command_for_a_controller_that_is_not_active_is_reported():
     assert command_refusal([1.0, 2.0], VIEWS["base"]) == "base is inactive; activate it before commanding it"
 
 
-def test_a_transform_is_told_of_what_is_known_and_wanted_alone():
+def test_a_transform_is_reported_alone():
     odometry = OdometrySample(time=1.0, x=1.0, y=2.0, heading=math.pi, child_frame_id="base")
     pose = PoseSample(
         time=1.0, frame_id="map", position=(1.0, 2.0, 3.0), orientation=(0.1, 0.2, 0.3, 0.9), child_frame_id="gps"

@@ -61,7 +61,7 @@ def test_a_drive_in_fault_has_the_fields_of_its_fault():
     assert values["left error code"] == "0x4310 (drive temperature too high)"
 
 
-def test_missed_cycles_are_told_once():
+def test_missed_cycles_are_reported_once():
     statuses = diagnose("robby", state(missed=5), {}, missed_before=3)
     assert (statuses[-1].level, statuses[-1].message) == (Health.WARN, "2 cycles missed since the last report")
     statuses = diagnose("robby", state(missed=5), {}, missed_before=5)
@@ -76,7 +76,7 @@ def test_a_robot_whose_drives_are_off_is_a_warning_with_what_to_call():
     assert status.message.endswith("not enabled; left_drive is not enabled: canopen-control axis enable all")
 
 
-def test_what_a_diagnostics_broadcaster_tells_is_among_them():
+def test_what_a_diagnostics_broadcaster_reports_is_among_them():
     judged = {"name": "left", "level": 3, "message": "no news for 0.75 s", "values": {"age": 0.75, "x": None}}
     sample = state({"samples": {"drives": {"kind": "diagnostics", "time": 1.0, "joints": [judged]}}})
     (status,) = (each for each in diagnose("robby", sample, {}) if each.name == "robby: drives: left")

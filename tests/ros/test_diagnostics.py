@@ -64,14 +64,14 @@ LOST = "no heartbeat for 0.5 s; is it powered and connected?"
         ({"text": "node 3: lost: another reason"}, 2),
     ],
 )
-def test_one_cause_is_told_once_but_a_stop_always(robot, then, told):
+def test_one_cause_is_reported_once_but_a_stop_always(robot, then, told):
     first = event(f"node 3 (left drive): {LOST}", node="left drive")
     robot.endpoint.on_event(first)
     robot.endpoint.on_event(msgspec.structs.replace(first, **then))
     assert len(robot.publishers[0].told) == told
 
 
-def test_what_is_worse_is_told_although_the_cause_is_the_same(robot):
+def test_what_is_worse_is_reported_although_the_cause_is_the_same(robot):
     for level in ("warning", "error", "warning"):
         robot.endpoint.on_event(event(f"node 3: {LOST}", level, node="left drive"))
     assert [each.level for each in robot.publishers[0].told] == [30, 40]
@@ -122,7 +122,7 @@ def test_diagnostics_hold_every_node_every_controller_and_the_cycle(listening, f
     assert {"key": "NMT state", "value": "OPERATIONAL"} in told["fake: left_drive"]["values"]
 
 
-def test_what_becomes_worse_is_told_at_once_in_the_same_second(listening, fresh):
+def test_what_becomes_worse_is_reported_at_once_in_the_same_second(listening, fresh):
     fresh.peer.waiting(TOPIC)
     axis = fresh.robot.nodes["left_drive"]["axes"][0]
     axis["cia402_state"] = "FAULT"

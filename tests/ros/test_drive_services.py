@@ -71,7 +71,7 @@ def test_recover_resets_the_fault_and_does_not_enable(fresh, call):
     assert [each["action"] for each in fresh.robot.commands("axis")] == ["fault-reset"]
 
 
-def test_a_trigger_that_was_done_to_the_whole_base_says_so(fresh, call):
+def test_a_trigger_that_was_done_to_the_whole_base_reports_this(fresh, call):
     together = "base moves left_drive and right_drive together: halt applies to all of them"
     fresh.robot.answers["axis"] = {"text": together}
     assert call("/left_drive/halt") == {
@@ -114,7 +114,7 @@ def _commands(stage, call, target):
     return [each["values"] for each in stage.robot.commands()]
 
 
-def test_a_target_is_refused_without_a_controller_or_when_it_is_no_number(fresh, call):
+def test_a_target_is_refused_without_a_controller_or_when_it_is_not_a_number(fresh, call):
     assert call("/left_drive/target", TARGET, target=math.nan) == {"success": False}
     fresh.robot.switch(forward="inactive")
     assert ros.eventually(lambda: call("/left_drive/target", TARGET, target=1.0) == {"success": False})

@@ -30,7 +30,7 @@ def node(fresh):
     node.update(before)
 
 
-def test_the_nmt_state_is_kept_for_who_comes_later_and_told_when_it_changes(listening, node):
+def test_the_nmt_state_is_latched_and_published_when_it_changes(listening, node):
     topic = "/left_drive/nmt_state"
     assert listening.message(topic) == {"data": "START"}
     for state, word in (("PRE_OPERATIONAL", "PREOP"), ("STOPPED", "STOP"), (None, "ERROR"), ("OPERATIONAL", "START")):
@@ -38,7 +38,7 @@ def test_the_nmt_state_is_kept_for_who_comes_later_and_told_when_it_changes(list
         assert listening.message(topic) == {"data": word}
 
 
-def test_emcy_messages_of_this_node_alone_are_told_in_words_and_in_parts(listening, fresh):
+def test_emcy_messages_of_this_node_alone_are_reported_in_words_and_in_parts(listening, fresh):
     fresh.robot.event(time=1.0, kind="emcy", node="right_drive", level="warning", text="of another")
     fresh.robot.event(time=1.0, kind="state", node="left_drive", level="info", text="no emcy")
     details = {"error_code": 0x8130, "error_register": 0x11, "data": "0102030405"}
@@ -57,7 +57,7 @@ def test_emcy_messages_of_this_node_alone_are_told_in_words_and_in_parts(listeni
     assert (status["message"], status["values"]) == ("many more", [])
 
 
-def test_who_listens_to_rpdo_gets_everything_and_then_what_changes(listening, fresh):
+def test_a_subscriber_to_rpdos_gets_everything_first_and_then_changes(listening, fresh):
     topic, robot = "/left_drive/rpdo", fresh.robot
     wide, position = [0x2000, 1, "0102030405060708"], [0x6064, 0, "f6ffffff"]
     robot.process_data = {"left_drive": [[0x6041, 0, "3702"], wide, position], "right_drive": [[0x6041, 0, "0000"]]}

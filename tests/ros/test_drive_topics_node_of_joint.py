@@ -149,7 +149,7 @@ def test_states_and_process_data_of_its_node_are_published(ros):
     assert [each.status[0].message for each in told["/robot/io/emcy"]] == ["no power"]
 
 
-def test_a_joint_that_is_no_nodes_and_no_node_is_told(ros):
+def test_a_joint_that_is_not_a_nodes_and_no_node_is_reported(ros):
     made(ros, "Proxy", "lift")
     assert ros.services == {}
     assert ros.told == [
@@ -157,7 +157,7 @@ def test_a_joint_that_is_no_nodes_and_no_node_is_told(ros):
     ]
 
 
-def test_what_the_robot_cannot_tell_is_told(ros):
+def test_what_the_robot_cannot_report_is_reported(ros):
     endpoint = ProxyNode(ros, reading())
     endpoint.on_controller(reading())
     ros.asked.pop()[1](None, "the robot is gone")

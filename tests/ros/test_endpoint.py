@@ -61,7 +61,7 @@ asking.stop(5), spinner.stop(5), other.shutdown(), context.shutdown()
 
 
 @pytest.mark.parametrize(("error", "told"), [(None, (True, "")), ("it is off", (False, "it is off"))])
-def test_a_service_with_a_message_says_what_the_robot_refused(error, told):
+def test_a_service_with_a_message_field_returns_the_refusal_of_the_robot(error, told):
     response, replies = SimpleNamespace(success=None, message=None), []
     success_of(response, replies.append)(None, error)
     assert replies == [response]

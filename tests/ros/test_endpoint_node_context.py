@@ -62,7 +62,7 @@ def test_what_is_left_is_destroyed_and_what_is_shared_is_the_sessions(scene):
     assert (scene.ros.robot, scene.ros.controllers) == ("robby", {"base": 1})
 
 
-def test_a_service_that_this_ros_has_no_interface_for_is_left_out_and_told(scene, monkeypatch):
+def test_a_service_that_this_ros_has_no_interface_for_is_left_out_and_reported(scene, monkeypatch):
     def interface(name):
         raise MissingInterface(name)
 

@@ -59,7 +59,7 @@ def part(given):
     return bytes(given[:12])
 
 
-def test_those_are_present_that_dds_knows(graph):
+def test_participants_known_to_dds_are_present(graph):
     graph.clients = [gid(1), gid(2), gid(2)]
     assert graph.of.present() == {part(gid(1)), part(gid(2))}
     graph.clients = []

@@ -72,7 +72,7 @@ def test_the_short_name_of_a_type_is_understood(text):
 
 
 @pytest.mark.parametrize("text", ["String", "std_msgs/srv/String", "std_msgs.msg.String", "", "a/b/c"])
-def test_what_is_no_name_of_a_type_is_one_sentence(text):
+def test_what_is_not_a_name_of_a_type_is_one_sentence(text):
     with pytest.raises(ConfigError, match="is not an interface"):
         full_name(text, "msg")
 
@@ -90,7 +90,7 @@ def test_plain_data_is_what_json_holds():
 
 
 @pytest.mark.ros
-def test_who_keeps_a_message_for_later_is_heard_by_who_comes_later():
+def test_a_latched_message_reaches_late_subscribers():
     code = """
 from canopen_control.ros.graph import open_graph
 got = []
@@ -106,7 +106,7 @@ assert got[0].data == "once"
 
 
 @pytest.mark.ros
-def test_a_topic_of_several_types_must_be_told_apart():
+def test_a_topic_of_several_types_must_be_distinguished():
     code = """
 from canopen_control.ros.graph import open_graph
 from canopen_control.errors import CanopenError

@@ -40,13 +40,13 @@ def rclpy(tmp_path):
     return folder
 
 
-def test_without_rclpy_one_sentence_says_how_to_get_it(monkeypatch):
+def test_without_rclpy_one_sentence_suggests_how_to_get_it(monkeypatch):
     pretend(monkeypatch, None)
     with pytest.raises(ConfigError, match=r"this Python has no rclpy; pip install \"canopen-control\[ros\]\""):
         installation.require_ros({})
 
 
-def test_an_rclpy_of_another_python_is_told_by_its_folder(monkeypatch, tmp_path):
+def test_an_rclpy_of_another_python_is_reported_by_its_folder(monkeypatch, tmp_path):
     folder = tmp_path / "rclpy"
     folder.mkdir()
     (folder / "_rclpy_pybind11.cpython-27-vax.so").touch()
@@ -67,7 +67,7 @@ def test_a_sourced_ros_may_have_any_middleware(monkeypatch, rclpy):
     assert not installation.from_wheels()
 
 
-def test_wheels_beside_a_sourced_ros_do_not_count_when_the_sourced_one_is_found_first(monkeypatch, rclpy, tmp_path):
+def test_wheels_alongside_a_sourced_ros_do_not_count_when_the_sourced_one_is_found_first(monkeypatch, rclpy, tmp_path):
     pretend(monkeypatch, rclpy, wheels=True)
     assert installation.from_wheels()
     monkeypatch.setattr(
@@ -112,7 +112,7 @@ def test_a_wider_range_is_the_users_choice_and_gets_no_loopback_profile():
 @pytest.mark.parametrize(
     "variable", [PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS"]
 )
-def test_who_steers_discovery_himself_keeps_his_way(variable):
+def test_a_user_defined_discovery_range_is_kept(variable):
     assert prepared(**{variable: "mine"}).get(PROFILES) == ("mine" if variable == PROFILES else None)
 
 
@@ -138,5 +138,5 @@ def test_the_profile_binds_to_the_loopback_address_alone():
         ({}, "ROS domain 0, discovery range SUBNET"),
     ],
 )
-def test_who_can_see_the_robot_is_told(environment, words):
+def test_the_discovery_range_of_the_robot_is_reported(environment, words):
     assert describe(environment) == words

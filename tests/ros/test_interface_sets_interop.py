@@ -115,7 +115,7 @@ def host(request, tmp_path_factory):
             yield request.param.stem, robot, peer
 
 
-def test_controllers_and_hardware_are_listed_and_odometry_goes_on(host):
+def test_controllers_and_hardware_are_listed_and_odometry_continues(host):
     name, robot, peer = host
     kind = "controller_manager_msgs/srv"
     told = peer.call("/controller_manager/list_controllers", f"{kind}/ListControllers")["controller"]

@@ -67,7 +67,7 @@ def test_list_controllers_shows_type_state_and_claims(call):
     assert listed["base"]["claimed_interfaces"] == []
 
 
-def test_list_controllers_shows_who_commands_whom(monkeypatch):
+def test_list_controllers_shows_the_chains(monkeypatch):
     monkeypatch.setattr(manager_services, "interface", endpoints.interface, raising=False)
     robot = endpoints.Ros()
     manager_services.ControllerManagerServices(robot)
@@ -114,7 +114,7 @@ def test_any_other_strictness_is_best_effort(scene, call, strictness):
     assert asked(scene, "switch")[0]["strict"] is False
 
 
-def test_what_the_robot_refuses_is_not_ok_and_says_why(scene, call):
+def test_what_the_robot_refuses_is_not_ok_and_reports_why(scene, call):
     scene[0].refusals["switch"] = {"kind": "InterfaceConflict", "message": "left/velocity is claimed"}
     answer = call("switch_controller", "SwitchController", activate_controllers=["base"], strictness=2)
     assert answer == {"ok": False, "message": "left/velocity is claimed"}
@@ -147,7 +147,7 @@ def test_a_hardware_component_is_set_by_number_or_by_label(scene, call, target):
     assert asked(scene, "set_hardware_state") == [{"component": "robby", "state": "inactive"}]
 
 
-def test_an_answer_of_another_shape_is_no_answer_and_the_bridge_goes_on(scene, call):
+def test_an_answer_of_another_shape_is_not_an_answer_and_the_bridge_continues(scene, call):
     robot, _ = scene
     before, robot.answers = robot.answers, {**robot.answers, "hardware": [{"name": "robby"}]}
     assert call("list_hardware_components", "ListHardwareComponents") == {"component": []}

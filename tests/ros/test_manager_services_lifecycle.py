@@ -49,7 +49,7 @@ def test_deactivating_stops_and_disables(fresh, change):
         assert fresh.robot.commands("axis") == [{"action": "disable", "node": "left_drive", "source": "ros"}]
 
 
-def test_a_state_that_is_reached_is_no_error_and_an_impossible_one_is(fresh, change):
+def test_a_state_that_is_reached_is_not_an_error_and_an_impossible_one_is(fresh, change):
     assert not change(ACTIVATE)
     assert not change(99)
     assert change(CONFIGURE)

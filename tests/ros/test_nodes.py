@@ -36,7 +36,7 @@ def test_a_lifecycle_driver_is_known_by_its_name():
     assert not only(driver="ros2_canopen::Cia402Driver").lifecycle
 
 
-def test_what_the_runtime_does_not_tell_has_defaults():
+def test_what_the_runtime_does_not_report_has_defaults():
     assert nodes_of(NodeListing(), "/") == []
     assert only() == RosNode("left_drive", 3, "/")
 

@@ -49,7 +49,7 @@ except Exception as error:
 """
 
 
-def test_a_further_node_keeps_its_name_and_has_remappings_of_its_own_beside_those_of_all():
+def test_a_further_node_keeps_its_name_and_has_remappings_of_its_own_alongside_those_of_all():
     with domain() as number:
         names, error = run_ros(FURTHER, number).splitlines()
     assert names == "['/two/first', '/two/base'] ['/cmd_vel', '/all', '/two/base/odom'] []"

@@ -16,7 +16,7 @@ def listening(stage):
     return stage
 
 
-def test_what_a_broadcaster_tells_becomes_a_joint_state_of_that_time(listening, fresh):
+def test_what_a_broadcaster_reports_becomes_a_joint_state_of_that_time(listening, fresh):
     message = fresh.peer.message(TOPIC)
     assert message["name"] == ["left", "right"]
     assert message["position"] == [1.0, 2.0]
@@ -106,7 +106,7 @@ def test_there_is_one_message_per_update_of_the_broadcaster_however_often_the_st
     assert fresh.peer.waiting(TOPIC) == []
 
 
-def test_its_topics_move_when_it_is_configured_anew(listening, fresh):
+def test_its_topics_move_when_it_is_configured_again(listening, fresh):
     late = local("late", publishes=[], state="unconfigured")
     fresh.robot.controllers.append(late)
     topics = lambda: fresh.peer.order("graph")["topics"]  # noqa: E731

@@ -90,7 +90,7 @@ def test_a_pose():
     assert [*xyz(message.pose.orientation), message.pose.orientation.w] == [0.0, 0.6, 0.0, 0.8]
 
 
-def test_nothing_is_made_where_nobody_listens_of_sensor_topics():
+def test_no_sensor_message_is_built_without_a_subscriber():
     ros = Ros()
     reading = ControllerReading(name="b", type="x/Y", state="active", tells="wrench")
     topic = publisher_of(ros, reading, "wrench")

@@ -15,7 +15,7 @@ def listening(stage, maker):
     return maker
 
 
-def test_every_state_interface_is_told_by_its_name(listening, fresh):
+def test_every_state_interface_is_reported_by_its_name(listening, fresh):
     message = listening.message(TOPIC)
     assert message["joint_names"] == ["left", "right"]
     assert message["header"]["frame_id"] == "base_link"

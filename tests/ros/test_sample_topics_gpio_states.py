@@ -11,7 +11,7 @@ BROADCASTER = {"name": "gpio", "type": "canopen_control/GpioBroadcaster", "state
 TOPIC = "/gpio/gpio_states"
 
 
-def test_inputs_and_outputs_are_told_by_part_and_name(fresh, maker):
+def test_inputs_and_outputs_are_reported_by_part_and_name(fresh, maker):
     fresh.robot.controllers.append(BROADCASTER)
     parts = {"left": {"digital_inputs": 5.0}, "lamp": {"on": None, "dim": 0.5}}
     seconds = itertools.count(1_700_000_000)

@@ -27,7 +27,7 @@ def test_an_object_is_written_in_hexadecimal_with_or_without_a_type(text, addres
 
 
 @pytest.mark.parametrize("text", ["", "x", "0x60411", "0x6041:100", "0x6041 u128", "speed"])
-def test_what_is_no_object_is_a_sentence(text):
+def test_what_is_not_an_object_is_a_sentence(text):
     with pytest.raises(ValueError, match=r"is not an object|is not a type"):
         parse_address(text)
 
@@ -43,7 +43,7 @@ def test_any_text_is_an_address_or_a_sentence(text):
     [(True, "bool"), (-1, "i8"), (-300, "i16"), (-70000, "i32"), (-(1 << 40), "i64"), (200, "u8"), (60000, "u16"),
      (1 << 31, "u32"), (1 << 63, "u64"), (0.5, "f32"), (math.pi, "f64"), ("TMCM-1270", "str"), (b"\0\1\2", "bytes")],
 )  # fmt: skip
-def test_every_type_goes_out_and_comes_back(value, kind):
+def test_every_type_goes_out_and_returns(value, kind):
     assert decode(encode(value, kind, 0), kind) == value
 
 
@@ -162,7 +162,7 @@ def test_an_object_that_can_only_be_written_is_written_in_the_width_that_the_nod
 
 
 @pytest.mark.ros
-def test_what_the_node_refuses_is_no_success(objects, call):
+def test_what_the_node_refuses_is_not_a_success(objects, call):
     assert call("left_drive/sdo_read", "canopen_interfaces/srv/CORead", index=0x5FFF)["success"] is False
     assert call("left_drive/sdo_write", "canopen_interfaces/srv/COWrite", index=0x5FFF, data=1) == {"success": False}
     too_long = call("left_drive/sdo_read", "canopen_interfaces/srv/CORead", index=0x1008)

@@ -24,7 +24,7 @@ def listening(stage):
 
 
 @pytest.mark.ros
-def test_a_simulated_robot_tells_its_time(listening, fresh):
+def test_a_simulated_robot_reports_its_time(listening, fresh):
     fresh.robot.more = {"sim_time": 12.5}
     message = fresh.peer.message(TOPIC_OF_SIM_CLOCK)
     assert message["clock"] == {"sec": 12, "nanosec": 500_000_000}
@@ -121,11 +121,11 @@ class Answers:
 
 
 @pytest.mark.parametrize(("client", "wanted"), [(Answers(True), True), (Answers(False), False), (Answers(), False)])
-def test_the_controller_manager_of_the_file_says_whether_stamps_are_simulated(client, wanted):
+def test_the_controller_manager_of_the_file_specifies_whether_stamps_are_simulated(client, wanted):
     assert uses_sim_time(client) is wanted
 
 
-def test_a_controller_that_comes_anew_is_stamped_anew():
+def test_a_controller_that_comes_again_is_stamped_again():
     clocks = Clocks(ros_s=1.0)
     imu = ImuSample(time=UNIX, frame_id="i", orientation=(), angular_velocity=(), linear_acceleration=())
     clocks.time.state(StateSample(time=UNIX, samples={"imu": imu}))
@@ -160,7 +160,7 @@ def test_what_waits_under_a_name_that_is_gone_is_dropped():
 
 
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.integers(0, 30)), max_size=60), st.integers(1, 20))
-def test_whoever_obeys_wakes_and_times_gets_the_last_value_and_never_two_in_an_interval(puts, interval):
+def test_a_caller_that_obeys_wakes_and_times_gets_the_last_value_and_never_two_in_an_interval(puts, interval):
     box, now, timer, sent = Mailbox(interval), 0, None, []
 
     def take():
@@ -208,7 +208,7 @@ def states(named):
 
 
 @pytest.mark.ros
-def test_it_is_there_for_who_comes_late_and_changes_with_controllers_and_hardware(fresh, heard):
+def test_it_is_latched_and_changes_with_controllers_and_hardware(fresh, heard):
     first = heard(lambda message: True)
     assert states(first["controllers"])["forward"] == (3, "active")
     assert states(first["controllers"])["base"] == (2, "inactive")
@@ -227,7 +227,7 @@ def topics(stage):
 
 
 @pytest.mark.ros
-def test_the_topics_of_a_controller_come_and_go_with_it(fresh):
+def test_the_topics_of_a_controller_appear_and_disappear_with_it(fresh):
     loaded = {"name": "later", "type": "x/Y", "state": "inactive", "topic": "commands", "joints": []}
     fresh.robot.controllers.append(loaded)
     assert eventually(lambda: "/later/commands" in topics(fresh))
@@ -283,7 +283,7 @@ def test_a_controller_that_is_switched_while_the_bridge_asks_is_not_taken_for_wh
 
 
 @pytest.mark.ros
-def test_who_publishes_more_often_than_ros_is_given_is_told_once(fresh):
+def test_a_controller_publishing_faster_than_the_bridge_is_reported_once(fresh):
     knows_that_base_is_inactive(fresh.robot)
     states = fresh.robot.controllers[0]
     states["publish_rate"] = 500.0

@@ -76,7 +76,7 @@ class TestTrajectories:
         assert len(ros.clients) == 1
         assert len(self.sent(ros)) == 2
 
-    def test_a_bad_one_is_told_and_what_is_followed_goes_on(self, ros, topic):
+    def test_a_bad_one_is_reported_and_what_is_followed_continues(self, ros, topic):
         ros.publish(self.TOPIC, trajectory(1.0))
         self.answer(ros.clients[0], Done())
         ros.publish(self.TOPIC, trajectory(math.nan))
@@ -102,7 +102,7 @@ class TestTrajectories:
         self.answer(ros.clients[2], Done())
         assert [each.closed for each in ros.clients] == [True, True, False]
 
-    def test_a_robot_that_is_gone_is_told(self, ros):
+    def test_a_robot_that_is_gone_is_reported(self, ros):
         def gone():
             raise RemoteError("BusClosed", "robot fake is gone")
 
@@ -121,7 +121,7 @@ class TestState:
             error=point, output=point, speed_scaling_factor=0.5,
         )  # fmt: skip
 
-    def test_it_is_published_once_for_each_sample_and_only_where_somebody_listens(self, ros, sample):
+    def test_it_is_published_once_per_sample_and_only_with_a_subscriber(self, ros, sample):
         state = publisher_of(ros, ARM, "controller_state")
         (publisher,) = ros.publishers
         assert publisher.topic == "arm/controller_state"
@@ -155,7 +155,7 @@ class TestQuery:
         assert replies == [response]
         return response
 
-    def test_what_the_trajectory_says_is_the_response(self, ros):
+    def test_what_the_trajectory_reports_is_the_response(self, ros):
         TrajectoryQuery(ros, ARM)
         point = TrajectoryPoint(positions=[0.1], velocities=[0.2], accelerations=[0.3])
         told = self.ask(ros, 3, TrajectoryAt(known=True, joints=["a"], point=point))
@@ -175,7 +175,7 @@ class TestQuery:
 class TestSpeed:
     TOPIC = "arm/speed_scaling_input"
 
-    def test_a_factor_goes_to_the_robot_and_what_is_none_is_told(self, ros):
+    def test_a_factor_goes_to_the_robot_and_what_is_none_is_reported(self, ros):
         scaling = SpeedScalingTopic(ros, ARM)
         made = interface("control_msgs/msg/SpeedScalingFactor")
         for factor in (0.5, -1.0, math.nan, math.inf):
@@ -187,7 +187,7 @@ class TestSpeed:
         scaling.close()
         assert ros.left == [self.TOPIC]
 
-    def test_it_is_there_once_positions_alone_are_commanded_and_keeps_what_was_said_before(self, ros):
+    def test_it_is_there_once_positions_alone_are_commanded_and_keeps_what_was_reported_before(self, ros):
         scaling = SpeedScalingTopic(ros, ControllerReading(name="arm", type="x/Y", state="unconfigured"))
         assert ros.subscriptions == {}
         scaling.on_controller(

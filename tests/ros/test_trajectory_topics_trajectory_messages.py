@@ -97,12 +97,12 @@ def test_a_trajectory_without_points_is_a_piece_without_any():
         (ros_point(effort=[0.0, 0.0, -math.inf]), "point 1: the effort of value 2 is -inf; give finite numbers"),
     ],
 )
-def test_what_is_no_number_is_named_with_its_joint(point, sentence):
+def test_what_is_not_a_number_is_named_with_its_joint(point, sentence):
     with pytest.raises(ValueError, match=f"^{sentence}$"):
         list(pieces_of(trajectory([ros_point([0.0, 0.0]), point])))
 
 
-def test_too_many_points_are_told_before_anything_is_made_of_them():
+def test_too_many_points_are_reported_before_anything_is_made_of_them():
     points = [ros_point([0.0, 0.0])] * 100_000
     with pytest.raises(ValueError, match=f"the trajectory has 100000 points, and the limit is {MAX_POINTS}"):
         next(pieces_of(trajectory(points)))
@@ -121,6 +121,6 @@ def test_tolerances_are_those_of_the_goal_and_nan_is_the_parameters():
         ({"component_goal_tolerance": [1]}, "component_goal_tolerance"),
     ],
 )
-def test_what_nobody_follows_is_refused_and_not_left_out(parts, what):
+def test_an_interface_without_a_follower_is_refused_and_not_omitted(parts, what):
     assert goal_refusal(goal()) is None
     assert goal_refusal(goal(**parts)) == f"{what} is not supported (joints have one degree of freedom); leave it empty"

@@ -41,7 +41,7 @@ def test_the_services_of_mujocos_plugin_ask_the_robot(fresh, call, service, kind
     assert fresh.robot.commands(METHODS[service])[-1] == asked
 
 
-def test_what_the_robot_refuses_and_steps_that_are_none_are_told(fresh, call):
+def test_what_the_robot_refuses_and_steps_that_are_none_are_reported(fresh, call):
     fresh.robot.refusals["step_simulation"] = {"kind": "ControlError", "message": "the simulation is not paused"}
     assert call("/mujoco_ros2_control_node/step_simulation", "StepSimulation", steps=1) == {
         "success": False,
@@ -132,7 +132,7 @@ def odometry(frame="odom"):
     return {"base": {"kind": "odometry", "time": 1.0, "x": 0.0, "y": 0.0, "heading": 0.0, "frame_id": frame}}
 
 
-def test_the_true_pose_is_told_in_the_frame_of_odometry(listening, fresh):
+def test_the_true_pose_is_reported_in_the_frame_of_odometry(listening, fresh):
     fresh.robot.samples = odometry("two/odom")
     truth = {"time": 12.5, "x": 5.0, "y": 1.5, "z": 0.1, "heading": math.pi, "odom": [5.0, 0.0, math.pi / 2]}
     seconds = itertools.count(12)

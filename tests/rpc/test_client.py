@@ -81,7 +81,7 @@ def test_an_answer_of_another_shape_is_an_error(scene):
     assert scene.answers == [(Get("a"), None, "the answer cannot be read: Expected `float`, got `str` - at `$.number`")]
 
 
-def test_what_is_not_answered_in_time_is_told_and_a_late_answer_is_nobodys(scene):
+def test_a_request_that_times_out_is_reported_and_its_late_answer_ignored(scene):
     scene.ask(Get("a"))
     scene.reactor.run_for(999 * MS)
     assert scene.answers == []
@@ -91,7 +91,7 @@ def test_what_is_not_answered_in_time_is_told_and_a_late_answer_is_nobodys(scene
     assert len(scene.answers) == 1
 
 
-def test_when_the_robot_goes_everybody_is_told_and_so_is_who_asks_later(scene):
+def test_the_end_of_the_robot_is_reported_to_all_clients_and_to_later_requests(scene):
     scene.ask(Get("a"))
     scene.server.close()
     scene.reactor.run_for(0)
@@ -100,21 +100,21 @@ def test_when_the_robot_goes_everybody_is_told_and_so_is_who_asks_later(scene):
     assert all("has closed the connection" in error for _, _, error in scene.answers)
 
 
-def test_what_cannot_be_sent_is_refused_and_the_next_question_goes_on(scene):
+def test_what_cannot_be_sent_is_refused_and_the_next_question_continues(scene):
     scene.ask(Get("x" * 70_000))
     assert "more than 65536" in scene.answers[0][2]
     scene.ask(Get("a"))
     assert [message["params"]["key"] for _, message in scene.requests] == ["a"]
 
 
-def test_leaving_tells_who_waits_and_twice_is_once(scene):
+def test_leaving_reports_pending_requests_and_is_idempotent(scene):
     scene.ask(Get("a"))
     scene.client.close()
     scene.client.close()
     assert scene.answers == [(Get("a"), None, "the connection to robot fake was closed")]
 
 
-def test_without_a_robot_there_is_no_client(scene):
+def test_without_a_robot_there_is_not_a_client(scene):
     with pytest.raises(RemoteError):
         ReactorClient(STORE, socket_path("robot", "nobody"), scene.reactor)
 
@@ -128,7 +128,7 @@ def test_what_may_be_answered_at_any_time_is_waited_for(scene):
     assert scene.answers[-1] == (Value(7.0), None)
 
 
-def test_what_is_said_again_and_again_wants_no_answer_and_ends_with_the_connection(scene):
+def test_what_is_reported_again_and_again_needs_no_answer_and_ends_with_the_connection(scene):
     scene.client.send_periodically(Get("alive"), 100 * MS)
     scene.reactor.run_for(350 * MS)
     assert [message for _, message in scene.requests] == [{"method": "get", "params": {"key": "alive"}}] * 4
@@ -194,14 +194,14 @@ def test_an_answer_of_another_shape_is_a_sentence(store, client, answer, words):
     assert caught.value.kind == "RemoteProtocolError"
 
 
-def test_what_was_sent_unasked_has_its_type_and_what_nobody_knows_is_skipped(client):
+def test_pushed_messages_have_their_type_and_unknown_ones_are_skipped(client):
     messages = client.messages(5.0)
     assert next(messages) == Changed("a")
     with pytest.raises(UnreadableMessage, match=r"an invalid message: Expected `str`, got `int` - at `\$.key`"):
         next(messages)
 
 
-def test_a_greeting_is_read_or_says_why_not():
+def test_a_greeting_is_read_or_reports_why_not():
     assert read_hello(STORE, read_line(b'{"hello":{"store":"a","protocol":2}}'), "it") == Hello("a")
     with pytest.raises(RemoteError, match="it speaks protocol 1, this client 2"):
         read_hello(STORE, read_line(b'{"hello":{"store":"a","protocol":1}}'), "it")

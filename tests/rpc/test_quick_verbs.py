@@ -25,7 +25,7 @@ _WAITING_THREAD = "over = threading.Event(); threading.Thread(target=over.wait, 
     [("", True, False), (_WAITING_THREAD, False, True), ("import typing_extensions", False, True)],
     ids=["alone", "beside a thread", "where it is needed anyway"],
 )
-def test_msgspec_comes_without_a_slow_module_unless_somebody_else_might_need_it(before, imported, slow):
+def test_msgspec_is_imported_without_a_slow_module_unless_other_code_might_need_it(before, imported, slow):
     code = _FRESH.format(before=before, imported=imported, slow=slow)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "[1]\n", "")

@@ -66,7 +66,7 @@ def store(tmp_path, monkeypatch):
     made.reactor.close()
 
 
-def test_who_comes_is_greeted(store):
+def test_a_new_member_is_greeted(store):
     assert store.told() == [{"hello": {"store": "shelf", "protocol": 2}}]
 
 
@@ -76,7 +76,7 @@ def test_a_handler_gets_the_request_as_its_type_and_answers_under_its_number(sto
     assert store.calls[0].request == Get("a")
 
 
-def test_what_was_done_is_heard_but_not_what_was_read_or_refused(store):
+def test_what_was_done_is_received_but_not_what_was_read_or_refused(store):
     heard = []
     store.server.observer = SimpleNamespace(done=lambda method, params: heard.append((method, bytes(params))))
     store.ask("put", key="a", number=2)
@@ -132,7 +132,7 @@ def test_a_notification_is_done_and_not_answered(store):
         (b'{"a": "' + rb"\u0041" * 5000 + b'"}', "more than 4096 values"),
     ],
 )
-def test_a_line_that_is_no_request_ends_the_connection(store, line, sentence):
+def test_a_line_that_is_not_a_request_ends_the_connection(store, line, sentence):
     store.told()
     store.tell(line + b'\n{"id": 1, "method": "put", "params": {"key": "a"}}\n')
     (answer,) = store.told()
@@ -151,7 +151,7 @@ def test_what_is_pushed_comes_under_its_key_to_those_it_is_for(store):
     assert store.server.line_of(Changed("c")) == b'{"changed":{"key":"c"}}\n'
 
 
-def test_who_waits_for_an_answer_does_not_make_way_as_the_idle_do(store):
+def test_a_client_waiting_for_an_answer_is_not_closed_like_idle_ones(store):
     store.server.register(Get, store.calls.append)
     store.tell({"id": 1, "method": "get", "params": {"key": "a"}})
     call, later = store.calls[0], store.reactor.now() + 1_000_000_000
@@ -160,12 +160,12 @@ def test_who_waits_for_an_answer_does_not_make_way_as_the_idle_do(store):
     assert waiting > call.connection.eviction_order(later)
 
 
-def test_who_asks_is_known_by_its_process(store):
+def test_a_client_is_identified_by_its_process(store):
     store.ask("get", key="a")
     assert "client #1 (pid " in store.calls[0].client
 
 
-def test_a_method_that_nobody_answers_is_found_at_the_start(store):
+def test_a_method_that_is_not_answered_is_found_at_the_start(store):
     store.server.check()
     other = Server(STORE, store.reactor, socket_path("robot", "other"), lambda: Hello("empty"))
     other.register(Put, lambda call: call.reply(Done()))

@@ -70,14 +70,14 @@ def test_without_a_method_or_parameters_there_are_none():
     assert (incoming.number, incoming.method, bytes(incoming.params)) == ("x", "", b"{}")
 
 
-def test_what_does_not_fit_is_told_with_its_path():
+def test_what_does_not_fit_is_reported_with_its_path():
     with pytest.raises(ValueError, match=r"Expected `float \| null`, got `str` - at `\$.velocity`"):
         wire.decode(b'{"name": "a", "velocity": "fast"}', JointReading)
     with pytest.raises(ValueError, match="missing required field `joint`"):
         wire.convert({}, AxisReading)
 
 
-def test_what_is_nested_too_deep_is_told_as_that():
+def test_what_is_nested_too_deep_is_reported_as_that():
     with pytest.raises(ValueError, match="it is nested too deep"):
         wire.decode(b'{"new": ' + b"[" * 100_000, JointReading)
 
@@ -87,7 +87,7 @@ def test_a_number_that_is_not_finite_is_null_and_a_field_of_a_newer_server_is_sk
     assert wire.convert({**wire.plain(JointReading("a", math.inf)), "new": 1}, JointReading) == JointReading("a")
 
 
-def test_answers_and_what_nobody_asked_for_have_keys_of_their_own():
+def test_answers_and_unrequested_messages_have_their_own_keys():
     assert json.loads(wire.answer_line("x", SdoData(b"\1"))) == {"id": "x", "result": {"data": "AQ=="}}
     assert json.loads(wire.error_line(3, "ControlError", "no")) == {
         "id": 3,

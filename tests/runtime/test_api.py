@@ -87,7 +87,7 @@ def test_steps_are_cycles_and_exactly_as_many_as_were_asked_for(robot):
         assert robot.seconds == pytest.approx(before, abs=1e-9)
 
 
-def test_what_is_commanded_in_a_pause_is_stepped_and_runs_out_in_simulated_time(robot):
+def test_what_is_commanded_in_a_pause_is_stepped_and_expires_in_simulated_time(robot):
     robot.ask("pause_simulation", paused=True)
     robot.run(2000)
     robot.twist(0.3)
@@ -102,7 +102,7 @@ def test_what_is_commanded_in_a_pause_is_stepped_and_runs_out_in_simulated_time(
     assert robot.pose[0] == pytest.approx(rested, abs=1e-3)
 
 
-def test_a_command_from_before_is_not_executed_when_it_goes_on(robot):
+def test_a_command_from_before_is_not_executed_when_it_continues(robot):
     robot.ask("pause_simulation", paused=True)
     robot.twist(0.3)
     robot.ask("pause_simulation", paused=False)
@@ -113,7 +113,7 @@ def test_a_command_from_before_is_not_executed_when_it_goes_on(robot):
     assert robot.pose[0] > start + 0.02
 
 
-def test_after_a_pause_the_time_goes_on_where_it_stood(robot):
+def test_after_a_pause_the_time_continues_where_it_stood(robot):
     robot.ask("pause_simulation", paused=True)
     before = robot.seconds
     robot.run(5000)
@@ -139,7 +139,7 @@ def test_reset_brings_back_the_start_and_enables_nothing(robot):
     assert robot.events == []
 
 
-def test_what_happens_in_the_world_is_told_with_who_asked_for_it(robot):
+def test_a_disturbance_is_reported_with_its_client(robot):
     if not robot.ask("simulation")["changeable"]:
         assert "simple motors move" in robot.ask("push", force=[0.0, 30.0, 0.0])
         return
@@ -215,7 +215,7 @@ def put(client, controller, **values):
     return client.ask("set_parameters", controller=controller, values=wanted)
 
 
-def test_a_controllers_parameters_have_types_and_say_what_may_be_set(client, base):
+def test_a_controllers_parameters_have_types_and_state_which_may_be_set(client, base):
     found = read(client, base)
     assert (found["wheel_radius"]["kind"], found["wheel_radius"]["read_only"]) == ("double", True)
     assert "read_only" not in found["cmd_vel_timeout"]
@@ -245,7 +245,7 @@ def test_one_that_is_wrong_keeps_all_as_they_were(robby, client, base):
     assert robby.robot.manager.get(base).params.cmd_vel_timeout == before["cmd_vel_timeout"]["value"]
 
 
-def test_a_limit_is_taken_away_by_a_nan_and_a_text_is_no_number(client, base):
+def test_a_limit_is_taken_away_by_a_nan_and_a_text_is_not_a_number(client, base):
     assert put(client, base, linear__x__min_velocity=("double", ".nan"))["result"] == {}
     assert read(client, base)["linear.x.min_velocity"]["value"] == ".nan"
     assert "'linear.x.max_jerk'" in put(client, base, linear__x__max_jerk=("double", "fast"))["error"]["message"]
@@ -346,7 +346,7 @@ def test_what_cannot_be_done_is_refused_in_a_sentence(client, method, params, wo
     assert words in client.ask(method, **params)["error"]["message"]
 
 
-def test_best_effort_leaves_out_names_that_nobody_knows_and_tells_them(robby, client):
+def test_best_effort_omits_unknown_names_and_reports_them(robby, client):
     answer = client.ask("switch", activate=["nobody", BASE], deactivate=["nothing", FORWARD], strict=False)
     assert answer["result"] == {}
     assert (states(client)[BASE], states(client)[FORWARD]) == ("active", "inactive")
@@ -374,7 +374,7 @@ def test_hardware_is_unconfigured_and_configured_again(robby, client):
     assert client.ask("switch", activate=[FORWARD])["result"] == {}
 
 
-def test_the_server_says_who_it_is_first(client):
+def test_the_server_sends_its_identity_first(client):
     hello = client.hello["hello"]
     assert (hello["robot"], hello["protocol"]) == ("robby", 2)
     assert hello["pid"] > 0
@@ -400,7 +400,7 @@ def test_status_has_the_documented_shape(robby, client):
     assert status["events"]
 
 
-def test_listeners_learn_what_the_pdos_carry(client):
+def test_subscribers_receive_the_pdo_mappings(client):
     layout = client.ask("layout")["result"]["buses"]["can"]
     assert layout["channel"] == "memory:api"
     left = next(node for node in layout["nodes"] if node["name"] == "left_drive")
@@ -468,7 +468,7 @@ def test_the_answer_to_a_command_names_the_joints_that_do_not_follow(robby, clie
         ("sdo_write", {"node": "left_drive", "index": 0x6083, "data": "xyz"}, "base64"),
     ],
 )
-def test_what_cannot_be_done_is_refused_in_a_sentence_and_the_robot_goes_on(robby, client, method, params, words):
+def test_what_cannot_be_done_is_refused_in_a_sentence_and_the_robot_continues(robby, client, method, params, words):
     answer = client.ask(method, **params)
     assert words in answer["error"]["message"]
     assert client.ask("status")["result"]["state"] == "running"
@@ -524,7 +524,7 @@ def test_the_state_stream_comes_at_its_rate(robby, client):
     assert states[0]["state"]["joints"]["left_wheel_joint"]["position"] is not None
 
 
-def test_what_clients_are_told_is_made_between_the_cycles(robby, client, monkeypatch):
+def test_what_clients_are_notified_is_made_between_the_cycles(robby, client, monkeypatch):
     order = []
     client.ask("subscribe", state_rate=50)
     robby.robot.observers.append(Observer(after_cycle=lambda _now: order.append("cycle")))
@@ -545,7 +545,7 @@ def test_events_come_as_they_happen(robby, client):
     assert "stop" in kinds
 
 
-def test_who_wants_requests_is_told_what_others_have_asked_for(robby, client):
+def test_a_subscriber_to_requests_receives_those_of_other_clients(robby, client):
     watcher = Client(robby)
     watcher.ask("subscribe", requests=True)
     client.ask("command", controller=FORWARD, values=[1, 2])
@@ -569,7 +569,7 @@ def test_two_subscribers_of_one_rate_get_the_same_sample(robby, client):
 
 
 @pytest.mark.rest
-def test_a_client_that_never_reads_is_dropped_with_an_event_and_the_cycle_goes_on(robby):
+def test_a_client_that_never_reads_is_dropped_with_an_event_and_the_cycle_continues(robby):
     stalled = Client(robby)
     stalled.ask("subscribe", state_rate=50, events=True)
     robby.until(lambda: robby.texts("client_dropped"), ms=60_000)
@@ -588,7 +588,7 @@ def test_stop_and_axis_are_answered_when_they_are_done(robby, client):
     assert not robby.joint(LEFT).machine.enabled
 
 
-def test_an_axis_request_is_told_with_who_asked_for_it(robby, client):
+def test_an_axis_request_is_reported_with_its_client(robby, client):
     client.ask("axis", action="disable", node="left_drive", source="monitor")
     client.ask("axis", action="enable", node="all")
     client.ask("axis", action="enable", node="nobody")
@@ -681,14 +681,14 @@ def test_a_command_that_is_not_finite_is_refused_as_that(robby, client):
     assert "$.values[1]" in refused["message"]
 
 
-def test_a_client_may_tell_with_a_level(robby, client):
+def test_a_client_may_publish_an_event_with_a_level(robby, client):
     client.ask("subscribe", events=True)
     client.send(method="tell", params={"kind": "ros_warning", "text": "dropped", "level": "warning"})
     assert client.next()["event"]["level"] == "warning"
     assert "no level" in client.ask("tell", kind="x", text="y", level="loud")["error"]["message"]
 
 
-def test_a_command_to_a_controller_that_is_not_active_is_told_once(robby, client):
+def test_a_command_to_a_controller_that_is_not_active_is_reported_once(robby, client):
     for _ in range(2):
         assert (
             "activate it"
@@ -698,7 +698,7 @@ def test_a_command_to_a_controller_that_is_not_active_is_told_once(robby, client
     assert [event.kind for event in robby.robot.events.recent].count("refused") == 1
 
 
-def test_a_client_may_tell_something_to_all_who_watch(robby, client):
+def test_a_client_may_publish_an_event_to_all_subscribers(robby, client):
     client.ask("subscribe", events=True)
     client.send(method="tell", params={"kind": "flight", "text": "it is\nwritten"})
     event = client.next()["event"]
@@ -708,11 +708,11 @@ def test_a_client_may_tell_something_to_all_who_watch(robby, client):
 @pytest.mark.parametrize(
     ("kind", "text"), [("", "x"), ("two words", "x"), ("x", ""), ("x", "y" * 501), ("x", "\x1b[2J")]
 )
-def test_what_a_client_tells_is_a_word_and_a_printable_line(client, kind, text):
+def test_what_a_client_reports_is_a_word_and_a_printable_line(client, kind, text):
     assert "printable" in client.ask("tell", kind=kind, text=text)["error"]["message"]
 
 
-def test_those_who_watch_or_hold_leave_places_for_the_others(client, robby, monkeypatch):
+def test_subscribers_and_holders_leave_connections_for_others(client, robby, monkeypatch):
     monkeypatch.setattr(api, "MAX_KEPT", 1)
     other = Client(robby)
     assert client.ask("subscribe", events=True)["result"] == {}

@@ -31,14 +31,14 @@ OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 MS = 1_000_000
 
 
-def test_a_write_is_told_with_its_value_and_who_it_was():
+def test_a_write_is_reported_with_its_value_and_client():
     what = written_words(OD, 0x6083, 0, (4000).to_bytes(4, "little"))
     assert WriteLog().words(0, "left", "view", what).startswith("view wrote 4000 to 0x6083:00 ")
     what = written_words(OD, 0x1017, 0, (200).to_bytes(2, "little"))
     assert WriteLog().words(0, "left", "view", what).startswith("view wrote 0x00C8 to 0x1017:00 ")
 
 
-def test_what_has_no_words_is_told_by_its_length():
+def test_what_has_no_words_is_reported_by_its_length():
     assert written_words(OD, 0x5FF0, 1, b"\1\2") == "2 bytes to 0x5FF0:01"
     assert written_words(OD, 0x6083, 0, b"\1\2").startswith("2 bytes to 0x6083:00")
 
@@ -52,7 +52,7 @@ def test_many_writes_of_one_client_are_summed_up():
     assert events.recent[-1].sentence.startswith("restore wrote more objects (295 times in")
 
 
-def test_others_and_what_comes_later_are_told_one_by_one():
+def test_others_and_what_comes_later_are_reported_one_by_one():
     log = WriteLog()
     for number in range(FEW + 1):
         log.words(number, "left", "restore", "x")
@@ -85,7 +85,7 @@ def objects(told):
     return {(each.index, each.subindex): each.data for each in told}
 
 
-def test_everything_that_has_come_is_told_with_the_width_it_was_mapped_with(robot):
+def test_everything_that_has_come_is_reported_with_the_width_it_was_mapped_with(robot):
     told = ProcessDataFeed(robot.robot.nodes.values()).everything()
     assert set(told) == {"drive_one", "drive_two"}
     one = objects(told["drive_one"])
@@ -96,13 +96,13 @@ def test_everything_that_has_come_is_told_with_the_width_it_was_mapped_with(robo
     assert one[0x6061, 0] == b"\x09"
 
 
-def test_of_a_node_that_has_said_nothing_nothing_is_told(robot):
+def test_of_a_node_that_has_reported_nothing_nothing_is_reported(robot):
     robot.power_off(2)
     robot.until(lambda: not robot.one.ready)
     assert set(ProcessDataFeed(robot.robot.nodes.values()).everything()) == {"drive_two"}
 
 
-def test_only_what_changed_is_told_and_a_negative_number_as_it_travels(robot):
+def test_only_what_changed_is_reported_and_a_negative_number_as_it_travels(robot):
     feed = ProcessDataFeed(robot.robot.nodes.values())
     assert len(feed.changes()["drive_one"]) == 7
     robot.run(100)
@@ -186,7 +186,7 @@ def api(robot, monkeypatch):
     server.close()
 
 
-def test_who_subscribes_to_pdos_gets_everything_first_and_then_what_changes(api):
+def test_a_subscriber_to_pdos_gets_everything_first_and_then_changes(api):
     watcher, other = Watcher(api), Client(api)
     watcher.send(id=1, method="subscribe", params={"pdos": True})
     told = watcher.watch(100)
@@ -212,7 +212,7 @@ def test_who_subscribes_to_pdos_gets_everything_first_and_then_what_changes(api)
     other.close()
 
 
-def test_nothing_is_looked_at_while_nobody_watches(api, monkeypatch):
+def test_nothing_is_sampled_without_a_subscriber(api, monkeypatch):
     monkeypatch.setattr(ProcessDataFeed, "changes", lambda self: pytest.fail("looked"))
     client = Client(api)
     client.ask("subscribe", state_rate=10, events=True)
@@ -253,7 +253,7 @@ def test_more_pieces_than_an_object_may_have_are_refused_and_forgotten(client, r
     assert client.ask("sdo_data", data=base64_of("00" * 600))["result"] == {}
 
 
-def test_the_events_say_what_was_written_and_by_whom(client, robby):
+def test_the_events_report_what_was_written_and_by_whom(client, robby):
     for source in ({"source": "view"}, {}):
         answer = client.ask("sdo_write", node="left_drive", index=0x6083, data=base64_of("a00f0000"), **source)
         assert answer["result"] == {}
@@ -306,7 +306,7 @@ def test_a_client_that_is_gone_does_not_keep_a_node_busy(api):
     assert not api.one.sdo.busy
 
 
-def test_the_events_say_who_has_taken_a_node_out(client, robby):
+def test_the_events_name_the_client_that_took_a_node_out(client, robby):
     for source in ({"source": "view"}, {}):
         assert client.ask("nmt", node="left_drive", command="preop", **source)["result"] == {}
     told = [event for event in robby.robot.events.recent if event.kind == "nmt_asked"]

@@ -70,7 +70,7 @@ def test_a_goal_is_answered_when_it_has_ended_with_where_the_gripper_is(arm_of_a
     assert position(arm_of_api_gripper) == pytest.approx(0.3, abs=1e-3)
 
 
-def test_one_that_is_sent_is_judged_at_once_and_its_end_is_told_to_who_asks(arm_of_api_gripper, client_of_api_gripper):
+def test_a_sent_goal_is_accepted_at_once_and_its_end_is_reported_on_request(arm_of_api_gripper, client_of_api_gripper):
     verdict = client_of_api_gripper.ask("send_gripper", controller=GRIPPER, position=0.3)["result"]
     assert (verdict["accepted"], verdict["feedback_rate"]) == (True, 20.0)
     assert abs(position(arm_of_api_gripper)) < 0.1
@@ -234,7 +234,7 @@ def test_the_end_of_its_connection_ends_it_and_the_joints_brake(arm, client):
 
 
 @pytest.mark.rest
-def test_without_a_dead_man_it_goes_on_without_its_connection(arm, client):
+def test_without_a_dead_man_it_continues_without_its_connection(arm, client):
     client.send(id=1, method="follow_trajectory", params=goal(dead_man=False))
     arm.run(500)
     client.close()
@@ -263,7 +263,7 @@ def test_a_sender_that_promised_a_heartbeat_and_falls_silent_is_gone_though_its_
 
 
 @pytest.mark.rest
-def test_a_heartbeat_that_comes_keeps_it_and_one_that_nobody_waits_for_does_nothing(arm, client):
+def test_a_heartbeat_that_comes_keeps_it_and_one_that_is_not_awaited_does_nothing(arm, client):
     assert client.ask("trajectory_heartbeat")["result"] == {}
     client.send(id=7, method="follow_trajectory", params=goal(heartbeat=0.5))
     for _ in range(5):
@@ -330,7 +330,7 @@ def test_more_points_than_anybody_plans_are_refused_and_forgotten(client):
 
 
 @pytest.mark.rest
-def test_a_goal_that_is_sent_is_accepted_at_once_and_its_end_is_told_later(arm, client):
+def test_a_goal_that_is_sent_is_accepted_at_once_and_its_end_is_reported_later(arm, client):
     assert "send_trajectory" in client.ask("trajectory_end")["error"]["message"]
     begin = arm.reactor.now()
     verdict = client.ask("send_trajectory", **goal())["result"]
@@ -395,7 +395,7 @@ def test_why_a_goal_was_cancelled_is_in_its_result(arm, client):
 
 
 @pytest.mark.rest
-def test_a_trajectory_that_is_no_goal_is_followed_and_ends_with_its_connection(arm, client, other):
+def test_a_trajectory_that_is_not_a_goal_is_followed_and_ends_with_its_connection(arm, client, other):
     trajectory = {"controller": ARM, "joints": JOINTS, "points": points()}
     assert client.ask("set_trajectory", **trajectory)["result"] == {}
     arm.run(500)
@@ -408,7 +408,7 @@ def test_a_trajectory_that_is_no_goal_is_followed_and_ends_with_its_connection(a
 
 
 @pytest.mark.rest
-def test_what_the_trajectory_says_can_be_asked_for_and_its_time_scaled(arm, client):
+def test_what_the_trajectory_reports_can_be_asked_for_and_its_time_scaled(arm, client):
     assert client.ask("scale_trajectory", controller=ARM, factor=0.5)["result"] == {}
     assert client.ask("send_trajectory", **goal())["result"]["accepted"]
     arm.run(100)
@@ -425,7 +425,7 @@ def test_what_the_trajectory_says_can_be_asked_for_and_its_time_scaled(arm, clie
     assert 2.5 < (arm.reactor.now() - begin) / 1e9 < 3.2
 
 
-def test_a_controller_that_follows_nothing_says_so(arm, client):
+def test_a_controller_that_follows_nothing_reports_this(arm, client):
     for method, more in (("query_trajectory", {"time": 0.0}), ("scale_trajectory", {"factor": 1.0})):
         error = client.ask(method, controller="joint_state_broadcaster", **more)["error"]
         assert "is not a joint trajectory controller" in error["message"]

@@ -34,7 +34,7 @@ def setup(simulate=True, plugin=None, **parameters):
     return dataclasses.replace(found, description=dataclasses.replace(found.description, hardware=(tag,)))
 
 
-def test_gazebos_plugin_runs_in_physics_and_tells_what_was_guessed():
+def test_gazebos_plugin_runs_in_physics_and_reports_what_was_guessed():
     events = []
     engine = simulation_engine(setup(), KINDS, lambda *event: events.append(event))
     assert isinstance(engine, DriverlessRobot)
@@ -43,7 +43,7 @@ def test_gazebos_plugin_runs_in_physics_and_tells_what_was_guessed():
     assert any("left_wheel_joint, right_wheel_joint" in text for _, text in events)
 
 
-def test_where_nobody_asks_for_it_simple_motors_stay():
+def test_without_a_request_simple_motors_stay():
     assert simulation_engine(setup(simulate=False), KINDS, pytest.fail) is None
 
 
@@ -57,7 +57,7 @@ def test_without_mujoco_gazebos_plugin_has_simple_motors_and_mujocos_is_an_error
         simulation_engine(setup(plugin=PHYSICS_PLUGIN), KINDS, pytest.fail)
 
 
-def test_a_scene_that_is_not_there_is_told_by_mujocos_plugin():
+def test_a_scene_that_is_not_there_is_reported_by_mujocos_plugin():
     with pytest.raises(PhysicsError, match=r"scene\.xml: MuJoCo cannot read it"):
         simulation_engine(setup(plugin=PHYSICS_PLUGIN, mujoco_model="scene.xml"), KINDS, pytest.fail)
 
@@ -68,7 +68,7 @@ def world(tmp_path, text, name="hall.yml"):
     return dataclasses.replace(setup(), world=path)
 
 
-def test_a_robot_of_a_simulation_plugin_is_held_up_by_what_stands_in_its_world(tmp_path):
+def test_a_robot_of_a_simulation_plugin_is_held_up_by_what_is_in_its_world(tmp_path):
     hall = (
         '<sdf version="1.9"><world name="w"><model name="wall"><static>true</static><pose>0.5 0 0.25 0 0 0</pose>'
         '<link name="l"><collision name="c"><geometry><box><size>0.1 2 0.5</size></box></geometry></collision></link>'
@@ -151,14 +151,14 @@ def test_a_node_of_any_name_has_them(read):
         ("      velocity: {wheel: {p: 1.0}\n", "", "expected"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(read, text, place, said):
+def test_what_is_wrong_is_reported_with_its_place(read, text, place, said):
     with pytest.raises(RobotConfigError) as told:
         read(text)
     assert f"pids.yaml:{place}" in str(told.value)
     assert said in str(told.value)
 
 
-def test_a_file_without_gains_or_none_at_all_is_told(read, tmp_path):
+def test_a_file_without_gains_or_none_at_all_is_reported(read, tmp_path):
     for text in ("", "controller: {ros__parameters: {update_rate: 50}}\n", "- 1\n", "3\n"):
         with pytest.raises(RobotConfigError, match=r"no pid_gains|mapping"):
             read(text, "")

@@ -68,7 +68,7 @@ def test_a_late_cycle_gets_the_time_of_its_edge_and_the_period_of_the_grid(bench
 
 
 @pytest.mark.parametrize("edges", [1, 2, 3, 7])
-def test_skipped_edges_are_caught_up_in_time_up_to_a_bound_and_told_with_what_they_cost(benches, edges):
+def test_skipped_edges_are_caught_up_in_time_up_to_a_bound_and_reported_with_what_they_cost(benches, edges):
     bench = benches(f"cycle2{edges}")
     bench.start()
     bench.hold(5.0, 5.0, ms=500)
@@ -293,7 +293,7 @@ def test_shutdown_ramps_disables_and_leaves_the_drives_in_peace(bench):
     assert robby.robot.failure is None
 
 
-def test_stop_is_answered_when_nothing_moves_and_only_enable_lets_it_move_again(bench):
+def test_stop_is_answered_at_standstill_and_only_enable_permits_motion_again(bench):
     robby = bench()
     robby.start()
     robby.hold(10.0, 10.0, ms=300)
@@ -324,7 +324,7 @@ def test_a_drive_that_loses_its_bus_stops_the_other_within_its_heartbeat_time(be
     assert any("right_wheel_joint" in text for text in robby.texts("stop"))
 
 
-def test_a_drive_that_comes_back_is_booted_by_itself_and_waits_for_an_enable(bench):
+def test_a_drive_that_returns_is_booted_by_itself_and_waits_for_an_enable(bench):
     robby = bench()
     robby.start()
     robby.hold(10.0, 10.0, ms=500)
@@ -395,7 +395,7 @@ def test_a_missing_drive_fails_the_start_by_name_and_stops_the_other(bench):
     assert "right_drive" not in robby.robot.failure
 
 
-def test_a_bus_nobody_answers_on_names_them_all(bench):
+def test_a_bus_without_an_answer_names_all_of_them(bench):
     robby = bench(drives=())
     robby.robot.start()
     robby.until(lambda: robby.robot.state is RobotState.STOPPED, ms=20_000)
@@ -593,7 +593,7 @@ def test_a_stop_in_the_last_cycle_has_succeeded(bench):
     assert answers == [None]
 
 
-def test_a_wheel_that_never_booted_is_no_doubt_about_the_stop(bench, tmp_path):
+def test_a_wheel_that_never_booted_is_not_a_doubt_about_the_stop(bench, tmp_path):
     config = copy_robby(tmp_path, bus={"    node_id: 2\n": "    node_id: 2\n    required: false\n"})
     robby = bench(config=str(config), drives=(LEFT,))
     robby.start()

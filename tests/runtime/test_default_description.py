@@ -51,7 +51,7 @@ def test_a_bus_with_no_drive_at_all_runs_and_is_spoken_to(bench, tmp_path, neste
     assert answers[0].data == (0x30191).to_bytes(4, "little")
 
 
-def test_what_has_no_axis_says_so_and_a_stop_of_nothing_is_done(bench, tmp_path):
+def test_what_has_no_axis_reports_this_and_a_stop_of_nothing_is_done(bench, tmp_path):
     robot = bench(write_io(tmp_path), (IO,))
     for name, word in (("all", "no axis"), ("io_module", "has no axis")):
         with pytest.raises(ControlError, match=word):
@@ -96,7 +96,7 @@ def test_the_axes_of_one_device_are_joints_by_its_channel_names(bench, tmp_path)
     assert robot.robot.joints["shoulder"].states["velocity"].value == 0.0
 
 
-def test_a_drive_under_a_proxy_driver_is_not_moved_and_a_driver_without_a_drive_is_told(tmp_path):
+def test_a_drive_under_a_proxy_driver_is_not_moved_and_a_driver_without_a_drive_is_reported(tmp_path):
     config = write_drives(tmp_path, io="")
     bus = config / "bus.yml"
     text = bus.read_text().replace("ProxyDriver", "Cia402Driver")
@@ -116,7 +116,7 @@ def test_a_good_bus_is_good(tmp_path):
     assert report.budgets["can"].fits
 
 
-def test_all_mistakes_are_told_at_once_with_their_places(tmp_path):
+def test_all_errors_are_reported_at_once_with_their_places(tmp_path):
     config = write_io(tmp_path, nested=False)
     bus = config / "bus.yml"
     bus.write_text(bus.read_text().replace("node_id: 5", "node_id: 300") + "other: {dcf: absent.eds, node_id: 7}\n")
@@ -147,7 +147,7 @@ TARGETS = (
 
 
 @pytest.mark.parametrize(("mapping", "word"), [(CONTROL, "no RPDO carries 0x6040"), (STATUS, "no TPDO carries 0x6041")])
-def test_a_drive_that_no_pdo_commands_is_a_proxy_and_told_once_with_what_to_map(bench, tmp_path, mapping, word):
+def test_a_drive_that_no_pdo_commands_is_a_proxy_and_reported_once_with_what_to_map(bench, tmp_path, mapping, word):
     config = without(write_drives(tmp_path), mapping)
     report = check(config)
     assert errors(report) == []
@@ -194,7 +194,7 @@ OBSERVED = (
 )
 
 
-def test_the_advice_beside_a_drive_without_a_target_works(bench, tmp_path):
+def test_the_advice_alongside_a_drive_without_a_target_works(bench, tmp_path):
     robot = bench(observed(tmp_path), (2, 3))
     assert robot.robot.state is RobotState.DISABLED
     assert robot.robot.hint == "drive_two is not enabled and will not move: canopen-control axis enable all"
@@ -216,7 +216,7 @@ def test_a_bus_whose_drives_all_lack_a_target_waits_for_no_enable(bench, tmp_pat
         robot.robot.axis(Action.ENABLE, "all", print)
 
 
-def test_a_drive_that_no_joint_of_a_robot_names_is_a_proxy_beside_the_others_and_told(tmp_path):
+def test_a_drive_that_no_joint_of_a_robot_names_is_a_proxy_alongside_the_others_and_reported(tmp_path):
     config = write_generic(tmp_path)
     bus = config / "bus.yml"
     bus.write_text(bus.read_text() + "  spare:\n    node_id: 9\n")
@@ -235,7 +235,7 @@ def with_spare(folder, driver="ros2_canopen::Cia402Driver", name="spare"):
 
 
 @pytest.mark.rest
-def test_a_robot_may_have_a_drive_that_takes_targets_beside_its_joints(tmp_path):
+def test_a_robot_may_have_a_drive_that_takes_targets_alongside_its_joints(tmp_path):
     config = with_spare(tmp_path)
     told = [each.text for each in check(config, controllers=["velocity"]).findings if "spare" in each.text]
     assert any("it has its own controller" in each and "axis enable spare, command spare" in each for each in told)
@@ -260,7 +260,7 @@ def test_a_robot_may_have_a_drive_that_takes_targets_beside_its_joints(tmp_path)
 
 
 @pytest.mark.rest
-def test_a_drive_beside_the_others_that_need_not_be_there_stops_and_keeps_none_of_them(tmp_path):
+def test_a_drive_alongside_the_others_that_need_not_be_there_stops_and_keeps_none_of_them(tmp_path):
     config = with_spare(tmp_path)
     (config / "bus.yml").write_text((config / "bus.yml").read_text() + "    required: false\n")
     robot = AloneBench("mixed", config=config, drives=(2, 3), controllers=["velocity"])
@@ -294,7 +294,7 @@ def test_one_that_is_to_be_none_or_whose_name_is_taken_is_a_proxy(tmp_path, how,
     assert len([joint for tag in setup.description.hardware for joint in tag.joints]) == 2
 
 
-def test_a_mocked_robot_has_no_drive_beside_its_joints(tmp_path):
+def test_a_mocked_robot_has_no_drive_alongside_its_joints(tmp_path):
     setup = read_robot(find_robot(str(with_spare(tmp_path))), controllers=["velocity"], mock=True)
     assert "spare" not in setup.to_activate
     assert "spare" in read_robot(find_robot(str(tmp_path / "generic")), controllers=["velocity"]).to_activate
@@ -307,7 +307,7 @@ def test_there_is_nothing_to_mock(tmp_path):
     assert any("--mock" in each for each in errors(check(config, mock=True)))
 
 
-def test_a_folder_with_half_of_a_robot_still_says_what_is_missing(tmp_path):
+def test_a_folder_with_half_of_a_robot_still_reports_what_is_missing(tmp_path):
     config = write_io(tmp_path)
     (config / "ros2_controllers.yaml").write_text("controller_manager: {ros__parameters: {}}\n")
     with pytest.raises(RobotConfigError, match=r"has no .*urdf"):

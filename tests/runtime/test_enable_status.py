@@ -38,7 +38,7 @@ def bench_of_needed_nodes(tmp_path, request):
 
 
 @pytest.mark.parametrize("key", ["", "required: false", "mandatory: false"])
-def test_one_that_nobody_called_required_is_told_and_stops_nothing(bench_of_needed_nodes, key):
+def test_one_that_is_not_called_required_is_reported_and_stops_nothing(bench_of_needed_nodes, key):
     robot = bench_of_needed_nodes(key)
     robot.power_off(IO)
     robot.told("heartbeat_lost")
@@ -145,7 +145,7 @@ def act_of_latch(robby, action):
     assert answers == [None]
 
 
-def test_a_latched_stop_stops_and_refuses_everything_that_would_move_with_a_way_out(bench_of_latch):
+def test_a_latched_stop_stops_and_refuses_everything_that_would_move_with_a_remedy(bench_of_latch):
     robby = bench_of_latch()
     robby.start()
     robby.hold(10, 10, ms=500)
@@ -169,7 +169,7 @@ def test_a_latched_stop_stops_and_refuses_everything_that_would_move_with_a_way_
     assert all(joint.state is State.SWITCH_ON_DISABLED for joint in robot.joints.values())
 
 
-def test_a_release_enables_nothing_and_the_old_command_is_forgotten(bench_of_latch):
+def test_a_release_enables_nothing_and_the_old_command_is_discarded(bench_of_latch):
     robby = bench_of_latch(controllers=NO_TIMEOUT_OF_LATCH)
     robby.start()
     robby.command(10, 10)
@@ -212,7 +212,7 @@ def test_a_robot_that_is_latched_while_it_boots_waits_for_the_release(bench_of_l
     assert all(joint.enabled for joint in robby.robot.joints.values())
 
 
-def test_a_drive_that_comes_back_under_a_latched_stop_stays_off(bench_of_latch):
+def test_a_drive_that_returns_under_a_latched_stop_stays_off(bench_of_latch):
     robby = bench_of_latch()
     robby.start()
     robby.hold(10, 10, ms=300)
@@ -225,7 +225,7 @@ def test_a_drive_that_comes_back_under_a_latched_stop_stays_off(bench_of_latch):
     assert not any(joint.enabled for joint in robby.robot.joints.values())
 
 
-def test_status_and_stream_say_who_latched_it(bench_of_latch):
+def test_status_and_stream_name_the_client_that_latched_it(bench_of_latch):
     robby = bench_of_latch()
     robby.start()
     assert [status_dict(robby.robot)[key] for key in ("latched", "latched_by")] == [False, None]
@@ -289,7 +289,7 @@ def test_what_a_dead_man_commands_ends_with_his_connection(bench_of_latch):
     api.close()
 
 
-def test_who_is_no_dead_man_or_commands_no_more_ends_nothing(bench_of_latch):
+def test_a_client_without_a_dead_man_or_command_ends_nothing(bench_of_latch):
     robby, api, client = hold(bench_of_latch)
     client.close()
     robby.run(500)
@@ -333,7 +333,7 @@ def test_a_latch_that_cannot_be_read_is_held(tmp_path, content):
     assert latch.held
 
 
-def test_a_latch_that_cannot_be_kept_holds_and_says_so(tmp_path):
+def test_a_latch_that_cannot_be_kept_holds_and_reports_this(tmp_path):
     (tmp_path / "file").write_text("")
     told = []
     latch = StopLatch(told.append)
@@ -445,7 +445,7 @@ def test_while_it_is_being_enabled_a_command_comes_too_early_and_the_next_one_is
     assert not robby.texts("refused")  # what passes by itself is nothing to tell
 
 
-def test_a_robot_that_waits_for_tpdos_without_sync_says_so(bench):
+def test_a_robot_that_waits_for_tpdos_without_sync_reports_this(bench):
     robby = bench(bus={"  sync_period: 20000 ": "  #"}, start=False)
     robby.robot.start()
     robby.run(3000)
@@ -462,7 +462,7 @@ def test_a_robot_that_waits_for_a_node_which_does_not_boot_names_it(bench):
     assert robby.robot.hint.startswith("node 3 (left_drive): boot error B: no answer")
 
 
-def test_the_state_says_that_it_is_disabled_and_what_to_call(bench):
+def test_the_state_reports_that_it_is_disabled_and_what_to_call(bench):
     robby = bench()
     assert (robby.robot.state, robby.robot.hint) == (RobotState.RUNNING, None)
     stop(robby)
@@ -482,7 +482,7 @@ def test_the_state_says_that_it_is_disabled_and_what_to_call(bench):
     assert robby.robot.hint.startswith("left_drive, right_drive are halted")
 
 
-def test_a_latched_stop_says_how_to_let_go_and_then_how_to_enable(bench):
+def test_a_latched_stop_suggests_how_to_release_it_and_then_how_to_enable(bench):
     robby = bench()
     robby.robot.stop(lambda _error: None, "a test")
     robby.run(1000)
@@ -502,7 +502,7 @@ def test_a_velocity_ends_after_two_seconds_where_the_yaml_names_no_time(bench):
     assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)
 
 
-def test_a_time_out_of_zero_is_told_once_when_it_starts(bench):
+def test_a_time_out_of_zero_is_reported_once_when_it_starts(bench):
     robby = bench(controllers=FOR_EVER)
     robby.run(3000)
     assert [text for text in robby.texts("endless_command") if "command_timeout is 0" in text] == [
@@ -511,7 +511,7 @@ def test_a_time_out_of_zero_is_told_once_when_it_starts(bench):
     ]
 
 
-def test_a_controller_that_is_only_in_the_file_says_how_to_switch(bench):
+def test_a_controller_that_is_only_in_the_file_suggests_how_to_switch(bench):
     robby = bench()
     with pytest.raises(ControlError) as refused:
         robby.robot.command("robby_base_controller", [0.1, 0.0], "test")

@@ -34,7 +34,7 @@ def test_a_base_whose_odometry_is_right_has_no_error_wherever_the_world_begins(s
     assert reading.in_odometry == pytest.approx(moved(odometry), abs=1e-9)
 
 
-def test_the_error_is_the_truth_less_odometry_as_odometry_sees_it():
+def test_the_error_is_the_true_pose_minus_odometry_in_the_odometry_frame():
     tracker = TruePoseTracker()
     assert taken(tracker, (1.0, 2.0, math.pi / 2), (0.0, 0.0, 0.0)).error == pytest.approx((0.0, 0.0, 0.0))
     reading = taken(tracker, (1.0, 3.0, math.pi / 2 + 0.1), (0.9, 0.0, 0.0))
@@ -43,7 +43,7 @@ def test_the_error_is_the_truth_less_odometry_as_odometry_sees_it():
 
 
 @pytest.mark.parametrize("again", [TruePoseTracker.align, lambda t: taken(t, (9, 0, 0), (0, 0, 0), "other")])
-def test_the_frames_are_brought_together_anew_when_odometry_begins_anew(again):
+def test_the_frames_are_brought_together_again_when_odometry_restarts(again):
     tracker = TruePoseTracker()
     taken(tracker, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     again(tracker)

@@ -109,13 +109,13 @@ def test_a_launch_file_alone_may_name_everything_but_the_bus(tmp_path):
         ("FindPackageShare(PACKAGE)", 'FindPackageShare("far")', "package 'far' was not found; source its"),
     ],
 )
-def test_why_a_launch_file_gives_no_description_is_told(tmp_path, old, new, why):
+def test_why_a_launch_file_gives_no_description_is_reported(tmp_path, old, new, why):
     path = make_package(tmp_path, LAUNCH.replace(old, new, 1))
     with pytest.raises(RobotConfigError, match=rf"no \*\.urdf\.xacro .*{why}"):
         find_robot(str(path.parents[1] / "config" / "first"), launch=str(path))
 
 
-def test_one_that_computes_the_names_of_its_files_says_which(tmp_path):
+def test_one_that_computes_the_names_of_its_files_reports_which(tmp_path):
     launch = tmp_path / "a.launch.py"
     launch.write_text('def generate_launch_description():\n    return open(which() + ".urdf"), f"{which()}.yaml"\n')
     with pytest.raises(
@@ -224,7 +224,7 @@ def test_an_argument_that_names_a_can_interface_is_the_channel(tmp_path, name):
     assert not setup.real
 
 
-def test_a_default_that_nobody_gave_is_none(tmp_path):
+def test_a_default_that_is_not_given_is_none(tmp_path):
     assert read(tmp_path).channels["can"].startswith("local:")
 
 
@@ -254,7 +254,7 @@ def test_what_cannot_be_obeyed_is_refused(tmp_path, words, options, why):
         read(tmp_path, *words, **options)
 
 
-def test_an_argument_that_reaches_nothing_is_told(tmp_path):
+def test_an_argument_that_reaches_nothing_is_reported(tmp_path):
     told = [text for _, _, text in read(tmp_path, "gui:=true").notices]
     assert any(text.startswith("gui:=true is used neither") for text in told)
     assert not any("mock:=false" in text for _, _, text in read(tmp_path / "b", "mock:=false").notices)
@@ -423,7 +423,7 @@ def test_a_second_file_of_parameters_is_a_doubt_with_its_line(sources):
     assert doubt.startswith(f"{path}:{line}: rrbot.yaml is ignored, since more.yaml is read; move its parameters into")
 
 
-def test_a_launch_file_that_names_no_description_says_so_and_not_that_a_folder_is_missing(sources):
+def test_a_launch_file_that_names_no_description_reports_this_and_not_that_a_folder_is_missing(sources):
     path = sources / "none.launch.py"
     path.write_text("def generate_launch_description():\n    return LaunchDescription([])\n")
     with pytest.raises(RobotConfigError, match=r"none.launch.py names no description file; give it by --description"):

@@ -108,20 +108,20 @@ def test_the_demo_of_a_moveit_configuration_takes_the_controllers_of_its_package
     assert texts("generate_demo_launch(f())\n") == []
 
 
-def test_a_moveit_configuration_with_a_computed_name_is_told_with_its_line():
+def test_a_moveit_configuration_with_a_computed_name_is_reported_with_its_line():
     assert computed("MoveItConfigsBuilder(f())\n") == [(1, "the description of MoveItConfigsBuilder")]
 
 
 @pytest.mark.parametrize(
     "expression", ['glob("*.yaml")[0]', 'open("x").read() + ".yaml"', 'TWICE + "/b.yaml"', 'given + "/b.yaml"']
 )
-def test_what_is_computed_is_no_text(expression):
+def test_what_is_computed_is_not_a_text(expression):
     source = f'TWICE = "a"\nTWICE = "b"\ndef f(given):\n    x({expression})\n'
     assert not any(text in ("a/b.yaml", "b/b.yaml") for text in texts(source))
     assert all(text in ("*.yaml", ".yaml", "/b.yaml") for text in texts(source))
 
 
-def test_names_that_are_computed_are_told_with_their_lines():
+def test_names_that_are_computed_are_reported_with_their_lines():
     assert computed("DeclareLaunchArgument(name())\n") == [(1, "the name of an argument")]
     assert computed('DeclareLaunchArgument("a", default_value=f())\n') == [(1, "the default of the argument 'a'")]
     assert computed("Node(package=f(),\n     arguments=[g()])\n") == [
@@ -143,7 +143,7 @@ def test_names_that_are_computed_are_told_with_their_lines():
         ('f""', ""),
     ],
 )
-def test_a_file_whose_name_is_put_together_is_told_by_its_end_and_never_guessed(expression, ending):
+def test_a_file_whose_name_is_put_together_is_reported_by_its_end_and_never_guessed(expression, ending):
     found = read_python(f"f()\nx = [{expression}]\n", "x.launch.py")
     assert found.computed == ([(2, f"the name of a file that ends in {ending!r}")] if ending else [])
     assert found.texts == []
@@ -161,7 +161,7 @@ def test_names_that_double_each_other_end_too():
 
 
 @pytest.mark.parametrize(("source", "line"), [("def f(:\n", 1), ("x = 1\n  y = 2\n", 2), ("a\0b", 1)])
-def test_what_is_no_python_says_where(source, line):
+def test_what_is_not_a_python_reports_where(source, line):
     with pytest.raises(RobotConfigError, match=rf"x\.launch\.py:{line}: not valid Python: "):
         read_python(source, "x.launch.py")
 

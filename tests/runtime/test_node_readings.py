@@ -24,7 +24,7 @@ def read_anew(robot):
     return NodeReadings(robot.nodes, buses, robot.joints.values(), robot.systems).at(robot.reactor.now())
 
 
-def test_a_drive_that_nothing_stops_says_why():
+def test_a_drive_that_nothing_stops_reports_why():
     bench = Bench("readings")
     bench.start()
     node = bench.robot.nodes["left_drive"]
@@ -85,7 +85,7 @@ def test_of_a_robot_that_stands_only_the_age_is_new():
 
 
 @pytest.mark.rest
-def test_whatever_happens_they_are_what_is_read_anew():
+def test_whatever_happens_they_are_what_is_read_again():
     draw = random.Random(7)
     bench = Bench("readings_drawn")
     robot, met = bench.robot, set()

@@ -118,7 +118,7 @@ def test_the_first_sync_makes_a_period_longer_and_never_shorter():
         assert (12 * MS + shift - tick) % (10 * MS) == 5 * MS
 
 
-def test_a_sync_that_comes_at_another_time_from_now_on_is_followed_anew():
+def test_a_sync_that_comes_at_another_time_from_now_on_is_followed_again():
     phase = SyncPhase(10 * MS, 5 * MS)
     edge = 5 * MS + phase.receive_sync(0, 5 * MS)
     shifts = []
@@ -164,7 +164,7 @@ def test_edges_lie_on_the_grid_of_the_start(make):
     assert (pacer.count, pacer.missed) == (5, 0)
 
 
-def test_missed_edges_are_told_at_most_once_a_second_and_in_sum(make):
+def test_missed_edges_are_reported_at_most_once_a_second_and_in_sum(make):
     _, _, pacer = make(lambda _now: None)
     second = 1_000_000_000
     assert pacer.newly_missed(0) == 0

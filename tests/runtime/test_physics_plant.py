@@ -94,7 +94,7 @@ def test_without_physics_there_is_nothing_to_measure(tmp_path):
         bench.close()
 
 
-def test_a_mistake_in_a_tag_is_told_before_anything_runs_with_its_line(tmp_path):
+def test_an_error_in_a_tag_is_reported_before_anything_runs_with_its_line(tmp_path):
     with pytest.raises(PhysicsError, match=r"robby\.urdf\.xacro:\d+:\d+: sensor imu: no link 'base_lnk'"):
         PhysicsRobot("missensed", config=robby(tmp_path, frame="base_lnk"))
 
@@ -134,7 +134,7 @@ def test_a_world_is_named_where_one_is_given(robot):
     assert lines[3:5] == ['world: "/worlds/my hall.yml"', "axes:"]
 
 
-def test_it_is_written_with_the_description_beside_the_logs(robot, tmp_path, monkeypatch):
+def test_it_is_written_with_the_description_alongside_the_logs(robot, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     path = write_plant(robot.setup, robot.robot.joints)
     assert path == tmp_path / "canopen_control" / "robby" / PLANT_FILE
@@ -186,7 +186,7 @@ def test_a_simulation_plugin_gives_way_to_drives():
         ({"channels": {"can": "can0"}}, "real drives may be on can0"),
     ],
 )
-def test_what_physics_cannot_do_is_told(changes, words):
+def test_what_physics_cannot_do_is_reported(changes, words):
     setup = replace(setup_of("robby", "local:physics-cannot"), **changes)
     with pytest.raises(RobotConfigError, match="--physics") as caught:
         check_physics(setup)

@@ -108,7 +108,7 @@ def test_a_processor_that_is_not_there_is_refused_with_those_that_are(cpu: int) 
 
 
 @LINUX
-def test_a_refused_priority_tells_the_command_for_this_shell_and_gives_back_what_was_had(
+def test_a_refused_priority_reports_the_command_for_this_shell_and_gives_back_what_was_had(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def refuse(*_arguments: object) -> None:
@@ -147,7 +147,7 @@ def test_a_limit_of_locked_memory_is_refused_before_it_can_make_an_allocation_fa
         ("/dev/x: Permission denied", "processors may sleep (/dev/x: Permission denied)"),
     ],
 )
-def test_processors_are_kept_awake_or_it_is_told_why_they_may_sleep(
+def test_processors_are_kept_awake_or_it_is_reported_with_why_they_may_sleep(
     monkeypatch: pytest.MonkeyPatch, reason: str, text: str
 ) -> None:
     undone: list[str] = []
@@ -164,7 +164,7 @@ def test_processors_are_kept_awake_or_it_is_told_why_they_may_sleep(
     assert undone == ["asleep again"]
 
 
-def test_other_systems_are_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_systems_are_reported_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
     RealTime(None).close()
     for priority, cpu in ((40, None), (None, 0)):
@@ -220,12 +220,12 @@ def test_no_latency_is_asked_for_until_the_end():
     assert _latency_us() == before
 
 
-def test_a_machine_without_it_says_so(tmp_path):
+def test_a_machine_without_it_reports_this(tmp_path):
     with contextlib.ExitStack() as undo:
         assert keep_awake(undo, str(tmp_path / "none")) == f"{tmp_path}/none: No such file or directory"
 
 
-def test_a_user_who_may_not_learns_what_to_type(monkeypatch):
+def test_a_user_without_permission_gets_the_command_to_type(monkeypatch):
     def refuse(_device, _flags):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 

@@ -54,7 +54,7 @@ def test_every_frame_that_was_sent_was_received_by_the_drives():
     bench.close()
 
 
-def test_what_is_lost_while_the_bus_carries_nothing_is_told_as_that_and_once_when_it_is_back():
+def test_what_is_lost_while_the_bus_carries_nothing_is_reported_as_that_and_once_when_it_is_back():
     bench = Bench("bus5")
     bench.start()
     bench.bus.bus_off("master")
@@ -74,7 +74,7 @@ def test_what_is_lost_while_the_bus_carries_nothing_is_told_as_that_and_once_whe
     bench.close()
 
 
-def test_what_came_before_the_robot_began_is_no_news_but_who_has_booted_up_is_known():
+def test_events_before_the_start_are_not_reported_but_boot_ups_are_recorded():
     bench = Bench("busjoined")
     bench.robot.join()
     bench.reactor.run_for(10_000_000)  # the drives are switched on

@@ -92,7 +92,7 @@ def test_the_kernel_sends_until_the_robot_has_left_the_bus(following):
     assert bench.kernel.sent[-1] == last
 
 
-def test_sync_that_is_not_heard_is_told_once_and_set_up_again_while_the_cycle_goes_on(following):
+def test_sync_that_is_not_received_is_reported_once_and_set_up_again_while_the_cycle_continues(following):
     bench = following("kernel3")
     bench.start()
     bench.hold(5.0, 5.0, ms=500)
@@ -145,7 +145,7 @@ def test_a_bus_that_leads_no_cycle_watches_its_sync_all_the_same():
     assert (task.starts, task.closes, len(told)) == (5, 4, 1), "each half a second, and told once"
 
 
-def test_the_first_sync_of_a_node_that_has_to_boot_is_waited_for_and_its_absence_says_what_to_do():
+def test_the_first_sync_of_a_node_that_has_to_boot_is_waited_for_and_its_absence_suggests_what_to_do():
     told = []
     sync = ExternalSync(NodeSync(), 10_000, None, told.append, first_wait_ns=5000 * MS)
     sync.start(0)
@@ -198,7 +198,7 @@ def test_what_the_kernel_adds_to_each_period_is_taken_off_it(latency_us, stalls)
 
 
 @pytest.mark.parametrize(("period_us", "least"), [(10_000, 9_900), (1000, 950)])
-def test_a_machine_that_stands_still_again_and_again_is_no_latency_to_be_taken_off(period_us, least):
+def test_a_machine_that_is_at_standstill_again_and_again_is_not_a_latency_to_be_taken_off(period_us, least):
     task = Slow(3 * MS)
     heard_by_a_late_process(task, 1000, period_us=period_us)
     assert min(task.told) == least

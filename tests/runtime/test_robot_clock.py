@@ -62,7 +62,7 @@ def test_a_pause_takes_no_time(made):
     assert made.clock.now() == made.times[-1]
 
 
-def test_who_asked_for_steps_is_told_once_when_they_are_done_or_left(made):
+def test_the_client_of_steps_is_notified_once_when_they_are_done_or_abandoned(made):
     made.cycle()
     made.clock.pause()
     made.clock.step(5, made)
@@ -120,7 +120,7 @@ class Walls:
 
 
 @pytest.mark.parametrize("step", [-2, 3600, -3600, 0.06])
-def test_a_clock_that_is_set_is_followed_and_told_once(step):
+def test_a_clock_that_is_set_is_followed_and_reported_once(step):
     walls = Walls()
     step_ns = round(step * SECOND)
     walls.passes(SECOND, step_ns)
@@ -159,6 +159,6 @@ def test_virtual_time_has_no_wall_to_follow():
     assert walls.wall.follow_if_due(walls.now) == walls.wall.follow() == walls.wall.offset_ns == 0
 
 
-def test_the_words_say_which_way():
+def test_the_words_report_which_way():
     assert "set back by 2.000 s" in step_words(-2 * SECOND)
     assert "set forward by 3600.000 s" in step_words(3600 * SECOND)

@@ -47,7 +47,7 @@ def test_everything_that_is_missing_is_named_at_once(tmp_path):
     assert all(word in str(caught.value) for word in ("bus.yml", "ros2_controllers.yaml", "*.urdf"))
 
 
-def test_bus_yml_may_be_absent_but_not_beside_further_buses_and_not_when_it_is_named(tmp_path):
+def test_bus_yml_may_be_absent_but_not_alongside_further_buses_and_not_when_it_is_named(tmp_path):
     folder = robot(tmp_path / "r", "ros2_controllers.yaml", "x.urdf")
     files = find_robot(str(folder))
     assert (files.name, files.bus, files.buses) == ("r", None, {})
@@ -60,7 +60,7 @@ def test_bus_yml_may_be_absent_but_not_beside_further_buses_and_not_when_it_is_n
 
 
 @pytest.mark.parametrize("name", ["bus.yml", "bus_arm.yml", "ros2_controllers.yaml", "x.urdf"])
-def test_what_is_no_regular_file_is_refused_and_never_opened(tmp_path, name):
+def test_what_is_not_a_regular_file_is_refused_and_never_opened(tmp_path, name):
     names = {"bus.yml", "ros2_controllers.yaml", "x.urdf"} - {name}
     folder = robot(tmp_path / "r", *names)
     os.mkfifo(folder / name)
@@ -75,13 +75,13 @@ def test_what_is_no_regular_file_is_refused_and_never_opened(tmp_path, name):
             find_buses(str(folder))
 
 
-def test_a_device_is_no_file_of_a_robot(tmp_path):
+def test_a_device_is_not_a_file_of_a_robot(tmp_path):
     folder = robot(tmp_path / "r", "ros2_controllers.yaml", "x.urdf")
     with pytest.raises(RobotConfigError, match="/dev/zero is a pipe or a device, not a file"):
         find_robot(str(folder), bus="/dev/zero")
 
 
-def test_a_file_of_a_robot_is_not_the_robot_and_its_folder_is_told(tmp_path):
+def test_a_file_of_a_robot_is_not_the_robot_and_its_folder_is_reported(tmp_path):
     folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf")
     for find in (find_robot, find_buses):
         with pytest.raises(RobotConfigError, match=f"it is a file; give its folder: {re.escape(str(folder))}$"):
@@ -101,7 +101,7 @@ def test_a_bus_file_with_another_name_is_named(tmp_path):
             find(str(file))
 
 
-def test_an_empty_name_is_no_robot_and_not_the_present_folder(tmp_path, monkeypatch):
+def test_an_empty_name_is_not_a_robot_and_not_the_present_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf"))
     assert find_robot(".").name == "r"
     for find in (find_robot, find_buses):
@@ -125,7 +125,7 @@ def test_a_file_that_is_not_there_is_named_with_its_option():
         find_robot("robby", bus="nowhere.yml")
 
 
-def test_further_buses_stand_beside_the_first_by_their_names(tmp_path):
+def test_further_buses_stand_alongside_the_first_by_their_names(tmp_path):
     folder = robot(tmp_path / "r", "bus.yml", "bus_arm.yml", "bus_left-leg.yml", "ros2_controllers.yaml", "x.urdf")
     files = find_robot(str(folder))
     assert list(files.buses) == ["can", "arm", "left-leg"]
@@ -134,7 +134,7 @@ def test_further_buses_stand_beside_the_first_by_their_names(tmp_path):
     assert find_robot(str(folder), bus=str(folder / "bus_arm.yml")).buses == {"can": folder / "bus_arm.yml"}
 
 
-def test_a_copy_of_a_bus_file_is_no_further_bus(tmp_path):
+def test_a_copy_of_a_bus_file_is_not_a_further_bus(tmp_path):
     folder = robot(tmp_path / "r", "bus.yml", "bus_template.yml", "bus_arm_old.yml", "ros2_controllers.yaml", "x.urdf")
     assert find_robot(str(folder)).buses == {"can": folder / "bus.yml"}
 
@@ -186,14 +186,14 @@ def test_a_bus_file_alone_is_a_bus_without_controllers(tmp_path):
 
 
 @pytest.mark.parametrize("names", [("bus.yml", "x.urdf"), ("bus.yml", "ros2_controllers.yaml"), ("bus_arm.yml",)])
-def test_half_of_a_robot_is_no_bus_without_controllers(tmp_path, names):
+def test_half_of_a_robot_is_not_a_bus_without_controllers(tmp_path, names):
     with pytest.raises(RobotConfigError):
         find_robot(str(robot(tmp_path / "r", *names)))
     assert not find_robot("robby").bus_alone
     assert not find_robot("diffbot_sim").bus_alone
 
 
-def test_an_absent_bus_is_not_told_beside_another_mistake_of_a_robot_that_may_do_without(tmp_path):
+def test_an_absent_bus_is_not_reported_alongside_another_error_of_a_robot_that_may_do_without(tmp_path):
     folder = robot(tmp_path / "r", "ros2_controllers.yaml")
     with pytest.raises(RobotConfigError) as caught:
         find_robot(str(folder))
@@ -245,7 +245,7 @@ def package(tmp_path):
 
 
 @pytest.mark.parametrize("given", ["", "config"])
-def test_in_a_package_the_description_is_beside_config(package, given):
+def test_in_a_package_the_description_is_alongside_config(package, given):
     files = find_robot(str(package / given))
     assert files.name == "my_robot"
     assert files.bus == package / "config" / "bus.yml"
@@ -274,7 +274,7 @@ def test_what_lies_in_several_folders_is_named(package):
         find_buses(str(package))
 
 
-def test_a_package_is_given_by_its_name_where_the_environment_knows_it(package, tmp_path, monkeypatch):
+def test_a_package_is_found_by_name_if_the_environment_contains_it(package, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ws"))
     assert find_robot("my_robot").bus == package / "config" / "bus.yml"

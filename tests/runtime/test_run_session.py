@@ -183,7 +183,7 @@ def test_what_ends_it_before_it_began_ends_it():
 
 
 @pytest.mark.sources
-def test_a_robot_whose_drives_are_ready_boots_when_it_has_heard_them(monkeypatch):
+def test_a_robot_whose_drives_are_ready_boots_when_it_has_received_them(monkeypatch):
     session = RunSession(setup("heard", "memory:heard"), RunOptions(drives=False))
     heard = []
     monkeypatch.setattr(session.robot, "has_heard", lambda _names: bool(heard))
@@ -196,7 +196,7 @@ def test_a_robot_whose_drives_are_ready_boots_when_it_has_heard_them(monkeypatch
 
 
 @pytest.mark.parametrize(("write", "nodes", "said"), [(write_drives, 2, True), (write_io, 1, False)])
-def test_a_demo_of_a_bus_without_controllers_moves_nothing_and_says_how(tmp_path, write, nodes, said):
+def test_a_demo_of_a_bus_without_controllers_moves_nothing_and_reports_how(tmp_path, write, nodes, said):
     found = read_robot(find_robot(str(write(tmp_path))), name="alone", can=["memory:alone"])
     session = RunSession(found, RunOptions(duration=0.3, motion=True), reactor=Reactor())
     events = []

@@ -13,7 +13,7 @@ def caught(number):
         return error
 
 
-def test_a_fault_of_the_program_is_an_event_with_its_place_and_told_once(capsys):
+def test_a_fault_of_the_program_is_an_event_with_its_place_and_reported_once(capsys):
     told = []
     program_errors = ProgramErrors(lambda: 7, told.append)
     for number in (1, 2):
@@ -28,7 +28,7 @@ def test_a_fault_of_the_program_is_an_event_with_its_place_and_told_once(capsys)
     assert capsys.readouterr().err == ""
 
 
-def test_the_traceback_is_for_those_who_ask(capsys, monkeypatch):
+def test_the_traceback_is_printed_on_request(capsys, monkeypatch):
     monkeypatch.setenv("CANOPEN_CONTROL_DEBUG", "1")
     ProgramErrors(lambda: 0, lambda _event: None)(caught(1))
     assert "Traceback" in capsys.readouterr().err

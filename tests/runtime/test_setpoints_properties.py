@@ -104,7 +104,7 @@ def test_one_set_point_for_each_wake_up_is_what_makes_a_drive_vibrate(arms, calm
         assert ripple(moving(got)) > 10 * ripple(moving(calm(250)[node][0]))
 
 
-def test_a_cycle_that_is_too_late_for_the_sync_of_a_node_is_told_of_each_joint(arms, tmp_path):
+def test_a_cycle_that_is_too_late_for_the_sync_of_a_node_is_reported_each_joint(arms, tmp_path):
     late = iter([0] * 60 + [4 * MS] + [0] * 1000)
     config = arm_at(tmp_path, 250, "\n  sync_producer: other")
     arm = arms("tolate", config, own_sync=False, late=lambda: next(late))
@@ -116,7 +116,7 @@ def test_a_cycle_that_is_too_late_for_the_sync_of_a_node_is_told_of_each_joint(a
 
 
 @pytest.mark.parametrize("order", ["first", "last"])
-def test_a_run_tells_how_well_the_joints_followed_and_that_no_set_point_was_missed(arms, tmp_path, order):
+def test_a_run_reports_how_well_the_joints_followed_and_that_no_set_point_was_missed(arms, tmp_path, order):
     arm = arms(f"told{order}", arm_at(tmp_path, 100, f"\n  sync_order: {order}"), late=jitter(3))
     taken = play(arm)
     for joint in arm.robot.joints.values():

@@ -9,14 +9,14 @@ from canopen_control.runtime.setup import read_robot, unit_quirks
 ROBBY = find_robot("robby")
 
 
-def test_without_a_choice_the_first_controller_that_is_no_broadcaster_runs():
+def test_without_a_choice_the_first_controller_that_is_not_a_broadcaster_runs():
     setup = read_robot(ROBBY)
     assert setup.to_activate == ("joint_state_broadcaster", "robby_forward_controller")
     assert setup.channels == {"can": "local:robby"}
     assert setup.cycle_ns == 20_000_000
 
 
-def test_a_chosen_controller_runs_beside_the_broadcasters():
+def test_a_chosen_controller_runs_alongside_the_broadcasters():
     assert read_robot(ROBBY, controllers=["robby_base_controller"]).to_activate == (
         "joint_state_broadcaster",
         "robby_base_controller",
@@ -41,7 +41,7 @@ def test_the_name_is_the_folders_or_given():
     assert (setup.name, setup.channels["can"]) == ("other", "local:other")
 
 
-def test_mistakes_of_any_of_the_three_files_are_configuration_errors(tmp_path):
+def test_errors_of_any_of_the_three_files_are_configuration_errors(tmp_path):
     for which, old, new in (
         ("bus", "node_id: 3", "node_id: 300"),
         ("controllers", "update_rate: 50", "update_rate: fast"),
@@ -86,7 +86,7 @@ def test_controllers_run_at_the_managers_update_rate_and_at_most_in_every_cycle(
     assert read_robot(find_robot(str(config))).update_rate == rate
 
 
-def test_buses_of_different_sync_periods_and_doubled_names_are_no_robot(tmp_path):
+def test_buses_of_different_sync_periods_and_doubled_names_are_not_robot(tmp_path):
     config = split_robby(tmp_path)
     path = config / "bus_right.yml"
     text = path.read_text()
@@ -125,7 +125,7 @@ def test_one_option_accepts_drives_that_nothing_would_stop(tmp_path):
 
 
 @pytest.mark.parametrize("where", ["controller_manager", "robby_base_controller"])
-def test_use_sim_time_without_a_simulation_is_told_to_do_nothing(tmp_path, where):
+def test_use_sim_time_without_a_simulation_is_reported_to_do_nothing(tmp_path, where):
     head = f"{where}:\n  ros__parameters:\n"
     folder = copy_robby(tmp_path, controllers={head: f"{head}    use_sim_time: true\n"})
     (note,) = [each for each in read_robot(find_robot(str(folder))).notes if "use_sim_time has" in each]

@@ -51,7 +51,7 @@ def test_arguments_and_controllers_of_a_robot_go_to_its_runtime(tmp_path):
         (HALL, "boxes: []", RobotConfigError, "it names no robots"),
     ],
 )
-def test_mistakes_are_told_with_their_place(tmp_path, old, new, error, message):
+def test_errors_are_reported_with_their_place(tmp_path, old, new, error, message):
     with pytest.raises(error, match=message):
         read_shared(written(tmp_path, HALL.replace(old, new, 1)))
 

@@ -18,14 +18,14 @@ FORWARD = "robby_forward_controller"
         ("command_timeout: 2.0", "command_timeout: soon", r"ros2_controllers.yaml:\d+:\d+.*command_timeout"),
     ],
 )
-def test_a_controller_that_cannot_work_is_told_before_the_first_frame(tmp_path, old, new, sentence):
+def test_a_controller_that_cannot_work_is_reported_before_the_first_frame(tmp_path, old, new, sentence):
     config = copy_robby(tmp_path, controllers={old: new})
     with pytest.raises(ConfigError, match=sentence) as caught:
         Bench("wanted", config=config, drives=())
     assert "ros2_controllers.yaml" in str(caught.value) or FORWARD in str(caught.value)
 
 
-def test_two_controllers_that_want_the_same_interface_are_told_at_once():
+def test_two_controllers_that_claim_the_same_interface_are_reported_at_once():
     both = [FORWARD, "robby_base_controller"]  # as prbt's launch file spawns two
     with pytest.raises(ConfigError) as caught:
         Bench("both", controllers=both, drives=())
@@ -38,7 +38,7 @@ def test_two_controllers_that_want_the_same_interface_are_told_at_once():
     )
 
 
-def test_what_is_wanted_is_ready_and_nothing_is_active_yet():
+def test_what_is_requested_is_ready_and_nothing_is_active_yet():
     bench = Bench("ready", drives=())
     states = {info.name: info.state for info in bench.robot.manager.list()}
     assert states == {"joint_state_broadcaster": "inactive", FORWARD: "inactive"}

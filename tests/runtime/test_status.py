@@ -53,7 +53,7 @@ def test_the_load_of_the_bus_is_known_after_a_second():
     bench.close()
 
 
-def test_clients_learn_where_a_node_is_and_which_eds_describes_it():
+def test_clients_receive_the_bus_and_the_eds_of_a_node():
     bench = Bench("status4")
     listing = nodes_dict(bench.robot)
     assert listing["buses"] == {"can": {"channel": "memory:status4", "node_id": 1}}
@@ -64,7 +64,7 @@ def test_clients_learn_where_a_node_is_and_which_eds_describes_it():
     bench.close()
 
 
-def test_listeners_learn_what_the_pdos_carry():
+def test_subscribers_receive_the_pdo_mappings():
     bench = Bench("status-layout")
     layout = layout_dict(bench.robot)["buses"]["can"]
     assert layout["channel"] == "memory:status-layout"
@@ -101,7 +101,7 @@ def test_a_twist_as_old_as_the_timeout_is_refused_by_its_stamp():
     bench.close()
 
 
-def test_a_simulation_tells_its_time_and_broadcasters_what_they_gather(tmp_path):
+def test_a_simulation_reports_its_time_and_broadcasters_what_they_gather(tmp_path):
     bench = Bench("status8", config="diffbot_sim", drives=())
     bench.start()
     before = state_dict(bench.robot)["sim_time"]
@@ -127,7 +127,7 @@ def test_a_simulation_tells_its_time_and_broadcasters_what_they_gather(tmp_path)
     bench.close()
 
 
-def test_a_node_that_a_command_took_out_says_so_until_it_is_started():
+def test_a_node_that_a_command_took_out_reports_this_until_it_is_started():
     bench = Bench("status5", drives=(LEFT,))
     bench.robot.start()
     bench.run(500)

@@ -56,7 +56,7 @@ def test_the_recorder_finds_what_it_imports_without_the_site_packages():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_child_that_dies_is_told_with_its_last_words(supervisor):
+def test_a_child_that_dies_is_reported_with_its_last_words(supervisor):
     supervisor.start_client("talker", ["this_module_does_not_exist"])
     assert supervisor.reactor.run_until(lambda: bool(supervisor.events), 20 * SECOND)
     text = supervisor.events[0].text
@@ -66,7 +66,7 @@ def test_a_child_that_dies_is_told_with_its_last_words(supervisor):
     assert supervisor.pids == {}
 
 
-def test_a_child_that_is_killed_is_told_with_the_signal(supervisor):
+def test_a_child_that_is_killed_is_reported_with_the_signal(supervisor):
 
     supervisor.start_client("sleeper", ["asyncio"])
     os.kill(supervisor.pids["sleeper"], signal.SIGKILL)
@@ -120,7 +120,7 @@ def test_nothing_is_started_again_while_everything_ends(supervisor):
     assert supervisor.pids == {}
 
 
-def test_a_client_that_was_started_before_is_let_in_and_started_again_without_a_gate(supervisor, tmp_path, monkeypatch):
+def test_a_client_started_earlier_passes_its_gate_and_restarts_without_one(supervisor, tmp_path, monkeypatch):
     (tmp_path / "at_the_gate.py").write_text(
         "import os\nfrom canopen_control.host.lifeline import gate_fd\n"
         "gate = gate_fd()\nprint(gate is not None and os.read(gate, 1), flush=True)\nraise SystemExit(5)\n"
@@ -140,7 +140,7 @@ def test_a_client_that_was_started_before_is_let_in_and_started_again_without_a_
     ]
 
 
-def test_a_client_that_ended_at_its_gate_is_told_of(supervisor):
+def test_a_client_that_ended_at_its_gate_is_reported(supervisor):
     prepared = spawn([*MODULE, "this_module_does_not_exist"], name="ros", log_dir=state_dir("test"), gated=True)
     prepared.wait(20)
     supervisor.start_client("ros", ["asyncio"], prepared=prepared)
@@ -149,7 +149,7 @@ def test_a_client_that_ended_at_its_gate_is_told_of(supervisor):
     assert "this_module_does_not_exist" in supervisor.events[0].text
 
 
-def test_ending_leaves_no_child_and_tells_nothing(supervisor):
+def test_ending_leaves_no_child_and_reports_nothing(supervisor):
     supervisor.start_client("one", ["http.server", "--help"])
     supervisor.start_client("two", ["asyncio"])
     pids = list(supervisor.pids.values())
@@ -183,7 +183,7 @@ def test_a_recorder_that_cannot_be_started_is_a_warning_and_no_more(supervisor, 
     assert [(event.kind, event.level) for event in supervisor.events] == [("no_recorder", Level.WARNING)]
 
 
-def test_where_the_recorder_wrote_after_the_robots_end_is_told(supervisor, monkeypatch):
+def test_where_the_recorder_wrote_after_the_robots_end_is_reported(supervisor, monkeypatch):
     script = "import signal; print('a line', flush=True); print('flight recording: x.zip', flush=True); signal.pause()"
     monkeypatch.setattr("canopen_control.runtime.supervisor._RECORDER", [sys.executable, "-c", script])
     supervisor.start_recorder({})
@@ -235,7 +235,7 @@ def test_drives_inside_this_process_have_their_personality(supervisor):
     assert [host.nodes[0].quirks.active for host, _ in supervisor._hosts] == [["mapping_count_first"]] * 2
 
 
-def test_the_drives_of_a_world_are_one_process_and_what_it_guessed_is_told(supervisor, monkeypatch, tmp_path):
+def test_the_drives_of_a_world_are_one_process_and_what_it_guessed_is_reported(supervisor, monkeypatch, tmp_path):
     setup = drives_that(monkeypatch, SAYS_READY.format("print('world: a mass'); print('other', flush=True)"))
     supervisor.start_drives(setup, tmp_path / "plant.yml")
     began = []
@@ -247,7 +247,7 @@ def test_the_drives_of_a_world_are_one_process_and_what_it_guessed_is_told(super
     assert not supervisor.refused
 
 
-def test_a_world_whose_file_is_wrong_ends_the_run_with_what_it_said(supervisor, monkeypatch, tmp_path):
+def test_a_world_whose_file_is_wrong_ends_the_run_with_what_it_reported(supervisor, monkeypatch, tmp_path):
     said = "print('canopen-control: plant.yml:3:1: no', flush=True); raise SystemExit(2)"
     supervisor.start_drives(drives_that(monkeypatch, said), tmp_path / "plant.yml")
     failed = []
@@ -263,7 +263,7 @@ def test_what_has_nothing_to_wait_for_begins_at_once(supervisor):
     assert began == [True]
 
 
-def test_a_drive_that_is_not_ready_in_time_is_named_with_what_it_said(supervisor, monkeypatch):
+def test_a_drive_that_is_not_ready_in_time_is_named_with_what_it_reported(supervisor, monkeypatch):
     monkeypatch.setattr("canopen_control.runtime.supervisor._READY_NS", SECOND)
     monkeypatch.setattr("canopen_control.runtime.supervisor._READY_EACH_NS", SECOND)
     supervisor.start_drives(drives_that(monkeypatch, SAYS_READY.format("signal.pause()")))
@@ -275,7 +275,7 @@ def test_a_drive_that_is_not_ready_in_time_is_named_with_what_it_said(supervisor
     assert "on my way" in text or "nothing yet" in text
 
 
-def test_a_drive_that_dies_before_it_is_ready_is_told_and_not_waited_for(supervisor, monkeypatch):
+def test_a_drive_that_dies_before_it_is_ready_is_reported_and_not_waited_for(supervisor, monkeypatch):
     supervisor.start_drives(drives_that(monkeypatch, "raise SystemExit('no such thing')"))
     began = []
     supervisor.when_ready(
@@ -305,7 +305,7 @@ BEATS = (
 )
 
 
-def test_a_recorder_that_is_stopped_is_told_and_so_is_that_it_goes_on(supervisor, monkeypatch):
+def test_a_recorder_that_is_stopped_is_reported_and_so_is_that_it_continues(supervisor, monkeypatch):
     for name, value in {"_RECORDER": [sys.executable, "-c", BEATS], "_CHECK_NS": SECOND // 20}.items():
         monkeypatch.setattr(f"canopen_control.runtime.supervisor.{name}", value)
     monkeypatch.setattr("canopen_control.runtime.supervisor._SILENCE_NS", SECOND // 2)
@@ -369,7 +369,7 @@ def kinds(supervisor):
     return [event.kind for event in supervisor.events]
 
 
-def test_a_client_that_hangs_with_the_gil_is_killed_told_and_started_again(supervisor, answering):
+def test_a_client_that_hangs_with_the_gil_is_killed_reported_and_started_again(supervisor, answering):
     starts = answering(HOLDS_THE_GIL)
     pid = supervisor.pids["answering"]
     assert supervisor.reactor.run_until(
@@ -423,7 +423,7 @@ def test_three_times_a_minute_and_not_once_more():
     assert restarts.given_up
 
 
-def test_who_dies_now_and_then_is_never_given_up():
+def test_a_process_that_ends_rarely_is_always_restarted():
     restarts = Restarts()
     for number in range(50):
         assert restarts.died(number * (WINDOW_NS // 2)).startswith("it is restarted")
@@ -447,7 +447,7 @@ def test_the_command_that_starts_a_drive_again_is_valid_in_every_folder(tmp_path
     assert words[words.index("--eds") + 1] == str(tmp_path / "my robby" / "TMCM-1270.eds")
 
 
-def test_a_drive_that_is_killed_is_told_with_the_command_that_starts_it_again(monkeypatch):
+def test_a_drive_that_is_killed_is_reported_with_the_command_that_starts_it_again(monkeypatch):
     """Until its node is back, which needs no further advice."""
     reactor, events = Reactor(), []
     nodes = {name: SimpleNamespace(restart_command="") for name in ("left_drive", "right_drive")}

@@ -51,9 +51,7 @@ UNWATCHED = ("heartbeat_consumer: true ", "heartbeat_consumer: false\n  allow_un
         ([("position_mode: 8", "position_mode: 1")], "can0", PROGRAM, "no joint is commanded in CSP or CSV"),
     ],
 )
-def test_of_drives_in_csp_the_kernel_sends_sync_where_it_can_and_nobody_says_otherwise(
-    tmp_path, edits, channel, sender, why
-):
+def test_for_drives_in_csp_the_kernel_sends_sync_by_default_if_it_can(tmp_path, edits, channel, sender, why):
     choice = setup_of(arm(tmp_path, *edits), channel).sync["can"]
     assert choice.sender is sender
     assert why in choice.why
@@ -85,7 +83,7 @@ def test_behind_the_sync_of_others_an_eighth_of_a_period_is_the_default_which_le
     assert setup.phase_ns == setup.cycle_ns // part
 
 
-def test_it_is_told_that_the_kernel_sends_and_what_a_late_process_does_to_real_drives(tmp_path):
+def test_it_is_reported_that_the_kernel_sends_and_what_a_late_process_does_to_real_drives(tmp_path):
     config = arm(tmp_path)
     (told,) = setup_of(config).sync_notes
     assert told.startswith("SYNC is sent by the kernel, and the cycle follows it: joint_1, joint_2")
@@ -98,7 +96,7 @@ def test_it_is_told_that_the_kernel_sends_and_what_a_late_process_does_to_real_d
     assert list(setup_of(config, mock=True).sync_notes) == []
 
 
-def test_check_says_of_each_bus_who_sends_sync_and_why(tmp_path):
+def test_check_reports_the_sync_producer_of_each_bus_and_the_reason(tmp_path):
     report = check_robot(find_robot(str(arm(tmp_path))), CheckOptions(can=["local:arm"]))
     assert report.sync == {
         "can": "SYNC every 20 ms, after the RPDOs of its cycle (sync_order: last); SYNC comes from this program: the "

@@ -25,7 +25,7 @@ def keys_of(*ods, **how):
     return yaml.safe_load(text_of(*ods, **how))
 
 
-def test_every_key_has_a_word_beside_it():
+def test_every_key_has_a_word_next_to_it():
     for line in text_of(shape()).splitlines():
         key = line.split("#")[0].rstrip()
         if key and not key.endswith((":", "enabled: true")):
@@ -52,7 +52,7 @@ def test_pdos_are_listed_as_chosen():
     }
 
 
-def test_a_fixed_mapping_is_told_and_not_written():
+def test_a_fixed_mapping_is_reported_and_not_written():
     text = text_of(shape(pdos=FOUR_PAIRS, access="const"))
     assert "mapping" not in yaml.safe_load(text)["defaults"]["rpdo"][4]
     assert "#   {index: 0x60FF, sub_index: 0}" in text
@@ -84,7 +84,7 @@ def test_rpm_makes_scales_of_their_own_for_each_drive():
     assert "counts_per_revolution" not in keys["defaults"]
 
 
-def test_ramps_are_written_only_where_the_eds_tells_none():
+def test_ramps_are_written_only_where_the_eds_reports_none():
     plain = {"drop": (0x6007,)}
     assert "sdo" not in keys_of(shape(**plain))["defaults"]
     silent = shape(**plain, s6083_00={"default": None}, s6084_00={"default": 0})
@@ -108,7 +108,7 @@ def test_a_remark_never_touches_what_it_is_about():
     assert remark("key: 1", "") == "key: 1"
 
 
-def test_the_keys_of_a_manufacturer_that_is_named_stand_in_the_file():
+def test_the_keys_of_a_manufacturer_that_is_named_are_in_the_file():
     def keys(name):
         device = Device(2, Path("d.eds"), shape(), like=read_personality(name))
         text = bus_text(plan_robot("r", [device]))

@@ -40,7 +40,7 @@ def test_the_first_interface_asked_for_that_the_drive_has_is_taken():
         axis(shape(**modes(0xA1)), VELOCITY)
 
 
-def test_a_drive_whose_statusword_cannot_be_sent_is_none_to_run():
+def test_a_drive_that_cannot_send_its_statusword_is_refused():
     with pytest.raises(RobotConfigError, match="no TPDO can carry its statusword"):
         choose_drive(shape(s6041_00={"pdo_mappable": False}))
 
@@ -54,12 +54,12 @@ def test_counts_are_those_of_the_eds_or_a_guess():
     assert not zero.is_known
 
 
-def test_a_feed_constant_is_the_users_unit_and_one_to_one_says_nothing():
+def test_a_feed_constant_is_the_users_unit_and_one_to_one_reports_nothing():
     assert axis(shape(extra=record(0x6092, "Feed", 360, 1))).counts == 360
     assert axis(shape(extra=record(0x6092, "Feed", 1, 1))).counts == 6000
 
 
-def test_who_watches_whom():
+def test_monitored_nodes_of_each_consumer():
     assert supervision_of(shape()).stops_alone
     assert supervision_of(shape()).guarding is False  # heartbeats go before it
     assert supervision_of(guarded()).guarding
@@ -67,14 +67,14 @@ def test_who_watches_whom():
 
 
 @pytest.mark.parametrize("data_type", [DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.VISIBLE_STRING])
-def test_a_consumer_that_cannot_hold_a_node_id_and_a_time_watches_nobody(data_type):
+def test_a_consumer_entry_too_small_for_node_id_and_time_monitors_no_node(data_type):
     od = shape()
     for subindex in od.subindices(0x1016)[1:]:
         od.entries[0x1016, subindex] = replace(od[0x1016, subindex], data_type=data_type)
     assert not supervision_of(od).consumer
 
 
-def test_a_dictionary_without_a_controlword_is_no_drive():
+def test_a_dictionary_without_a_controlword_is_not_a_drive():
     assert is_drive(shape())
     assert not is_drive(shape(drop=(0x6040,)))
 

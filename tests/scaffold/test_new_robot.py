@@ -46,7 +46,7 @@ def test_names_follow_the_joints_and_joints_may_be_named_in_part():
     ]
 
 
-def test_everything_wrong_is_said_at_once():
+def test_everything_wrong_is_reported_at_once():
     with pytest.raises(RobotConfigError) as refused:
         plan_robot("arm", [device(2), device(2)], joints=["a", "b", "b", "c d"], base="tricycle")
     said = str(refused.value)
@@ -60,7 +60,7 @@ def test_everything_wrong_is_said_at_once():
         assert part in said
 
 
-def test_a_device_that_is_no_drive_has_no_joint():
+def test_a_device_that_is_not_a_drive_has_no_joint():
     robot = plan_robot("cell", [module(4), device(5)])
     assert [(node.name, [joint.name for joint in node.joints]) for node in robot.nodes] == [
         ("device_4", []),
@@ -87,7 +87,7 @@ def test_the_master_takes_an_id_that_is_free():
         plan_robot("r", [module(node_id) for node_id in range(1, 128)])
 
 
-def test_a_drive_that_can_neither_says_what_it_has_and_moves_no_joint():
+def test_a_drive_that_can_neither_reports_what_it_has_and_moves_no_joint():
     robot = plan_robot("r", [device(2, s6502_00={"default": 0x08}), device(3)], base="diff")
     (problem,) = robot.problems
     assert problem.startswith("drive.eds: its modes are TQ (0x6502), and no RPDO can carry")

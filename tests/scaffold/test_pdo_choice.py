@@ -47,7 +47,7 @@ def test_where_nothing_can_be_changed_all_that_is_live_is_used():
     assert missing == ()
 
 
-def test_what_is_off_and_has_a_fixed_identifier_is_no_pdo_to_use():
+def test_what_is_off_and_has_a_fixed_identifier_is_not_a_pdo_to_use():
     od = shape(access="const", cob_access="const", s1401_01={"default": 0x80000305, "access": "const"})
     assert chosen(od, COMMANDS)[1] == (SPEED,)
 

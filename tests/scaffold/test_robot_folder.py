@@ -44,7 +44,7 @@ def test_outputs_are_commanded_by_name():
     assert given["command_interfaces"]["io_9"]["interfaces"][:2] == ["do0", "do1"]
 
 
-def test_a_battery_is_told_as_one():
+def test_a_battery_is_reported_as_one():
     file = controllers_of(418)
     given = file["battery_9_broadcaster"]["ros__parameters"]
     assert given["batteries"] == ["battery_9"]
@@ -132,7 +132,7 @@ def test_a_base_goes_before_the_controllers_of_single_joints():
     assert keys["base_controller"]["ros__parameters"]["position_feedback"] is True
 
 
-def test_odometry_is_of_what_the_drives_tell():
+def test_odometry_is_of_what_the_drives_report():
     blind = {"drop": (0x606C,), "s6064_00": {"pdo_mappable": False}}
     keys = keys_of(shape(**blind), shape(**blind), base="diff")
     assert keys["base_controller"]["ros__parameters"]["open_loop"] is True
@@ -156,7 +156,7 @@ def test_a_tricycle_names_its_wheels_from_right_to_left_and_its_steering():
 
 
 @pytest.mark.usefixtures("every_base")
-def test_a_mecanum_base_names_each_wheel_and_knows_no_other_odometry():
+def test_a_mecanum_base_names_each_wheel_and_has_no_other_odometry():
     parameters = keys_of(*[shape()] * 4, base="mecanum")["base_controller"]["ros__parameters"]
     assert parameters["rear_left_wheel_command_joint_name"] == "rear_left_wheel_joint"
     assert parameters["kinematics.sum_of_robot_center_projection_on_X_Y_axis"] == 0.3
@@ -238,7 +238,7 @@ def test_an_eds_that_deviates_from_the_profile_boots_too(tmp_path, path):
     assert all("0x1017 is not in" in text for text in written.warnings)  # as is the case, and nothing else
 
 
-def test_pdos_that_are_off_and_cannot_be_put_on_are_no_way_to_a_drive(tmp_path):
+def test_pdos_that_are_off_and_cannot_be_put_on_are_not_way_to_a_drive(tmp_path):
     path = next(DEVIATIONS.glob("12_*.eds"))
     written = new_robot(tmp_path, path, allow_unsupervised=True)
     (problem,) = written.problems
@@ -295,7 +295,7 @@ def test_a_feed_constant_of_one_means_the_same_to_the_robot_and_to_the_drive(tmp
     assert 0.3 < turn / counts < 1.1
 
 
-def test_a_drive_without_feedback_is_written_and_told_and_simulated(tmp_path):
+def test_a_drive_without_feedback_is_written_and_reported_and_simulated(tmp_path):
     written = new_robot(tmp_path, EDITS / "nofb.eds")
     (found,) = findings(written, "no TPDO carries 0x6064 or 0x606C")
     assert found.severity is Severity.WARNING
@@ -332,7 +332,7 @@ def test_a_base_passes_strictly_and_drives_forward(tmp_path, name):
 
 @pytest.mark.rest
 @pytest.mark.parametrize("number", [401, 404, 406, 410, 418, 419])
-def test_a_drive_and_a_device_beside_it_pass_strictly(tmp_path, number):
+def test_a_drive_and_a_device_next_to_it_pass_strictly(tmp_path, number):
     files = [data_path("eds", name) for name in ("generic_cia402.eds", f"generic_cia{number}.eds")]
     written = new_robot(tmp_path, *files, node_ids=(2, 4))
     assert check_robot(find_robot(str(written.folder)), CheckOptions()).passes(strict=True)
@@ -364,7 +364,7 @@ def test_a_folder_that_is_there_stays_as_it_is_unless_that_is_asked_for(tmp_path
 
 
 @pytest.mark.parametrize("kind", ["file", "link"])
-def test_what_is_no_folder_is_never_written_over(tmp_path, kind):
+def test_what_is_not_a_folder_is_never_written_over(tmp_path, kind):
     place = tmp_path / "fresh"
     if kind == "file":
         place.write_text("mine")

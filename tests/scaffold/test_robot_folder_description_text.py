@@ -18,7 +18,7 @@ def described(*ods, **how):
     return parse_description(description_text(plan_robot("r", devices, **how)))
 
 
-def test_the_wheels_of_a_base_stand_where_the_controllers_file_says():
+def test_the_wheels_of_a_base_stand_where_the_controllers_file_specifies():
     places = {
         name: tuple(joint.origin.position) for name, joint in described(*[shape()] * 4, base="diff").joints.items()
     }
@@ -38,7 +38,7 @@ def test_the_wheels_of_a_base_stand_where_the_controllers_file_says():
         ("generic_cia419.eds", "gpio", "charge_current_requested", "charger_status"),
     ],
 )
-def test_a_device_that_is_no_drive_has_its_signals(name, tag, commands, states):
+def test_a_device_that_is_not_a_drive_has_its_signals(name, tag, commands, states):
     path = data_path("eds", name)
     devices = [Device(2, Path("d.eds"), shape()), Device(9, path, read_eds(path, 9).od)]
     robot = plan_robot("r", devices)

@@ -56,7 +56,7 @@ def test_an_axis_that_takes_its_set_points_from_elsewhere_is_named_and_breaks_no
 
 
 @pytest.mark.sources
-def test_an_axis_that_stands_and_is_not_named_is_told(robot, monkeypatch):
+def test_an_axis_that_stands_and_is_not_named_is_reported(robot, monkeypatch):
     monkeypatch.setattr(joint_events, "STANDING_CHECKS", 1000)
     stands = robot("csv", "set_points_elsewhere")
     stands.command("vel", 0.5, 0.5, seconds=3.0)
@@ -65,7 +65,7 @@ def test_an_axis_that_stands_and_is_not_named_is_told(robot, monkeypatch):
 
 
 @pytest.mark.sources
-def test_a_position_that_is_taken_and_not_sent_is_told(robot, monkeypatch):
+def test_a_position_that_is_taken_and_not_sent_is_reported(robot, monkeypatch):
     stands = robot("csp")
     stands.command("pos", 0.0, 0.0)
     stands.run(0.2)
@@ -86,7 +86,7 @@ def test_an_axis_whose_brake_lifts_late_stops_without_a_leap_and_names_the_key(r
 
 @pytest.mark.rest
 @pytest.mark.sources
-def test_a_late_brake_that_is_not_named_is_told(robot, monkeypatch):
+def test_a_late_brake_that_is_not_named_is_reported(robot, monkeypatch):
     monkeypatch.setattr(joint_events, "_LATE_CHECKS", 1000)
     late = robot("csp", "brake_delay=1")
     lead(late, 3.6)
@@ -94,7 +94,7 @@ def test_a_late_brake_that_is_not_named_is_told(robot, monkeypatch):
 
 
 @pytest.mark.rest
-def test_a_ramp_that_the_drive_limits_is_named_by_the_boot_and_is_no_wrong_direction(robot):
+def test_a_ramp_that_the_drive_limits_is_named_by_the_boot_and_is_not_a_wrong_direction(robot):
     slow = robot("pv", "parameter_clamped=30000")
     assert "0x6083:00 holds" in "; ".join(makers.sentences(slow))
     slow.command("vel", 0.3, 0.3, seconds=6.0)
@@ -106,7 +106,7 @@ def test_a_ramp_that_the_drive_limits_is_named_by_the_boot_and_is_no_wrong_direc
 
 
 @pytest.mark.sources
-def test_a_value_that_a_drive_keeps_and_no_report_names_is_told(robot, monkeypatch):
+def test_a_value_that_a_drive_keeps_and_no_report_names_is_reported(robot, monkeypatch):
     monkeypatch.setattr(AnswerInvariants, "event", lambda _self, _now, _event: None)
     slow = robot("pv", "parameter_clamped=30000")
     slow.run(0.1)

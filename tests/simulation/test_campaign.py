@@ -26,7 +26,7 @@ def test_results_do_not_depend_on_how_many_processes_there_are(campaign):
 
 
 @pytest.mark.process
-def test_a_robot_whose_parameters_are_no_message_runs_in_processes_too():
+def test_a_robot_whose_parameters_are_not_message_runs_in_processes_too():
     arm = Campaign(setup_of("arm6"), S, [])
     assert [each.sha256 for each in arm.run([1, 2], 2)] == [arm.run_seed(seed).sha256 for seed in (1, 2)]
 

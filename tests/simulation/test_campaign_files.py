@@ -47,7 +47,7 @@ def test_the_summary_as_junit_has_a_case_for_each_seed(totals):
     assert suite[1][0].get("message") == "1.500 s: late: SYNC came <late>"
 
 
-def test_the_summary_as_a_page_tells_how_much_what_and_in_which_state(totals):
+def test_the_summary_as_a_page_reports_how_much_what_and_in_which_state(totals):
     page = html_summary("robby", totals)
     assert "2 schedules, 2.00 hours of the robot" in page
     assert "seed 2: 1.500 s: late: SYNC came &lt;late&gt;" in page
@@ -76,7 +76,7 @@ def test_a_breach_is_written_as_a_scenario_that_breaks_and_a_recording(tmp_path,
     assert len(list(Recording(log))) == run.robot.frames
 
 
-def test_what_cannot_be_written_is_told(tmp_path):
+def test_what_cannot_be_written_is_reported(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(ConfigError, match="cannot be written"):
         write_text(tmp_path / "file" / "page.html", "")

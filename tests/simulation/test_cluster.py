@@ -110,24 +110,24 @@ def test_what_ends_a_campaign_is_a_sentence(campaign, monkeypatch, made, said):
         results(campaign, lambda _work, _words: made, monkeypatch)
 
 
-def test_a_worker_of_another_version_is_told(campaign):
+def test_a_worker_of_another_version_is_reported(campaign):
     with pytest.raises(ConfigError, match=r"this computer has 0\.0\.1; install the same"):
         cluster._run_seed(b"", 1, "0.0.1")
 
 
 @pytest.mark.parametrize("address", ["localhost", "foo://x:1", "", "tcp://:8786", "tcp://host:port"])
-def test_what_is_no_address_is_told(campaign, address):
+def test_what_is_not_an_address_is_reported(campaign, address):
     with pytest.raises(ConfigError, match="is not an address of a Dask cluster"):
         list(run_on_cluster(campaign, SEEDS, address))
 
 
-def test_no_cluster_at_an_address_is_told_soon(campaign, monkeypatch):
+def test_no_cluster_at_an_address_is_reported_soon(campaign, monkeypatch):
     monkeypatch.setattr(cluster, "_CONNECT_S", 0.2)
     with pytest.raises(ConfigError, match=r"tcp://127\.0\.0\.1:9: no Dask cluster answers at this address"):
         list(run_on_cluster(campaign, SEEDS, "tcp://127.0.0.1:9"))
 
 
-def test_without_the_extra_it_says_what_to_install(campaign, monkeypatch):
+def test_without_the_extra_it_suggests_what_to_install(campaign, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
     with pytest.raises(ConfigError, match=r"pip install 'canopen-control\[cluster\]'"):
         list(run_on_cluster(campaign, SEEDS, "tcp://127.0.0.1:9"))

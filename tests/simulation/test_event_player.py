@@ -12,7 +12,7 @@ def test_every_kind_can_be_played():
     assert _PLAY.keys() == KINDS.keys()
 
 
-def test_a_command_is_published_while_it_lasts_and_then_runs_out(played):
+def test_a_command_is_published_while_it_lasts_and_then_expires(played):
     played.drive(5.0, 5.0, seconds=3.0).run(3.0)
     assert played.speed(2) > 1000
     played.run(3.0)  # the forward controller's command_timeout is 2 s
@@ -25,7 +25,7 @@ def test_a_newer_publisher_replaces_the_one_before(played):
     assert played.speed(2) < -1000
 
 
-def test_a_fault_goes_on_and_off(played):
+def test_a_fault_is_switched_on_and_off(played):
     played.do("fault", 3, 0.7, name="heartbeat_lost").run(0.65)
     assert played.robot.drives[3].device.fault_switches.active == ["heartbeat_lost"]
     assert "node_lost" in played.kinds or any("heartbeat" in event.text for event in played.events)
@@ -35,7 +35,7 @@ def test_a_fault_goes_on_and_off(played):
     assert played.robot.drives[3].device.fault_switches.active == []
 
 
-def test_a_quirk_goes_on_and_off(played):
+def test_a_quirk_is_switched_on_and_off(played):
     played.do("quirk", 3, 0.7, name="brake_delay=0.2").run(0.65)
     assert played.robot.drives[3].device.quirks.active == ["brake_delay=0.2"]
     played.run(0.1)
@@ -63,7 +63,7 @@ def test_controllers_are_switched(played):
 
 
 @pytest.mark.parametrize("kind", ["cut", "bus_off", "stall", "power"])
-def test_what_breaks_a_drive_is_mended_and_the_robot_can_go_on(played, kind):
+def test_what_breaks_a_drive_is_repaired_and_the_robot_can_continue(played, kind):
     played.do(kind, 3, 1.0).run(0.9)
     assert played.robot.core.state is RobotState.FAULT
     played.run(4.0).do("axis", name="fault-reset").run(0.5).do("axis", name="enable").run(0.7)
@@ -76,7 +76,7 @@ def test_a_robot_that_is_stalled_stops_its_drives_by_their_own_reaction(played):
     assert played.speed(2) == 0.0 == played.speed(3)
 
 
-def test_a_killed_robot_hears_nothing_and_comes_back(played):
+def test_a_killed_robot_receives_nothing_and_returns(played):
     played.do("kill", seconds=1.0).do("kill", seconds=0.1).run(0.5).drive(5.0, 5.0, seconds=0.3).run(3.0)
     assert played.robot.running
     assert played.player.refused == 0

@@ -21,13 +21,13 @@ def judged():
     made.close()
 
 
-def test_the_truth_is_no_news(judged):
+def test_the_truth_is_not_reported(judged):
     judged.drive(5.0, 5.0).run(1.0).do("fault", 3, 0.5, name="drive_fault").run(1.0).do("power", 2, 1.0).run(4.0)
     assert judged.told == []
 
 
 @pytest.mark.sources
-def test_running_while_a_drive_is_in_fault_or_silent_is_told_once(judged, monkeypatch):
+def test_running_while_a_drive_is_in_fault_or_silent_is_reported_once(judged, monkeypatch):
     monkeypatch.setattr(RobotCore, "state", property(lambda self: RobotState.RUNNING))
     judged.do("fault", 3, name="drive_fault").run(1.5)
     assert judged.told == [("state_told", "the state is RUNNING although node 3 is in fault")]
@@ -35,14 +35,14 @@ def test_running_while_a_drive_is_in_fault_or_silent_is_told_once(judged, monkey
     assert judged.told[1:] == [("state_told", "the state is RUNNING although node 2 is silent")]
 
 
-def test_an_error_of_the_program_is_told(judged):
+def test_an_error_of_the_program_is_reported(judged):
     judged.robot.errors.append(ValueError("no"))
     judged.rules.on_sample(judged.robot.now_ns)
     judged.rules.on_sample(judged.robot.now_ns)
     assert judged.told == [("program_error", "ValueError: no")]
 
 
-def test_memory_that_grows_is_told(judged, monkeypatch):
+def test_memory_that_grows_is_reported(judged, monkeypatch):
     weights = iter((1000, 50_000, 80_000))
     monkeypatch.setattr(sys, "getallocatedblocks", lambda: next(weights))
     for minute in range(1, 4):
@@ -50,7 +50,7 @@ def test_memory_that_grows_is_told(judged, monkeypatch):
     assert judged.broken.count("memory") == 1
 
 
-def test_a_latch_holds_until_it_is_released_whoever_leaves_or_restarts(judged):
+def test_a_latch_holds_until_it_is_released_even_if_its_client_leaves_or_restarts(judged):
     judged.do("latch").run(0.3).do("ask", seconds=0.2).run(0.5).do("kill", seconds=0.3).run(1.5)
     assert judged.robot.core.latch.held
     judged.do("release").run(0.5).do("axis", name="fault-reset").run(0.3).do("axis", name="enable").run(0.5)
@@ -61,7 +61,7 @@ def test_a_latch_holds_until_it_is_released_whoever_leaves_or_restarts(judged):
 @pytest.mark.parametrize(
     ("kind", "held", "words"), [("latch", None, "a client has latched it"), ("", "me", "no client has requested it")]
 )
-def test_a_latch_that_is_lost_is_told_and_one_that_nobody_asked_for(judged, kind, held, words):
+def test_a_latch_that_is_lost_is_reported_and_one_that_is_not_requested(judged, kind, held, words):
     if kind:
         judged.do(kind).run(0.3)
     judged.robot.core.latch.by = held
@@ -104,7 +104,7 @@ def made():
 
 
 @pytest.mark.rest
-def test_clients_that_hang_are_no_news(made):
+def test_clients_that_hang_are_not_news(made):
     judged = made()
     judged.do("silent", values=(80.0,)).do("ask", seconds=2.0).do("deaf").run(6.0)
     judged.do("kill", seconds=0.3).run(2.0).do("ask", seconds=1.0).run(2.0)
@@ -125,7 +125,7 @@ def test_a_robot_that_is_stalled_owes_no_answer(made):
         ("deaf_clients_are_kept", [("deaf", {})], "client_kept"),
     ],
 )
-def test_a_server_that_does_not_part_with_a_client_is_told_once(made, monkeypatch, mutant, acts, rule):
+def test_a_server_that_does_not_part_with_a_client_is_reported_once(made, monkeypatch, mutant, acts, rule):
     MUTANTS[mutant](monkeypatch)
     judged = made()
     for kind, more in acts:
@@ -135,7 +135,7 @@ def test_a_server_that_does_not_part_with_a_client_is_told_once(made, monkeypatc
 
 
 @pytest.mark.sources
-def test_a_server_that_waits_for_a_client_is_told(made, monkeypatch):
+def test_a_server_that_waits_for_a_client_is_reported(made, monkeypatch):
     MUTANTS["deaf_clients_are_waited_for"](monkeypatch)
     judged = made()
     judged.do("deaf").run(1.0)
@@ -218,7 +218,7 @@ def test_a_breach_is_a_line():
     assert Breach(1.25, "late", "it came late").sentence == "1.250 s: late: it came late"
 
 
-def test_rules_of_users_are_asked_and_told_once_each_time(monkeypatch):
+def test_rules_of_users_are_asked_and_reported_once_each_time(monkeypatch):
     played = Played()
     wrong = []
     rule = lambda robot: f"it is {robot.core.state.value}" if wrong else None  # noqa: E731 - a user's rule

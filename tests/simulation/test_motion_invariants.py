@@ -18,18 +18,18 @@ def judged():
     made.close()
 
 
-def test_what_is_commanded_may_move_and_runs_out_in_time(judged):
+def test_what_is_commanded_may_move_and_expires_in_time(judged):
     judged.drive(5.0, 5.0, seconds=1.0).run(5.0)
     assert judged.broken == []
 
 
-def test_motion_without_a_command_is_told_once(judged):
+def test_motion_without_a_command_is_reported_once(judged):
     judged.blind = True
     judged.drive(5.0, 5.0, seconds=2.0).run(2.0)
     assert judged.broken == ["motion_uncommanded"] * 2  # of each wheel
 
 
-def test_motion_after_a_stop_that_was_asked_is_told(judged):
+def test_motion_after_a_stop_that_was_asked_is_reported(judged):
     judged.drive(5.0, 5.0, seconds=4.0).run(1.0)
     judged.rules.requested(judged.robot.now_ns, ScenarioEvent(0, "stop"))
     judged.run(1.0)
@@ -44,7 +44,7 @@ def test_motion_after_a_stop_that_was_asked_is_told(judged):
         (ScenarioEvent(0, "axis", name="halt"), 0),
     ],
 )
-def test_a_drive_that_stands_and_is_kept_enabled_after_a_stop_is_told(judged, act, told):
+def test_a_drive_that_stands_and_is_kept_enabled_after_a_stop_is_reported(judged, act, told):
     judged.rules.requested(judged.robot.now_ns, act)
     judged.run(0.4)
     assert judged.broken == []
@@ -52,7 +52,7 @@ def test_a_drive_that_stands_and_is_kept_enabled_after_a_stop_is_told(judged, ac
     assert judged.broken == ["enabled_still"] * told
 
 
-def test_an_enable_that_nobody_asked_for_is_told(judged):
+def test_an_enable_that_is_not_requested_is_reported(judged):
     judged.do("stop").run(0.5)
     judged.blind = True
     judged.do("axis", name="enable").run(0.5)
@@ -70,7 +70,7 @@ def test_a_command_older_than_the_enable_moves_nothing(judged, monkeypatch):
 
 
 @pytest.mark.sources
-def test_a_command_that_outlives_its_client_is_told(judged, monkeypatch):
+def test_a_command_that_outlives_its_client_is_reported(judged, monkeypatch):
     judged.do("dead_man", FORWARD, 0.1, values=(5.0, 5.0)).run(2.5)
     assert judged.broken == []
     monkeypatch.setattr(RobotCore, "client_disconnected", lambda self, *who: None)

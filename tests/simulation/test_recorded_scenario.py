@@ -77,7 +77,7 @@ def test_what_is_missing_names_its_cause(missing, more, act):
     assert shown(acts_of_of_recorded_faults(healthy(**missing), *more)) == [act]
 
 
-def test_a_boot_in_between_is_a_reset_of_its_own_unless_the_master_wanted_it():
+def test_a_boot_in_between_is_a_reset_of_its_own_unless_the_master_requested_it():
     boot = (3.0, CanFrame(0x702, b"\0"))
     assert shown(acts_of_of_recorded_faults(healthy(), boot)) == [("fault", "2", "spontaneous_reset", 3.0, None)]
     assert acts_of_of_recorded_faults(healthy(), (2.9, CanFrame(NMT, b"\x82\x02")), boot) == []
@@ -100,7 +100,7 @@ def test_an_emergency_about_the_bus_is_a_consequence():
     assert acts_of_of_recorded_faults(healthy(), (3.0, CanFrame(0x82, b"\x30\x81" + bytes(6)))) == []
 
 
-def test_a_master_that_is_silent_is_stalled_and_killed_where_it_boots_nodes_anew():
+def test_a_master_that_is_silent_is_stalled_and_killed_where_it_boots_nodes_again():
     assert shown(acts_of_of_recorded_faults(healthy(master=[(2, 4)]))) == [("stall", "master", "", 2.0, 2.0)]
     assert shown(acts_of_of_recorded_faults(healthy(master=[(2, 4)]), (4.1, CanFrame(NMT, b"\x81\x00")))) == [
         ("kill", "", "", 2.0, 2.0)
@@ -199,7 +199,7 @@ def test_the_points_of_a_trajectory_come_in_the_controllers_order():
     assert act.values[:6] in ((0.0, 0.1, 0.2, 0.30000000000000004, 0.4, 0.5), tuple(0.1 * n for n in range(5, -1, -1)))
 
 
-def test_a_recording_that_begins_later_than_its_robot_goes_on_after_a_boot():
+def test_a_recording_that_begins_later_than_its_robot_continues_after_a_boot():
     long_ago = RobotEvent(time=BEGIN - 600, kind="note", node=None, level="info", text="starts")
     found = acts_of(command(2, 1, 1), events=[long_ago], active=[BASE, "joint_state_broadcaster", "nobody"])
     assert [(at, kind, target) for at, kind, target, *_ in found] == [
@@ -213,7 +213,7 @@ def test_it_ends_with_its_robot():
     assert (found.acts, found.duration_ns) == ((), 5 * S)
 
 
-def test_what_is_no_recording_of_the_robot_is_told():
+def test_what_is_not_a_recording_of_the_robot_is_reported():
     other = [(BEGIN, "front", CanFrame(0x80))]
     with pytest.raises(ConfigError, match="the recording has frames of front, but the robot has the buses can"):
         scenario_of_recording(RecordedRobot(other), setup_of())

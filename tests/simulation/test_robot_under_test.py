@@ -32,7 +32,7 @@ def test_a_robot_boots_in_virtual_time_and_the_same_seed_does_the_same(name):
     assert digest_of(3, name) == digest_of(3, name) != digest_of(4, name)
 
 
-def test_two_robots_at_once_do_not_hear_each_other():
+def test_two_robots_at_once_do_not_receive_each_other():
     first, second = RobotUnderTest(setup_of(), 1), RobotUnderTest(setup_of(), 1)
     for robot in (first, second):
         robot.start()
@@ -60,7 +60,7 @@ def test_a_killed_robot_is_restarted_and_boots_again(played):
     assert played.robot.running
 
 
-def test_a_drive_without_supply_is_lost_and_comes_back(played):
+def test_a_drive_without_supply_is_lost_and_returns(played):
     played.robot.drives[3].power_off()
     played.robot.drives[3].power_off()
     played.run(1.5)

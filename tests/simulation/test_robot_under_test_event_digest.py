@@ -27,7 +27,7 @@ def test_whatever_differs_shows(other):
     assert digest(**other) != digest()
 
 
-def test_where_the_files_are_is_no_part_of_it():
+def test_where_the_files_are_is_not_a_part_of_it():
     def noted(folder):
         made = EventDigest([folder])
         made.event(Event(6, "note", "", f"{folder}/bus.yml: package: has no meaning here"))

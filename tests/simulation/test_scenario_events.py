@@ -3,7 +3,7 @@ from pathlib import Path
 from canopen_control.simulation.scenario_events import KINDS
 
 
-def test_every_kind_says_whom_it_takes_and_what_it_does():
+def test_every_kind_states_its_target_and_effect():
     assert {kind.target for kind in KINDS.values()} == {"node", "member", "controller", ""}
     assert all(kind.does for kind in KINDS.values())
 

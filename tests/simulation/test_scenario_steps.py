@@ -18,7 +18,7 @@ def read(folder, text, *, name="scenario.yml", physics=False):
     return read_scenario_steps(path, dataclasses.replace(setup_of(), physics=physics))
 
 
-def test_a_scenario_says_what_happens_and_when(tmp_path):
+def test_a_scenario_reports_what_happens_and_when(tmp_path):
     scenario = read(
         tmp_path,
         """
@@ -77,13 +77,13 @@ steps:
         ("{at: 1s, do: double, target: 2, values: [1, 2]}", "values: double needs one integer"),
     ],
 )
-def test_a_mistake_is_told_with_its_line(tmp_path, step, said):
+def test_an_error_is_reported_with_its_line(tmp_path, step, said):
     with pytest.raises(ScenarioError, match=r"scenario\.yml:2:") as caught:
         read(tmp_path, f"steps:\n  - {step}\n")
     assert said in str(caught.value)
 
 
-def test_all_mistakes_are_told_at_once(tmp_path):
+def test_all_errors_are_reported_at_once(tmp_path):
     with pytest.raises(ScenarioError) as caught:
         read(tmp_path, "steps:\n  - {at: 1s, do: dance}\n  - {at: 2s, do: sing}\nseed: x\n")
     assert len([line for line in str(caught.value).splitlines() if "scenario.yml:" in line]) >= 1
@@ -91,13 +91,13 @@ def test_all_mistakes_are_told_at_once(tmp_path):
         read(tmp_path, "for: 0s\nsteps: []\n")
 
 
-def test_a_step_behind_the_end_is_told_with_its_line(tmp_path):
+def test_a_step_behind_the_end_is_reported_with_its_line(tmp_path):
     with pytest.raises(ScenarioError, match=r"3:5: steps\[0\]: at: 5 s is after the end of the scenario at 2 s"):
         read(tmp_path, "for: 2s\nsteps:\n  - {at: 5s, do: stop}\n  - {at: 2s, do: stop}\n")
 
 
 @pytest.mark.parametrize("seed", ["abc", "-4", "1.5"])
-def test_a_seed_that_is_no_whole_number_from_0_on_is_told_with_its_line(tmp_path, seed):
+def test_a_seed_that_is_not_a_whole_number_from_0_on_is_reported_with_its_line(tmp_path, seed):
     with pytest.raises(ScenarioError, match=r"scenario\.yml:1:7: seed: "):
         read(tmp_path, f"seed: {seed}\nsteps: []\n")
 
@@ -198,7 +198,7 @@ def test_what_happens_in_the_world_is_written_and_read(tmp_path):
         ("{at: 1s, do: world}", "a step needs one of do, fault, quirk and plant"),
     ],
 )
-def test_a_mistake_of_what_happens_in_the_world_is_told_once(tmp_path, step, said):
+def test_an_error_of_what_happens_in_the_world_is_reported_once(tmp_path, step, said):
     with pytest.raises(ScenarioError, match=r"floor\.yml:2:5") as caught:
         on_a_floor(tmp_path, f"  - {step}\n")
     assert said in str(caught.value)
@@ -212,7 +212,7 @@ def test_without_a_floor_nothing_happens_in_a_world(tmp_path):
         read(tmp_path, "steps:\n  - {at: 1s, friction: 0.5}\n")
 
 
-def test_a_step_without_anything_that_happens_is_told_once(tmp_path):
+def test_a_step_without_anything_that_happens_is_reported_once(tmp_path):
     with pytest.raises(ScenarioError, match="a step needs one of") as caught:
         read(tmp_path, "steps:\n  - {at: 1s}\n")
     assert str(caught.value).count("scenario.yml:") == 1

@@ -91,7 +91,7 @@ def test_a_program_outside_is_answered_in_the_time_of_the_robot(served):
     assert list_sockets("robot") == ["robby"]
 
 
-def test_what_it_commands_moves_the_robot_and_is_no_breach(served):
+def test_what_it_commands_moves_the_robot_and_is_not_a_breach(served):
     program = served.program()
     program.ask(CommandController(controller=FORWARD, values=[5.0, 5.0]))
     served.pass_by(1.0)
@@ -102,7 +102,7 @@ def test_what_it_commands_moves_the_robot_and_is_no_breach(served):
     assert served.invariants.breaches == []
 
 
-def test_a_command_that_nobody_was_seen_to_ask_for_is_one(served, monkeypatch):
+def test_a_command_without_a_recorded_request_counts_as_one(served, monkeypatch):
     monkeypatch.setattr(served.player, "requested", lambda _act: None)
     program = served.program()
     program.ask(CommandController(controller=FORWARD, values=[5.0, 5.0]))
@@ -139,7 +139,7 @@ def test_a_robot_that_is_killed_ends_its_connections_and_takes_new_ones_when_it_
     assert any(b'"commander":' in line for line in second.lines())
 
 
-def test_who_reads_nothing_is_let_go_and_holds_up_nobody(served):
+def test_a_client_that_never_reads_is_dropped_and_blocks_no_other(served):
     program = served.program()
     program.sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     with contextlib.suppress(BrokenPipeError):

@@ -2,7 +2,7 @@ import pytest
 from support.simulated import FORWARD, Played
 
 
-def test_who_asks_is_answered_and_leaves(played: Played):
+def test_a_querying_client_is_answered_and_leaves(played: Played):
     played.do("ask", seconds=0.45).run(0.35)
     [client] = played.player.clients.all
     assert (client.answers, client.waits_since) == (4, None)
@@ -11,7 +11,7 @@ def test_who_asks_is_answered_and_leaves(played: Played):
     assert client.dropped
 
 
-def test_the_silent_make_way_for_who_asks(played: Played):
+def test_silent_clients_are_closed_for_active_ones(played: Played):
     played.do("silent", values=(80.0,)).run(0.1).do("ask").run(1.0)
     clients = played.player.clients.all
     assert sum(each.dropped for each in clients) >= 80 - 71
@@ -19,7 +19,7 @@ def test_the_silent_make_way_for_who_asks(played: Played):
     assert not clients[-1].dropped
 
 
-def test_who_reads_nothing_is_dropped_with_a_word_and_holds_up_nobody(played: Played):
+def test_a_client_that_never_reads_is_dropped_with_a_message_and_blocks_no_other(played: Played):
     cycles = played.robot.core.pacer.count
     played.do("deaf").run(4.0)
     [client] = played.player.clients.all
@@ -28,7 +28,7 @@ def test_who_reads_nothing_is_dropped_with_a_word_and_holds_up_nobody(played: Pl
     assert played.robot.core.pacer.count - cycles == pytest.approx(200, abs=1)
 
 
-def test_a_command_ends_with_the_client_who_gave_it(played: Played):
+def test_a_command_ends_with_its_client(played: Played):
     played.do("dead_man", FORWARD, 0.3, values=(5.0, 5.0)).run(0.25)
     assert played.speed(2) > 1000.0
     played.run(0.4)

@@ -33,7 +33,7 @@ def test_the_wheels_move_the_robot_over_the_floor_and_the_same_seed_does_it_agai
     assert abs(ends[0][0].y) < 0.02
 
 
-def test_a_drive_without_supply_lets_its_wheel_go_and_is_there_again():
+def test_a_drive_without_supply_releases_its_wheel_and_returns():
     run = simulated(DRIVE, ScenarioEvent(1500 * MS, "power", "2", for_ns=500 * MS), seconds=1.6)
     assert run.robot.drives[2].device is None
     moved = pose(run).x
@@ -44,7 +44,7 @@ def test_a_drive_without_supply_lets_its_wheel_go_and_is_there_again():
     run.close()
 
 
-def test_what_the_floor_turns_is_no_motion_of_a_drive():
+def test_what_the_floor_turns_is_not_a_motion_of_a_drive():
     run = simulated(seconds=0.5, name="forklift")  # it settles before its drives are enabled
     assert run.breaches == ()
     assert any(note.startswith("the robot stands on wheels") for note in run.robot.floor.notes)

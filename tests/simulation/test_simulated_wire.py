@@ -62,7 +62,7 @@ def test_the_lower_identifier_wins_the_bus(bench):
     assert [frame for _, _, frame in bench.passed] == [HIGH, LOW, HIGH]
 
 
-def test_who_filters_is_not_woken_for_others(bench):
+def test_a_port_with_filters_is_not_woken_for_other_frames(bench):
     bench.b.set_filter([HIGH.can_id])
     bench.a.send(pack_records([LOW, HIGH]))
     bench.run()
@@ -70,7 +70,7 @@ def test_who_filters_is_not_woken_for_others(bench):
     assert bench.heard(bench.c) == [LOW, HIGH]
 
 
-def test_frames_are_lost_and_doubled_as_rules_say(bench):
+def test_frames_are_lost_and_doubled_as_rules_report(bench):
     bench.wire.lost.append(DropRule("a", every=2))
     bench.a.send(pack_records([LOW, HIGH]))
     bench.run()
@@ -90,7 +90,7 @@ def test_a_disturbed_frame_is_sent_again(bench):
     assert bench.wire.bits == 2 * frame_bits(*LOW) + frame_bits(*HIGH)
 
 
-def test_a_sender_that_is_disturbed_all_the_time_goes_error_passive_then_off_the_bus_and_comes_back(bench):
+def test_a_sender_that_is_disturbed_all_the_time_goes_error_passive_then_off_the_bus_and_returns(bench):
     bench.wire.disturbed.append(DropRule("a"))
     bench.a.send(pack_records([LOW]))
     bench.run(20 * MS)
@@ -122,7 +122,7 @@ def test_a_frame_of_a_stranger_reaches_all(bench):
     assert bench.heard(bench.a) == [HIGH] == bench.heard(bench.b)
 
 
-def test_a_closed_port_is_gone_with_what_it_had_to_say(bench):
+def test_a_closed_port_is_gone_with_what_it_had_to_report(bench):
     bench.a.send(pack_records([LOW, HIGH]))
     bench.a.close()
     bench.a.close()

@@ -26,7 +26,7 @@ def outcome(seconds=8, **how):
 
 
 @pytest.mark.rest
-def test_what_came_of_it_is_told():
+def test_what_came_of_it_is_reported():
     found = outcome()
     assert (found.seed, found.robot_s, found.breaches) == (SEED, 8.0, ())
     assert found.frames > 1000
@@ -34,7 +34,7 @@ def test_what_came_of_it_is_told():
     assert found.real_s > 0.0
 
 
-def test_the_progress_is_told_in_both_times():
+def test_the_progress_is_reported_in_both_times():
     seen = []
     run = SimulationRun(setup_of(), 1, ())
     run.run(S, lambda robot_s, real_s: seen.append((robot_s, real_s)))

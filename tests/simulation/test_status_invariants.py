@@ -31,7 +31,7 @@ def judged(made):
 
 
 @pytest.mark.rest
-def test_what_is_shown_as_it_is_is_no_news(judged):
+def test_what_is_shown_as_it_is_is_not_reported(judged):
     judged.drive(5.0, -5.0, seconds=1.0).run(2.0).do("stop").run(1.0).do("axis", name="enable").run(1.0)
     judged.do("fault", 3, 0.5, name="drive_fault").run(1.0).do("power", 2, 1.0).run(4.0)
     judged.do("axis", name="fault-reset").run(0.3).do("axis", name="enable").run(0.5).drive(3.0, 3.0).run(2.5)
@@ -57,7 +57,7 @@ def test_a_node_with_slow_heartbeats_may_be_shown_in_its_former_state_until_the_
 
 
 @pytest.mark.sources
-def test_joint_states_that_stand_are_told_by_their_stamp_and_by_their_values(judged, monkeypatch):
+def test_joint_states_that_stand_are_reported_by_their_stamp_and_by_their_values(judged, monkeypatch):
     MUTANTS["joint_states_stand"](monkeypatch)
     judged.run(2.5)
     assert [text.split(" is 0")[0] for _, text in judged.told] == ["joint_states: the time stamp"]
@@ -69,7 +69,7 @@ def test_joint_states_that_stand_are_told_by_their_stamp_and_by_their_values(jud
 
 
 @pytest.mark.sources
-def test_a_velocity_with_the_wrong_sign_is_told_of_each_face_once(judged, monkeypatch):
+def test_a_velocity_with_the_wrong_sign_is_reported_each_face_once(judged, monkeypatch):
     judged.run(1.0)
     MUTANTS["velocities_told_reversed"](monkeypatch)
     judged.drive(5.0, 0.0, seconds=1.0).run(0.9)
@@ -80,7 +80,7 @@ def test_a_velocity_with_the_wrong_sign_is_told_of_each_face_once(judged, monkey
 
 
 @pytest.mark.sources
-def test_a_state_from_before_is_told(judged, monkeypatch):
+def test_a_state_from_before_is_reported(judged, monkeypatch):
     judged.run(1.0)
     MUTANTS["states_told_as_they_were"](monkeypatch)
     judged.run(0.2).do("stop").run(1.5)
@@ -90,7 +90,7 @@ def test_a_state_from_before_is_told(judged, monkeypatch):
 
 @pytest.mark.sources
 @pytest.mark.parametrize("act", [("fault", 3, 0.8, {"name": "drive_fault"}), ("power", 3, 2.0, {})])
-def test_a_trouble_without_an_event_is_told_once(made, monkeypatch, act):
+def test_a_trouble_without_an_event_is_reported_once(made, monkeypatch, act):
     kind, node, lasts, more = act
     MUTANTS["troubles_without_an_event"](monkeypatch)
     judged = made()
@@ -100,20 +100,20 @@ def test_a_trouble_without_an_event_is_told_once(made, monkeypatch, act):
 
 
 @pytest.mark.sources
-def test_a_drive_without_supply_that_is_told_as_ready_is_told(judged, monkeypatch):
+def test_a_drive_without_supply_that_is_reported_as_ready_is_reported(judged, monkeypatch):
     MUTANTS["lost_nodes_told_as_ready"](monkeypatch)
     judged.run(0.5).do("power", 2, 2.0).run(1.9)
     assert judged.told == [("shown_wrong", "status: right_drive is reported as ready but has no supply")]
 
 
-def test_a_drive_that_counts_anew_goes_on_where_it_was_seen_last(judged):
+def test_a_drive_that_counts_again_continues_where_it_was_seen_last(judged):
     judged.drive(5.0, 5.0, seconds=1.0).run(1.5).do("power", 2, 0.5).run(4.0)
     judged.do("axis", name="enable").run(0.5).drive(5.0, 5.0, seconds=1.0).run(1.5)
     assert judged.told == []
 
 
 @pytest.mark.rest
-def test_a_drive_whose_count_passes_over_its_32_bits_goes_on():
+def test_a_drive_whose_count_passes_over_its_32_bits_continues():
     """Seed 1582 of the forklift: the count of a drive is brought to its end, and its wheel turns on."""
     acts = (
         ScenarioEvent(612 * MS, "fault", "2", "position_wrap", for_ns=11 * MS),
@@ -129,7 +129,7 @@ def test_a_drive_whose_count_passes_over_its_32_bits_goes_on():
 
 
 @pytest.mark.sources
-def test_an_emcy_that_nobody_tells_is_told(judged, monkeypatch):
+def test_an_emcy_that_the_robot_does_not_report_is_a_violation(judged, monkeypatch):
     judged.run(1.2).do("fault", 3, 0.3, name="device_error").run(2.5)
     assert judged.told == []
     monkeypatch.setattr(EmcyGate, "passes", lambda self, now: False)
@@ -139,7 +139,7 @@ def test_an_emcy_that_nobody_tells_is_told(judged, monkeypatch):
 
 @pytest.mark.rest
 @pytest.mark.sources
-def test_a_wrong_toggle_bit_that_nobody_tells_is_told(monkeypatch):
+def test_a_wrong_toggle_bit_that_the_robot_does_not_report_is_a_violation(monkeypatch):
     acts = [
         ScenarioEvent(3 * S + at * MS, "frame", values=(0x702, answer))
         for at, answer in ((0, 5), (50, 0x85), (100, 0x85))
@@ -156,7 +156,7 @@ def test_a_wrong_toggle_bit_that_nobody_tells_is_told(monkeypatch):
     assert breaches() == ["the guarding toggle bit of rotor_drive was wrong, and no event reports it"]
 
 
-def test_a_count_that_goes_over_the_end_of_its_bits_is_no_jump(judged):
+def test_a_count_that_goes_over_the_end_of_its_bits_is_not_a_jump(judged):
     judged.do("fault", 2, 0.1, name="position_wrap").run(1.0).do("axis", name="enable").run(3.0)
     judged.drive(8.0, 8.0, seconds=2.0).run(2.5)
     assert judged.told == []

@@ -53,7 +53,7 @@ def go(arm, seconds=1.0):
 
 
 @pytest.mark.rest
-def test_a_goal_that_ends_as_its_tolerances_say_is_no_news(arm):
+def test_a_goal_that_ends_as_its_tolerances_specify_is_not_reported(arm):
     go(arm).run(2.0)
     go(arm).run(0.5).do("cancel", ARM).run(1.5)
     go(arm).run(0.5).do("stop").run(2.0)
@@ -70,7 +70,7 @@ def test_a_goal_that_ends_as_its_tolerances_say_is_no_news(arm):
         (None, lambda self: True, "was reached but does not end"),
     ],
 )
-def test_a_goal_that_ends_otherwise_is_told(arm, monkeypatch, verdict, when, words):
+def test_a_goal_that_ends_otherwise_is_reported(arm, monkeypatch, verdict, when, words):
     monkeypatch.setattr(ToleranceMonitor, "verdict", lambda self, tolerances: verdict if when(self) else None)
     go(arm).run(0.3 if verdict is REACHED else 3.0)
     assert arm.broken
@@ -81,7 +81,7 @@ def test_a_goal_that_ends_otherwise_is_told(arm, monkeypatch, verdict, when, wor
 @pytest.mark.rest
 @pytest.mark.sources
 @pytest.mark.parametrize("newer", [False, True])
-def test_a_cancelled_trajectory_that_goes_on_is_told_unless_something_newer_leads_it(arm, monkeypatch, newer):
+def test_a_cancelled_trajectory_that_continues_is_reported_unless_something_newer_leads_it(arm, monkeypatch, newer):
     monkeypatch.setattr(JointTrajectoryController, "_brake", lambda self: None)
     go(arm, 2.5).run(0.5).do("cancel", ARM).run(0.2)
     assert arm.speed(2) > 1000
@@ -93,7 +93,7 @@ def test_a_cancelled_trajectory_that_goes_on_is_told_unless_something_newer_lead
 
 
 @pytest.mark.sources
-def test_a_goal_that_a_stop_has_ended_says_so(arm, monkeypatch):
+def test_a_goal_that_a_stop_has_ended_reports_this(arm, monkeypatch):
     monkeypatch.setattr(UpdateLoop, "forget", lambda self, now, why: None)
     go(arm).run(0.5).do("stop").run(0.2)
     assert arm.broken == ["goal_wrong"]

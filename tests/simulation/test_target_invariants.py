@@ -31,20 +31,20 @@ def judged():
 
 
 @pytest.mark.rest
-def test_what_follows_its_targets_is_no_news(judged):
+def test_what_follows_its_targets_is_not_reported(judged):
     judged.drive(5.0, -5.0, seconds=1.0).run(0.6).drive(-7.0, 2.0, seconds=0.5).run(3.0).do("stop").run(1.0)
     judged.do("axis", name="enable").run(0.5).drive(3.0, 3.0, seconds=0.5).run(1.0)
     judged.do("activate", BASE).run(0.5).do("command", BASE, 0.5, values=(0.3, 0.4)).run(1.5)
     assert judged.told == []
 
 
-def test_a_halt_and_a_fault_are_no_news(judged):
+def test_a_halt_and_a_fault_are_not_news(judged):
     judged.drive(5.0, 5.0, seconds=2.0).run(0.6).do("axis", name="halt").run(0.5)
     judged.do("fault", 3, 0.5, name="drive_fault").run(1.5)
     assert judged.told == []
 
 
-def test_a_drive_that_stops_at_its_software_limit_before_its_statusword_shows_that_is_no_news(judged):
+def test_a_drive_that_stops_at_its_software_limit_before_its_statusword_shows_that_is_not_reported(judged):
     for drive in judged.robot.drives.values():
         drive.device.store.set(0x607D, 1, -100_000)
         drive.device.store.set(0x607D, 2, 300 + 17 * drive.node_id)
@@ -64,7 +64,7 @@ def test_a_group_that_stands_because_of_the_limit_of_one_drive_has_lost_no_comma
 QUICK_STOP = "- {index: 0x6007, sub_index: 0, value: 3}"  # of a lost master
 
 
-def test_nobody_commands_a_drive_against_its_limit_after_the_death_of_the_robot(tmp_path):
+def test_no_drive_is_commanded_against_its_limit_after_the_death_of_the_robot(tmp_path):
     setup = read_robot(
         find_robot(str(write_generic(tmp_path, sdo=QUICK_STOP, extra="counts_per_revolution: 65536"))),
         controllers=["velocity"],
@@ -89,13 +89,13 @@ def test_nobody_commands_a_drive_against_its_limit_after_the_death_of_the_robot(
         ("shafts_stay_behind", "target_missed"),
     ],
 )
-def test_targets_and_shafts_that_disagree_are_told_once_for_each_joint(judged, monkeypatch, mutant, rule):
+def test_targets_and_shafts_that_disagree_are_reported_once_for_each_joint(judged, monkeypatch, mutant, rule):
     MUTANTS[mutant](monkeypatch)
     judged.drive(5.0, 5.0, seconds=1.0).run(0.9)
     assert judged.broken == [rule] * 2
 
 
-def test_who_was_disturbed_is_judged_again_after_the_next_enable(judged, monkeypatch):
+def test_a_disturbed_node_is_checked_again_after_the_next_enable(judged, monkeypatch):
     judged.do("fault", 3, 0.1, name="hand_moved").run(0.3)
     MUTANTS["shafts_overshoot"](monkeypatch)
     judged.drive(5.0, 5.0, seconds=0.5).run(0.6)
@@ -145,7 +145,7 @@ def test_a_drive_that_computes_late_is_compared_with_the_speed_of_its_own_time(j
     assert times[-2:] == [drive.mover.time for drive in drives]
 
 
-def test_the_controller_that_takes_values_joint_by_joint_says_where_they_go(judged):
+def test_the_controller_that_takes_values_joint_by_joint_reports_where_they_go(judged):
     ends = {each.controller: each.interfaces for each in motions_of(judged.robot.setup)}
     assert ends == {FORWARD: ("left_wheel_joint/velocity", "right_wheel_joint/velocity"), BASE: ()}
 
@@ -162,7 +162,7 @@ def test_the_seed_of_a_twist_for_one_cycle_breaks_nothing():
 
 
 @pytest.mark.sources
-def test_a_drive_that_is_off_is_told_to_stand(judged, monkeypatch):
+def test_a_drive_that_is_off_is_commanded_to_stand(judged, monkeypatch):
     judged.run(1.2).do("stop").run(2.0)
     assert judged.told == []
     monkeypatch.setattr(JointTargets, "hold", lambda self: None)
@@ -193,14 +193,14 @@ def test_limits_of_the_drive_hold_in_every_mode():
 
 @pytest.mark.sources
 @pytest.mark.parametrize("verb", ["of_velocity", "of_position"])
-def test_a_target_beyond_the_limits_of_the_drive_is_told(monkeypatch, verb):
+def test_a_target_beyond_the_limits_of_the_drive_is_reported(monkeypatch, verb):
     monkeypatch.setattr(AxisLimitsOfMaster, verb, lambda self, raw: raw)
     assert limits(*PUSH)[0] == {"limit_ignored"}
 
 
 @pytest.mark.rest
 @pytest.mark.sources
-def test_a_target_against_a_limit_switch_is_told(monkeypatch):
+def test_a_target_against_a_limit_switch_is_reported(monkeypatch):
     steps = (
         (1.0, ("command", "velocity_controller"), {"values": (1.5,), "for_ns": 5 * S}),
         (2.0, ("fault", "2", "limit_switch"), {}),
@@ -211,7 +211,7 @@ def test_a_target_against_a_limit_switch_is_told(monkeypatch):
 
 
 @pytest.mark.sources
-def test_a_command_that_is_dropped_while_somebody_renews_it_is_told(judged, monkeypatch):
+def test_a_command_dropped_while_it_is_being_renewed_is_reported(judged, monkeypatch):
     judged.run(3.0).drive(5.0, 5.0, seconds=2.0).run(0.6).do("ask", seconds=0.25).run(0.6)
     assert judged.told == []
     monkeypatch.setattr(UpdateLoop, "client_disconnected", lambda self, *who: self.forget(self.now, "somebody left"))
@@ -221,7 +221,7 @@ def test_a_command_that_is_dropped_while_somebody_renews_it_is_told(judged, monk
 
 @pytest.mark.sources
 @pytest.mark.parametrize("lost", [False, True])
-def test_a_command_that_leaves_with_a_client_who_was_there_before_is_told(judged, monkeypatch, lost):
+def test_a_command_that_ends_with_an_earlier_client_is_reported(judged, monkeypatch, lost):
     if lost:
         monkeypatch.setattr(
             UpdateLoop, "client_disconnected", lambda self, *who: self.forget(self.now, "somebody left")
@@ -235,6 +235,6 @@ def test_the_same_command_long_after_the_last_one_is_a_new_one(judged):
     assert judged.told == []
 
 
-def test_a_command_that_leaves_with_its_client_is_no_news(judged):
+def test_a_command_that_leaves_with_its_client_is_not_reported(judged):
     judged.run(2.5).drive(2.0, 2.0, seconds=1.0).run(0.92).do("dead_man", FORWARD, 0.06, values=(2.0, 2.0)).run(1.0)
     assert judged.told == []

@@ -42,7 +42,7 @@ def judged():
     made.robot.close()
 
 
-def test_a_sync_and_a_heartbeat_in_time_are_no_news_late_ones_are(judged):
+def test_a_sync_and_a_heartbeat_in_time_are_not_news_late_ones_are(judged):
     for _ in range(20):
         judged.hear(0x080, after=20 * MS)
     assert judged.told == []
@@ -65,7 +65,7 @@ def test_the_heartbeat_is_judged_by_its_default_if_bus_yml_is_silent():
         made.robot.close()
 
 
-def test_who_cannot_send_is_not_late(judged):
+def test_a_port_that_cannot_send_is_not_late(judged):
     judged.hear(0x080)
     judged.wire.cut.add(MASTER)
     judged.rules.on_sample(judged.now)
@@ -87,7 +87,7 @@ def test_a_request_waits_for_the_answer_an_abort_or_the_time_out(judged, between
     assert judged.told == []
 
 
-def test_a_request_before_the_answer_is_told(judged):
+def test_a_request_before_the_answer_is_reported(judged):
     judged.hear(0x603, READ)
     judged.hear(0x602, READ, after=MS)
     assert judged.told == []
@@ -95,7 +95,7 @@ def test_a_request_before_the_answer_is_told(judged):
     assert judged.told == ["sdo_overlap"]
 
 
-def test_a_request_after_an_abort_that_may_be_lost_is_no_news(judged):
+def test_a_request_after_an_abort_that_may_be_lost_is_not_reported(judged):
     judged.wire.lost.append(DropRule("", every=2))
     judged.hear(0x603, READ)
     judged.rules.on_sample(judged.now)
@@ -111,7 +111,7 @@ def test_blocks_are_not_requests(judged):
     assert judged.told == []
 
 
-def test_a_bus_beyond_its_budget_is_told(judged):
+def test_a_bus_beyond_its_budget_is_reported(judged):
     judged.rules.on_sample(judged.now)
     judged.wire._wire.bits += 500_000
     judged.rules.on_sample(judged.now + S)

@@ -30,12 +30,12 @@ def judged():
     made.close()
 
 
-def test_what_a_boot_has_written_is_no_news_nor_is_another_boot(judged):
+def test_what_a_boot_has_written_is_not_reported_nor_is_another_boot(judged):
     judged.run(0.5).do("power", 2, 0.5).run(2.0).do("kill", seconds=0.3).run(2.0)
     assert judged.told == []
 
 
-def test_a_parameter_that_was_not_written_is_told_by_its_address(judged):
+def test_a_parameter_that_was_not_written_is_reported_by_its_address(judged):
     judged.rules._nodes[0].boots = 0
     judged.robot.drives[3].device.store.set(0x6083, 0, 1)
     judged.run(0.2)
@@ -67,7 +67,7 @@ def test_a_speed_may_have_been_lowered_to_a_velocity_limit(index, value, holds):
     assert _holds(device, write) is holds
 
 
-def test_of_who_was_disturbed_nobody_knows_what_it_holds(judged):
+def test_the_values_of_a_disturbed_node_are_unknown(judged):
     judged.do("fault", 3, 0.1, name="hand_moved").run(0.3)
     judged.rules._nodes[0].boots = 0
     judged.robot.drives[3].device.store.set(0x6083, 0, 1)
@@ -83,7 +83,7 @@ def test_a_pdo_is_never_active_with_a_cob_id_that_it_may_not_have(judged, entry,
 
 
 @pytest.mark.parametrize(("default", "held"), [(0x180, 0x180), (None, 0)])
-def test_an_impossible_cob_id_of_the_eds_is_no_breach(judged, default, held):
+def test_an_impossible_cob_id_of_the_eds_is_not_a_breach(judged, default, held):
     device = judged.robot.drives[2].device
     device.od.entries[0x1803, 1] = replace(device.od[0x1803, 1], default=default)
     device.store.set(0x1803, 1, held)

@@ -47,7 +47,7 @@ def test_targets_are_signed(view):
 
 
 @pytest.mark.parametrize("data", [b"\x37", b"\x08\x06"])
-def test_a_pdo_that_is_cut_short_tells_nothing_as_the_robot_drops_it(view, data):
+def test_a_pdo_that_is_cut_short_reports_nothing_as_the_robot_drops_it(view, data):
     hear(view, 5, 0x183, data, "stranger")
     assert view.nodes[3].status_at == 0
 

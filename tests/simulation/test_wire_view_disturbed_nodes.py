@@ -17,7 +17,7 @@ def judged():
     made.close()
 
 
-def test_who_is_left_alone_is_not_disturbed(judged):
+def test_an_unaffected_node_is_not_disturbed(judged):
     judged.drive(5.0, 5.0).do("stop").run(1.0)
     assert judged.disturbed.last(2) == judged.disturbed.last(3) == 0
 
@@ -42,7 +42,7 @@ def test_a_fault_disturbs_its_node_as_long_as_it_is_on(judged, act):
         ("frame", "", {"values": (0x203.__float__(), 0.0)}, True),
     ],
 )
-def test_who_is_disturbed_by_what(judged, kind, target, more, both):
+def test_nodes_disturbed_by_each_event(judged, kind, target, more, both):
     lasts = {} if kind == "frame" else {"seconds": 0.1}
     judged.do(kind, target, **lasts, **more).run(0.05)
     assert judged.disturbed.last(3) > judged.robot.now_ns - 60 * MS

@@ -35,7 +35,7 @@ def facts(name):
     return "UP" in link["flags"], link["txqlen"]
 
 
-def test_up_makes_a_vcan_says_each_step_and_a_second_time_does_nothing(stage, fresh):
+def test_up_makes_a_vcan_reports_each_step_and_a_second_time_does_nothing(stage, fresh):
     assert lines(stage.call("bus", "up", fresh)) == [
         "modprobe vcan   # load the vcan module",
         "ip link add dev vcan77 type vcan   # create the interface",
@@ -68,7 +68,7 @@ def test_status_and_list_show_what_the_kernel_has(stage, vcan):
     assert {"vcan0", vcan} <= {link["name"] for link in found["interfaces"]}
 
 
-def test_status_tells_frames_who_listens_and_what_the_kernel_sends(stage, vcan, tool):
+def test_status_reports_frames_listeners_and_frames_sent_by_the_kernel(stage, vcan, tool):
     sync = KernelSync(vcan, [CanFrame(0x80)])
     sync.start(10_000)
     with contextlib.closing(sync), contextlib.closing(open_port(vcan)) as port:
@@ -150,7 +150,7 @@ sys.exit(main(["bus", "up", sys.argv[1]]))
 """
 
 
-def test_without_root_the_commands_to_type_are_said_and_none_is_run(fresh):
+def test_without_root_the_commands_to_type_are_reported_and_none_is_run(fresh):
     done = subprocess.run([sys.executable, "-c", AS_NOBODY, fresh], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     assert done.stderr == (

@@ -50,7 +50,7 @@ def test_the_kernel_keeps_the_period_takes_another_one_and_ends_when_it_is_close
     assert {data for _, data in hears.of(SYNC)} == {b""}
 
 
-def test_a_period_is_adjusted_without_a_sync_in_between_and_the_counter_goes_on(vcan, listen):
+def test_a_period_is_adjusted_without_a_sync_in_between_and_the_counter_continues(vcan, listen):
     hears = listen(vcan)
     sync = KernelSync(vcan, [CanFrame(SYNC, bytes([count])) for count in range(1, 6)])
     sync.start(50_000)
@@ -147,7 +147,7 @@ def test_a_robot_follows_the_kernels_sync_and_stops_it_at_the_end(stage, robby, 
     assert at(hears, 0.0)
 
 
-def test_a_master_that_is_stopped_looks_dead_although_sync_goes_on_and_one_that_is_killed_stops_it(
+def test_a_master_that_is_stopped_appears_dead_although_sync_continues_and_one_that_is_killed_stops_it(
     stage, robby, vcan, listen
 ):
     hears = listen(vcan, SYNC, 0x701, 0x280 + LEFT, 0x280 + RIGHT)

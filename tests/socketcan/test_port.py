@@ -54,7 +54,7 @@ def kinds(port):
     return [event.kind for event in port.events()]
 
 
-def test_frames_cross_and_a_sender_does_not_hear_himself(ports):
+def test_frames_cross_and_a_sender_does_not_receive_himself(ports):
     ours, theirs = ports
     ours.send(pack_records([ONE, TWO, CanFrame(0x40000703, bytes(1)), CanFrame(0x9ABCDEF0, b"12345678")]))
     assert receive(theirs, 4) == [ONE, TWO, CanFrame(0x40000703, bytes(1)), CanFrame(0x9ABCDEF0, b"12345678")]
@@ -64,7 +64,7 @@ def test_frames_cross_and_a_sender_does_not_hear_himself(ports):
     assert (ours.stats.tx, ours.stats.rx, ours.stats.lost) == (4, 1, 0)
 
 
-def test_the_kernel_hands_over_the_wanted_identifiers_only(ports):
+def test_the_kernel_hands_over_the_requested_identifiers_only(ports):
     ours, theirs = ports
     theirs.set_filter([0x183, 0x40000703])
     ours.send(pack_records([ONE, CanFrame(0x703, b"\5"), CanFrame(0x40000703, bytes(1)), CanFrame(0x80000183), THREE]))
@@ -131,7 +131,7 @@ def test_an_interface_made_again_is_another_one_and_is_bound_again_with_its_filt
     assert kinds(ours) == kinds(theirs) == [BusEventKind.UP]
 
 
-def test_who_only_listens_hears_an_interface_made_again_without_sending(vcan):
+def test_a_listen_only_port_receives_from_a_recreated_interface_without_sending(vcan):
     with contextlib.closing(open_port(vcan)) as listener:
         listener.set_filter([0x182])
         ip("link", "del", vcan)
@@ -151,7 +151,7 @@ def test_who_only_listens_hears_an_interface_made_again_without_sending(vcan):
         assert (listener.stats.rx, listener.stats.lost) == (2, 0)
 
 
-def test_the_kernel_says_when_it_took_each_frame(ports):
+def test_the_kernel_reports_when_it_took_each_frame(ports):
     ours, theirs = ports
     arrivals = Arrivals(theirs)
     before = time.monotonic_ns()
@@ -214,7 +214,7 @@ def test_error_frames_come_through(ports, vcan):
         assert port.stats.errors == len(told)
 
 
-def test_opening_what_is_missing_or_down_says_what_to_type(vcan):
+def test_opening_what_is_missing_or_down_suggests_what_to_type(vcan):
     with pytest.raises(InterfaceNotFound, match="canopen-control bus up vcan66"):
         open_port("vcan66")
     ip("link", "set", vcan, "down")

@@ -56,7 +56,7 @@ def test_the_base_controller_turns_the_wheels_by_a_twist(stage, robby, vcan, lis
     assert hears.speeds(LEFT)[-1][1] == hears.speeds(RIGHT)[-1][1] == 0.0
 
 
-def test_the_drives_are_processes_that_know_no_master(stage, robby, vcan, listen):
+def test_the_drives_are_processes_independent_of_the_master(stage, robby, vcan, listen):
     hears = listen(vcan, 0x280 + LEFT, 0x280 + RIGHT)
     for node_id in NODES:
         drive = stage.start("drive", "--node-id", node_id, "--eds", "TMCM-1270.eds", "--can", vcan)
@@ -73,7 +73,7 @@ def test_the_drives_are_processes_that_know_no_master(stage, robby, vcan, listen
     assert robot.end() == 0, robot
 
 
-def test_candump_sees_standard_frames(stage, robby, vcan, tool):
+def test_candump_receives_standard_frames(stage, robby, vcan, tool):
     dump = tool("candump", "-L", vcan)
     robot = stage.start("run", robby, "--as", "dumped", "--can", vcan, "--for", 2)
     assert robot.wait() == 0, robot

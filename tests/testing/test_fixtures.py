@@ -26,14 +26,14 @@ def test_the_tests_of_the_guide_pass(pytester):
     run(pytester).assert_outcomes(passed=11)
 
 
-def test_without_a_robot_it_says_what_is_missing(pytester):
+def test_without_a_robot_it_reports_what_is_missing(pytester):
     pytester.makepyfile("def test_it(robot):\n    pass\n")
     result = run(pytester)
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines(["*needs a robot: set canopen_robot = FOLDER*"])
 
 
-def test_a_folder_beside_the_ini_file_is_found(pytester):
+def test_a_folder_next_to_the_ini_file_is_found(pytester):
     shutil.copytree(find_robot("robby").controllers.parent, pytester.path / "mine")
     pytester.makeini("[pytest]\ncanopen_robot = mine\n")
     pytester.makepyfile("""

@@ -12,7 +12,7 @@ def robot():
     made.close()
 
 
-def test_names_that_nobody_has_are_refused_with_those_there_are(robot):
+def test_unknown_names_are_refused_with_the_available_ones(robot):
     with pytest.raises(UnknownName, match="no controller 'robby_foward_controller'"):
         robot.command("robby_foward_controller", 1, 1)
     with pytest.raises(UnknownName, match="no drive 9; available: left_drive \\(3\\), right_drive \\(2\\)"):
@@ -27,12 +27,12 @@ def test_names_that_nobody_has_are_refused_with_those_there_are(robot):
         robot.bus.lose(0)
 
 
-def test_a_condition_that_never_comes_is_told_with_the_last_events(robot):
+def test_a_condition_that_never_comes_is_reported_with_the_last_events(robot):
     with pytest.raises(AssertionError, match=r"condition not met within 0\.1 s; last events: .*runs"):
         robot.until(lambda: False, timeout=0.1)
 
 
-def test_it_has_booted_stands_and_moves_when_it_is_told(robot):
+def test_it_has_booted_stands_and_moves_when_it_is_reported(robot):
     assert robot.state == "running"
     assert len(robot.drives) == 2
     assert not robot.moving
@@ -83,7 +83,7 @@ def test_quirks_from_the_power_on_and_while_it_runs():
     robot.close()
 
 
-def test_frames_are_heard_lost_doubled_and_sent(robot):
+def test_frames_are_received_lost_doubled_and_sent(robot):
     robot.bus.send(0x7E5, b"\x01")
     assert robot.bus.frames[-1][1:] == ("stranger", (0x7E5, b"\x01"))
     robot.bus.lose(seconds=0.1)

@@ -34,7 +34,7 @@ def test_objects_and_the_identity_are_read_while_time_advances(robot):
         robot.session("left")
 
 
-def test_a_node_that_falls_silent_is_told_as_by_a_running_robot(robot):
+def test_a_node_that_falls_silent_is_reported_as_by_a_running_robot(robot):
     session = robot.session(3)
     robot.drives[3].fault("silent")
     robot.run(0.1)
@@ -65,7 +65,7 @@ def test_an_enabled_drive_is_refused(robot):
         run_restore(session, JobRun(RESTORE, "x"), parse_backup(done.file[1], "left.dcf"), RestoreOptions())
 
 
-def test_a_node_that_does_not_enter_a_state_is_told(robot):
+def test_a_node_that_does_not_enter_a_state_is_reported(robot):
     session = robot.session("left_drive")
     robot.disable()
     robot.drives[3].fault("silent")

@@ -54,7 +54,7 @@ def test_what_cannot_be_done_is_a_usage_error_of_one_sentence(words):
 
 
 @pytest.mark.embedded
-def test_motion_that_nobody_asked_for_is_told_with_how_to_play_it_again(tmp_path, monkeypatch):
+def test_motion_that_is_not_requested_is_reported_with_how_to_play_it_again(tmp_path, monkeypatch):
     script = tmp_path / "script.txt"
     script.write_text("1 recover\n")
     words = [*TOOL, "--replay", str(script), "--for", "5s", "--json"]

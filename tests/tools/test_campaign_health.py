@@ -21,7 +21,7 @@ def test_memory_that_grows_after_the_warm_up_is_a_breach_once():
 @pytest.mark.parametrize(
     "words", ["Traceback (most recent call last):\n  File", "canopen-control: a fault of this program, X"]
 )
-def test_a_traceback_is_told_once_with_the_file(tmp_path, words):
+def test_a_traceback_is_reported_once_with_the_file(tmp_path, words):
     path, logs = tmp_path / "run.out", Logs()
     path.write_text("all is well\n")
     assert logs.look([path], 0.0) == []

@@ -48,7 +48,7 @@ def enabled(observer, at=0.0):
     observer.add(Enable(at, at + 0.1))
 
 
-def test_motion_after_an_enable_and_a_command_is_no_breach(observer):
+def test_motion_after_an_enable_and_a_command_is_not_a_breach(observer):
     enabled(observer)
     commanded(observer, 1.0)
     drive(observer, 1.01)
@@ -57,7 +57,7 @@ def test_motion_after_an_enable_and_a_command_is_no_breach(observer):
     assert observer.moved_s > 1.9
 
 
-def test_motion_that_nobody_commanded_is_a_breach(observer):
+def test_motion_without_a_command_is_a_violation(observer):
     enabled(observer)
     drive(observer, 1.0)
     turn(observer, 1.02, 1.1)

@@ -34,7 +34,7 @@ def bare(tmp_path):
 @pytest.mark.parametrize(
     ("tool", "package"), [(UML, "user-mode-linux"), (EMULATED, "qemu-system-x86")], ids=["uml", "qemu"]
 )
-def test_without_the_packages_it_says_what_to_type(tool, package, bare):
+def test_without_the_packages_it_suggests_what_to_type(tool, package, bare):
     done = launch(tool, "true", path=bare)
     if "needs Linux on x86_64" not in done.stderr:
         assert "not installed: " in done.stderr

@@ -97,7 +97,7 @@ def test_every_file_of_a_part_exists(in_checkout):
 # ------------------------------------------------------------------------------------------------- running parts
 
 
-def test_a_part_that_fails_fails_the_run_and_the_others_go_on(run, capsys):
+def test_a_part_that_fails_fails_the_run_and_the_others_continue(run, capsys):
     run.lanes([[part("bad", "echo words of it; exit 3"), part("good", "true")]])
     assert not run.good
     assert "== bad: " in (said := capsys.readouterr().out)
@@ -122,7 +122,7 @@ def pytest_on(path, text):
     )  # fmt: skip
 
 
-def test_a_test_that_passes_at_the_second_look_is_listed(run):
+def test_a_test_that_passes_on_the_second_run_is_listed(run):
     once = pytest_on(
         run_path := Path("test_once.py"),
         "from pathlib import Path\n"

@@ -12,7 +12,7 @@ TOOLS = Path(__file__).parents[2] / "tools"
 
 
 @pytest.mark.parametrize("script", ["demo", "test", "bench", "compile"])
-def test_help_says_what_it_does_and_installs_nothing(tmp_path, script):
+def test_help_reports_what_it_does_and_installs_nothing(tmp_path, script):
     copied = tmp_path / "tools"
     copied.mkdir()
     for name in (script, "environment"):
@@ -55,7 +55,7 @@ def test_a_package_that_cannot_be_had_is_named_in_one_sentence(checkout):
     )
 
 
-def test_another_failure_of_the_installation_shows_what_pip_said(checkout):
+def test_another_failure_of_the_installation_shows_what_pip_reported(checkout):
     done = checkout("ERROR: Disk quota exceeded")
     assert done.returncode == 2
     assert "Disk quota exceeded" in done.stderr

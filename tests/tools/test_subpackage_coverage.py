@@ -16,11 +16,11 @@ FILES = {
 }
 
 
-def test_lines_and_branches_count_and_a_room_without_any_is_left_out():
+def test_lines_and_branches_count_and_a_subpackage_without_any_is_omitted():
     assert covered_by_subpackage(FILES) == {"bus": 70.0, "frame": 95.0}
 
 
-def test_a_room_below_the_least_needs_a_reason():
+def test_a_subpackage_below_the_minimum_needs_a_reason():
     covered = covered_by_subpackage(FILES)
     text, good = judged(covered, {})
     assert not good

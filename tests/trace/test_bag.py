@@ -177,7 +177,7 @@ def test_a_trajectory_controllers_state_is_upstreams_message(found):
     assert len(message.feedback.velocities) == 0
 
 
-def test_bases_tell_their_wheels_beside_their_odometry(found):
+def test_bases_report_their_wheels_alongside_their_odometry(found):
     assert len(found["/truck/odom"]) == len(found["/mec/odom"]) == 1
     ((_, stamp, truck),) = found["/truck/controller_state"]
     assert (stamp, truck.header.frame_id) == (13_500_000_000, "odom")
@@ -192,7 +192,7 @@ def test_bases_tell_their_wheels_beside_their_odometry(found):
     assert (wanted.linear.x, wanted.linear.y, wanted.angular.z) == (0.5, -0.25, 0.125)
 
 
-def test_a_mecanum_base_that_has_told_no_wheels_yet_is_nan_throughout():
+def test_a_mecanum_base_that_has_reported_no_wheels_yet_is_nan_throughout():
     (row,) = [each for each in SAMPLE_TOPICS if each.kind is MecanumSample]
     messages = BagMessages()
     message = messages.empty(row.message)
@@ -318,7 +318,7 @@ def test_every_update_of_the_broadcaster_is_a_joint_state_with_its_stamp(story, 
                 assert math.isnan(value) if expected is None else value == expected
 
 
-def test_commands_are_written_when_they_change_under_a_name_that_nobody_listens_to(bag):
+def test_commands_are_recorded_on_change_under_an_unused_topic_name(bag):
     found = read(bag)
     commands = [list(message.data) for _, message in found[f"/{FORWARD}/commands_out"]]
     assert [3.0, 4.0] in commands
@@ -383,7 +383,7 @@ def test_a_bag_never_overwrites(bag):
         BagWriter(bag, "robby")
 
 
-def test_without_rosbags_it_says_what_to_type(monkeypatch, tmp_path):
+def test_without_rosbags_it_suggests_what_to_type(monkeypatch, tmp_path):
     real = builtins.__import__
 
     def without(name, *args, **kwargs):
@@ -397,7 +397,7 @@ def test_without_rosbags_it_says_what_to_type(monkeypatch, tmp_path):
 
 
 @pytest.mark.ros
-def test_rclpys_own_messages_say_the_same(story, bag):
+def test_rclpys_own_messages_agree(story, bag):
     environment = {key: value for key, value in os.environ.items() if key != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
     done = subprocess.run(
         [sys.executable, "-c", READ_WITH_RCLPY, str(bag)], env=environment, capture_output=True, text=True, check=False

@@ -65,7 +65,7 @@ def test_a_pdo_is_read_by_name_and_type():
     assert got.text == "Position actual value -1; Velocity actual value 1600"
 
 
-def test_the_words_of_the_drive_profile_depend_on_what_was_heard_before():
+def test_the_words_of_the_drive_profile_depend_on_what_was_received_before():
     decoder = robby_decoder()
     assert said(
         decoder,
@@ -106,14 +106,14 @@ def test_a_frame_that_shows_a_fault_has_it_for_programs():
     assert end.is_over
 
 
-def test_a_short_pdo_is_said_and_a_long_one_is_read():
+def test_a_short_pdo_is_reported_and_a_long_one_is_read():
     short, long = one(0x183, "3706"), one(0x183, "37060300")
     assert (short.text, short.values, short.mark) == ("too short: 2 bytes, 3 are mapped", (), Mark.WARNING)
     assert long.text.endswith("; 4 bytes, 3 are mapped")
     assert len(long.values) == 2
 
 
-def test_a_heartbeat_says_what_was_before_when_it_changes():
+def test_a_heartbeat_reports_what_was_before_when_it_changes():
     decoder = robby_decoder()
     texts = said(decoder, (0x703, "00"), (0x703, "7F"), (0x703, "7F"), (0x703, "05"))
     assert texts == [
@@ -129,7 +129,7 @@ def beats(*times_ms):
     return [decoder.decode(frame(0x703, "05"), round(ms * 1_000_000)) for ms in times_ms]
 
 
-def test_a_heartbeat_after_a_silence_says_how_long_it_was():
+def test_a_heartbeat_after_a_silence_reports_how_long_it_was():
     told = beats(0, 100, 200, 301, 3301, 3400)
     assert [each.text for each in told[3:]] == [
         "OPERATIONAL",
@@ -139,7 +139,7 @@ def test_a_heartbeat_after_a_silence_says_how_long_it_was():
     assert told[4].mark is Mark.WARNING
 
 
-def test_heartbeats_that_were_read_late_together_are_no_silence():
+def test_heartbeats_that_were_read_late_together_are_not_silence():
     assert {each.text for each in beats(0, 100, 100.1, 200, 200.1, 380, 400, 2000, 3600)[:7]} == {"OPERATIONAL"}
     assert {each.text for each in beats(0, 0.5, 190, 191, 380)} == {"OPERATIONAL"}
 
@@ -154,7 +154,7 @@ def test_a_pdo_may_lie_on_any_identifier_even_one_of_29_bits():
     assert (got.node, got.text) == ("io", "nibble -1; rest 1")
 
 
-def test_a_mapping_that_cannot_be_is_said_with_the_bytes():
+def test_a_mapping_that_cannot_be_is_reported_with_the_bytes():
     objects = tuple(MappedEntry(0x2000 + n, 0, 64, "UNSIGNED64", "x") for n in range(2))
     node = NodeDescription("odd", 9, None, (PdoLayout(0x189, "tpdo", 1, objects=objects),))
     got = Decoder(NetworkDescription(nodes={9: node})).decode(frame(0x189, "0102"))

@@ -27,7 +27,7 @@ def taught(values, pdos=None):
     return [known for known in map(pdos.learn, values) if known is not None]
 
 
-def test_a_pdo_is_known_when_it_is_valid_and_all_its_objects_were_heard():
+def test_a_pdo_is_known_when_it_is_valid_and_all_its_objects_were_received():
     ((pdo, before),) = taught([*MAP, held(0x1800, 2, 1), held(0x1800, 1, 0x40000183)])
     assert (pdo_name(pdo), pdo.cob_id, pdo.transmission_type, before) == ("TPDO1", 0x183, 1, None)
     assert [(each.name, each.bits, each.data_type) for each in pdo.objects] == [
@@ -66,7 +66,7 @@ def test_what_a_node_refuses_is_not_learned():
     assert decoder.decode(frame(0x1FD, "370603")).text == "mapping unknown"
 
 
-def test_what_was_heard_wins_over_the_description():
+def test_what_was_received_wins_over_the_description():
     decoder = robby_decoder()
     said(decoder, (0x603, "23001801FD010000"), (0x583, "6000180100000000"))
     assert decoder.decode(frame(0x1FD, "370603")).text.startswith("Statusword 0x0637")

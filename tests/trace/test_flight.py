@@ -54,7 +54,7 @@ def hear(reactor, recorder, text):
     assert reactor.run_until(lambda: any(event["text"] == text for event in events_of(recorder)), 10 * SECOND)
 
 
-def test_events_and_states_of_the_robot_are_in_the_file_and_the_robot_tells_where_it_is(reactor, robot):
+def test_events_and_states_of_the_robot_are_in_the_file_and_the_robot_reports_where_it_is(reactor, robot):
     recorder = FlightRecorder(reactor, "flight", {})
     recorder.start()
     fail(robot)
@@ -87,7 +87,7 @@ def test_no_event_is_taken_twice(reactor, robot):
 
 
 @pytest.mark.process
-def test_a_copy_writes_while_the_recorder_goes_on(reactor, robot, monkeypatch):
+def test_a_copy_writes_while_the_recorder_continues(reactor, robot, monkeypatch):
     recorder = FlightRecorder(reactor, "flight", {})
     recorder.start()
     recorder._write_aside(replace(FAULT, text="aside"))
@@ -100,7 +100,7 @@ def test_a_copy_writes_while_the_recorder_goes_on(reactor, robot, monkeypatch):
 
 
 @pytest.mark.process
-def test_a_copy_that_dies_is_told(reactor, monkeypatch):
+def test_a_copy_that_dies_is_reported(reactor, monkeypatch):
     recorder = FlightRecorder(reactor, "nobody", {})
     monkeypatch.setattr(FlightRecorder, "write", lambda *_: os._exit(3))
     recorder._write_aside(FAULT)
@@ -198,7 +198,7 @@ def test_a_storm_of_faults_costs_bounded_memory_and_one_file(reactor):
     assert file.events[-1].text.startswith("storm 19999 ")
 
 
-def test_where_the_kernel_knows_when_a_frame_came_that_is_its_time(reactor):
+def test_the_time_of_a_frame_is_the_kernels_stamp_if_it_has_one(reactor):
     class Stamped:
         stats = type("Stats", (), {"lost": 0})
 

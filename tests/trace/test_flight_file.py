@@ -150,7 +150,7 @@ def test_a_recording_of_before_protocol_2_still_opens():
     assert file.unread_lines == 0
 
 
-def test_the_name_says_when_and_why_and_is_never_taken_twice(tmp_path):
+def test_the_name_specifies_when_and_why_and_is_never_taken_twice(tmp_path):
     first, second = write(tmp_path), write(tmp_path)
     assert first.name.endswith("-heartbeat_lost-left_drive.zip")
     assert second.name.endswith("-heartbeat_lost-left_drive-2.zip")
@@ -186,7 +186,7 @@ def test_the_eds_files_of_the_nodes_come_along(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"no zip", None, {"format": "another"}, {"version": 99}])
-def test_what_is_no_recording_is_refused_in_a_sentence(tmp_path, content):
+def test_what_is_not_a_recording_is_refused_in_a_sentence(tmp_path, content):
     path = tmp_path / "x.zip"
     if isinstance(content, dict):
         with zipfile.ZipFile(path, "w") as archive:
@@ -258,7 +258,7 @@ MIB = bytes(1 << 20)
         ("eds/a.eds", MIB * 17, "eds/a.eds is larger than 16 MiB"),
     ],
 )  # fmt: skip
-def test_what_is_damaged_or_made_to_harm_is_said_with_its_place(tmp_path, name, data, words):
+def test_what_is_damaged_or_made_to_harm_is_reported_with_its_place(tmp_path, name, data, words):
     path = rewritten(write(tmp_path), **{name: data})
     with pytest.raises(ConfigError) as caught:
         read_flight(path)
@@ -327,7 +327,7 @@ def test_whatever_is_changed_is_refused_in_a_sentence_or_reported(whole, data):
 
 
 @pytest.mark.rest
-def test_a_size_that_lies_is_not_believed(tmp_path):
+def test_a_size_that_lies_is_not_trusted(tmp_path):
     path = rewritten(write(tmp_path), **{"events.jsonl": MIB * 200})
     data = bytearray(path.read_bytes())
     true, false = (200 << 20).to_bytes(4, "little"), (1 << 20).to_bytes(4, "little")
@@ -350,14 +350,14 @@ def test_more_files_than_a_recording_has_are_refused(tmp_path):
         read_flight(path)
 
 
-def test_lines_that_are_no_frames_are_counted(tmp_path):
+def test_lines_that_are_not_frames_are_counted(tmp_path):
     lines = ["(1.0) can 080#\n", "nonsense\n", "(1.5) can 1FFFFFFFF#00\n", "(2.5) can 181#0102\n"]
     file = read_flight(save(tmp_path, META, iter(lines), [], []))
     assert [frame.can_id for _, _, frame in file.frames] == [0x80, 0x181]
     assert file.unread_lines == 2
 
 
-def test_samples_have_what_controllers_told_unless_an_earlier_version_told_it_otherwise(tmp_path):
+def test_samples_have_what_controllers_reported_unless_an_earlier_version_reported_it_otherwise(tmp_path):
     told = {"front": {"kind": "range", "time": 1.0, "frame_id": "f", "range": 1.25}}
     (state,) = read_flight(rewritten(write(tmp_path), **{"states.jsonl": sample(1, samples=told)})).states
     assert state.samples["front"].range == 1.25

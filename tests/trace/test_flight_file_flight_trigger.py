@@ -39,7 +39,7 @@ def test_a_fault_is_an_error_or_a_bus_that_carries_nothing(kind, level, expected
 
 
 @pytest.mark.parametrize(("since", "expected"), [(None, False), (1.0, False), (0.5, True)])
-def test_a_sum_tells_of_more_than_its_own_moment(since, expected):
+def test_a_sum_reports_of_more_than_its_own_moment(since, expected):
     assert is_sum(event(since=since)) is expected
 
 
@@ -79,7 +79,7 @@ def test_the_end_writes_what_still_waits_and_nothing_twice():
 
 
 @given(st.lists(st.integers(0, 100 * S), max_size=60))
-def test_no_fault_is_forgotten_it_is_written_waits_or_is_counted(pauses):
+def test_no_fault_is_discarded_it_is_written_waits_or_is_counted(pauses):
     trigger, now, last_file = RecordingTrigger(KEEP), 0, None
     for pause in pauses:
         now += pause

@@ -70,7 +70,7 @@ def test_absolute_times_are_those_of_the_day():
     assert ".000000  080" in line
 
 
-def test_colours_mark_what_deserves_a_look_and_nothing_else():
+def test_colours_mark_only_values_that_need_attention():
     _, ordinary, fault = lines((0x183, "370603"), (0x183, "370603"), (0x083, "1186210000000000"), colour=True)
     assert "\x1b" not in ordinary
     assert fault.startswith("\x1b[31m")

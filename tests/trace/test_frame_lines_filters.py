@@ -55,7 +55,7 @@ def test_events_are_what_is_news_and_nothing_else():
     assert shown == [stream[1], stream[3], stream[4], stream[6], stream[7], stream[10]]
 
 
-def test_what_changes_remembers_has_an_end():
+def test_the_history_of_changes_is_bounded():
     decoder, wanted = robby_decoder(), Filter(changes=True)
     for number in range(5000):
         wanted.wants(decoder.decode(frame(0x183, f"{number:06x}")))

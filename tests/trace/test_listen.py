@@ -49,7 +49,7 @@ def test_what_happens_to_the_channel_comes_after_the_frames_before_it():
 
 
 @pytest.mark.process
-def test_a_bus_that_nobody_has_open_is_not_made_by_who_listens(private_folders):
+def test_a_listener_does_not_create_a_bus(private_folders):
     with pytest.raises(BusNotOpen, match="bus local:typo: no program has it open; no local bus is open now"):
         open_listener("local:typo", "trace")
     assert list_sockets("bus") == []
@@ -61,7 +61,7 @@ def test_a_bus_that_nobody_has_open_is_not_made_by_who_listens(private_folders):
     end_hubs()
 
 
-def test_what_nobody_else_can_hear_is_said():
+def test_frames_that_no_other_member_can_receive_are_reported():
     with pytest.raises(ConfigError, match="inside one process"):
         open_listener("memory:x", "trace")
     with pytest.raises(ConfigError, match="one owner, the running robot robby"):

@@ -110,7 +110,7 @@ def test_what_a_page_asks_is_answered_and_what_moves_is_refused(watched):
     assert "is a recording" in w.ask("twist", controller="base", linear=1.0, angular=0.0)["message"]
 
 
-def test_a_recording_without_states_is_told():
+def test_a_recording_without_states_is_reported():
     with (
         Reactor(ManualClock(S)) as reactor,
         pytest.raises(ConfigError, match="the recording of robby contains no states to replay"),

@@ -186,7 +186,7 @@ def test_the_load_is_bits_by_the_bit_rate():
     assert bus.load.value == pytest.approx([(47 + 64) * 1000 / 500_000] * 2, rel=0.01)
 
 
-def test_heartbeats_tell_nmt_states_and_silence():
+def test_heartbeats_report_nmt_states_and_silence():
     beats = [(0, 5), (NS, 5), (2 * NS, 0x7F)]
     frames = [(time, "can", CanFrame(0x703, bytes([state]))) for time, state in beats]
     nodes = read_frames([*frames, (9 * NS, "can", CanFrame(0x80))], {}, 0.0, None).nodes()
@@ -240,7 +240,7 @@ def test_the_eds_files_in_the_recording_name_the_objects(lost_drive):
     assert "no names" in " ".join(facts_of(lost_drive).summary)
 
 
-def test_facts_are_printed_with_the_keys_that_scripts_know(lost_drive):
+def test_facts_are_printed_with_the_stable_json_keys(lost_drive):
     facts = plain(facts_of(lost_drive))
     assert " ".join(facts) == (
         "summary robot begin end seconds channels fault events nodes joints stopped_after_s last_state cycle boot sdo "
@@ -263,7 +263,7 @@ def test_the_reason_of_the_file_is_the_fault_where_the_window_holds_none(calm_ru
     assert facts_of(calm_run).fault.text == "it died"
 
 
-def test_what_is_missing_is_said(calm_run):
+def test_what_is_missing_is_reported(calm_run):
     calm_run.meta = replace(calm_run.meta, unheard=("arm",), frames_lost=7, faults_left_out=3)
     calm_run.unread_lines = 2
     said = " ".join(facts_of(calm_run).summary)
@@ -288,7 +288,7 @@ def test_an_empty_recording_makes_an_empty_report(file):
     assert "no node was seen" in facts.summary[0]
 
 
-def test_where_nobody_told_events_the_first_emcy_is_the_fault(lost_drive):
+def test_without_events_the_first_emcy_is_the_fault(lost_drive):
     times = [time for time, _, _ in lost_drive.frames]
     emcy = (times[500], "can", CanFrame(0x83, bytes.fromhex("3081110000000000")))
     frames = [*lost_drive.frames[:501], emcy, (times[501], "can", emcy[2]), *lost_drive.frames[501:]]

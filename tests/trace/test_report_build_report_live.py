@@ -28,6 +28,6 @@ def test_a_robot_that_ends_ends_the_watch():
     assert any(event.kind == "stopped" for event in file.events)
 
 
-def test_without_a_robot_it_says_so():
+def test_without_a_robot_it_reports_this():
     with pytest.raises(ConfigError, match="no robot"):
         watch(None, 1.0)

@@ -34,7 +34,7 @@ def test_hardware_that_is_made_up_is_called_that(calm_run):
     assert "no bus, simulated hardware: left_wheel_joint, right_wheel_joint" in facts_of(calm_run).summary[0]
 
 
-def test_the_joint_that_was_furthest_off_and_odd_set_points_are_told(calm_run):
+def test_the_joint_that_was_furthest_off_and_odd_set_points_are_reported(calm_run):
     facts = facts_of(calm_run)
     assert any(line.startswith("Largest velocity tracking error: ") for line in summary(facts))
     first, second = list(facts.joints)[:2]
@@ -46,7 +46,7 @@ def test_the_joint_that_was_furthest_off_and_odd_set_points_are_told(calm_run):
     assert f"Set-points that were repeated, and skipped, while a joint moved: {second} 0 and 3." in said
 
 
-def test_the_true_pose_of_a_simulated_base_is_told_as_it_was_in_the_end(calm_run):
+def test_the_true_pose_of_a_simulated_base_is_reported_as_it_was_in_the_end(calm_run):
     assert facts_of(calm_run).true_pose is None
     truth = TruePose(time=1.0, x=1.0, y=0.5, heading=0.0, error=(0.003, 0.004, 0.0))
     calm_run.states[-1] = replace(calm_run.states[-1], true_pose=truth)

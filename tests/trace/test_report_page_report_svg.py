@@ -53,7 +53,7 @@ def test_of_very_many_points_the_peak_stays():
     assert min(ys) < 20 < max(ys)
 
 
-def test_a_span_tells_its_state_and_time():
+def test_a_span_reports_its_state_and_time():
     drawn = timeline("states", [("<left>", [Span(1.0, 9.0, "FAULT")])], AXIS)
     root = ET.fromstring(drawn)
     assert root.find("g/title").text == "fault, 1.000 s to 9.000 s"
@@ -67,7 +67,7 @@ def test_no_counts_make_no_bars(counts):
     assert bars("x", ["a", "b"][: len(counts)], counts) == ""
 
 
-def test_one_late_cycle_is_seen_beside_a_million():
+def test_one_late_cycle_is_seen_alongside_a_million():
     root = ET.fromstring(bars("x", ["a", "b", "c"], [1_000_000, 0, 1]))
     heights = [float(rect.get("height")) for rect in root.iter("rect")]
     assert heights[2] > 3.0

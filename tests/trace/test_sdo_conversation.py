@@ -80,7 +80,7 @@ def test_the_abort_names_object_code_and_side():
     )
 
 
-def test_configuration_objects_are_said_in_their_own_words():
+def test_configuration_objects_are_reported_in_their_own_words():
     texts = said(
         robby_decoder(),
         (0x603, "23001A0110004160"),
@@ -128,7 +128,7 @@ def test_a_string_in_segments_is_read_as_one():
     ]
 
 
-def test_who_comes_late_is_told_so():
+def test_a_late_subscriber_is_notified():
     texts = said(robby_decoder(), (0x583, "00544D434D2D3132"), (0x603, "6000000000000000"), (0x583, "C100000000000000"))
     assert texts == [
         "segment of a transfer with unknown start",
@@ -154,7 +154,7 @@ def test_a_lost_block_segment_is_sent_again_and_counted_once():
     assert texts[-1] == "0x2000:00 = 41 42 43 44 45 46 47 48 49 4a 4b 4c 4d 4e"
 
 
-def test_a_transfer_larger_than_what_is_kept_is_told_by_its_length():
+def test_a_transfer_larger_than_what_is_kept_is_reported_by_its_length():
     content = bytes(LIMIT + 100)
     lines = overheard(lambda client: client.read(0x2000, 1, block=True), content)
     texts = [line.text for line in lines if " = " in line.text]
@@ -162,5 +162,5 @@ def test_a_transfer_larger_than_what_is_kept_is_told_by_its_length():
 
 
 @pytest.mark.parametrize("data", ["", "FF", "E0", "40"])
-def test_what_is_no_sdo_is_said(data):
+def test_what_is_not_a_sdo_is_reported(data):
     assert said(robby_decoder(), (0x603, data))[0]

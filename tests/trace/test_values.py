@@ -72,11 +72,11 @@ def test_faults_are_faulty_and_the_rest_is_not():
         (0x2000, 0, b"\x01\x02", "01 02"),
     ],
 )
-def test_values_are_told_in_the_words_of_their_object(index, subindex, value, text):
+def test_values_are_reported_in_the_words_of_their_object(index, subindex, value, text):
     assert NodeWords(robby_network().nodes[3]).text(index, subindex, value) == text
 
 
-def test_a_device_that_is_no_drive_has_plain_numbers_there():
+def test_a_device_that_is_not_a_drive_has_plain_numbers_there():
     from canopen_control.od.model import Entry, ObjectDictionary
 
     od = ObjectDictionary()

@@ -56,7 +56,7 @@ def test_robby_has_the_geometry_of_the_tutorial_and_its_wheels_turn_forward_toge
     assert "mesh" not in robby.urdf_xml
 
 
-def test_every_mistake_is_told_at_once_with_its_place():
+def test_every_error_is_reported_at_once_with_its_place():
     text = (
         ARM.replace('type="revolute"', 'type="revolut"')
         .replace('<parent link="upper"/><child link="finger"/>', '<parent link="uper"/>')
@@ -118,7 +118,7 @@ def test_what_ros2_control_refuses_is_refused(old, new, wanted):
     assert any(wanted in line for line in complaints(text)), complaints(text)
 
 
-def test_links_and_joints_of_one_name_are_told_with_both_places_beside_the_other_mistakes():
+def test_links_and_joints_of_one_name_are_reported_with_both_places_alongside_the_other_errors():
     text = """<robot name="r">
   <link name="base"/>
   <link name="wheel"/> <link name="wheel"/>
@@ -135,7 +135,7 @@ def test_links_and_joints_of_one_name_are_told_with_both_places_beside_the_other
     ]
 
 
-def test_a_macro_that_is_called_twice_with_one_name_is_told():
+def test_a_macro_that_is_called_twice_with_one_name_is_reported():
     source = """<robot name="r" xmlns:xacro="x">
 <xacro:macro name="wheel" params="side"><link name="${side}_wheel"/></xacro:macro>
 <xacro:wheel side="left"/><xacro:wheel side="left"/></robot>"""

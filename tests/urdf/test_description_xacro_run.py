@@ -85,7 +85,7 @@ def test_what_waits_for_ever_is_ended_by_the_clock(tmp_path):
         run_xacro(path, {}, XacroLimits(wall_s=1))
 
 
-def test_a_run_that_nobody_waits_for_leaves_no_process(tmp_path):
+def test_a_run_that_is_not_awaited_leaves_no_process(tmp_path):
     with XacroRun(write(tmp_path, '<link name="${9**9**9}"/>'), {}) as run:
         process = run._process
         assert process.poll() is None
@@ -130,7 +130,7 @@ for name in {list(texts)}:
 
 
 @pytest.mark.parametrize("preparation", ["", FORKED], ids=["interpreter", "fork"])
-def test_it_does_not_outlive_who_started_it(tmp_path, preparation):
+def test_it_does_not_outlive_its_parent(tmp_path, preparation):
     path = write(tmp_path, '<link name="${9**9**9}"/>')
     script = f"""
 import os, signal, sys, time

@@ -6,7 +6,7 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.document import read_document
 
 
-def test_elements_know_their_place_text_and_parameters():
+def test_elements_have_their_place_text_and_parameters():
     root = read_document("<a>\n <b name='x'>\n  hello \n <param name='p'> 1 </param></b></a>", "r.urdf").root
     (b,) = root.children
     assert (b.place, b.text, b.parameters(), root.child("b"), root.child("c")) == ((2, 2), "hello", {"p": "1"}, b, None)
@@ -29,12 +29,12 @@ def test_of_several_of_one_name_each_has_its_own_line():
         ("<a>\ud800</a>", "not valid XML"),
     ],
 )
-def test_what_is_no_xml_names_the_place(text, wanted):
+def test_what_is_not_a_xml_names_the_place(text, wanted):
     with pytest.raises(RobotConfigError, match=wanted):
         read_document(text, "r.urdf")
 
 
-def test_mistakes_are_collected_once_each_in_the_order_of_lines():
+def test_errors_are_collected_once_each_in_the_order_of_lines():
     document = read_document("<a>\n<b x='nan' y='1 2 z'/></a>", "r.urdf")
     b = document.root.children[0]
     assert document.number(b, "x", 7.0) == 7.0

@@ -44,7 +44,7 @@ def test_a_joint_whose_position_is_not_known_has_no_transform(name):
     assert transform(name) is None
 
 
-def test_where_a_joint_is_nobody_knows_before_it_or_whom_it_mimics_has_a_position():
+def test_the_position_of_a_joint_is_unknown_until_it_or_its_mimicked_joint_has_one():
     follower = Joint("f", "revolute", "a", "b", mimic=Mimic("l", -2.0, 1.0))
     assert follower.position_in({"l": 0.25, "f": 9.0}) == 0.5
     assert math.isnan(follower.position_in({"l": None}))

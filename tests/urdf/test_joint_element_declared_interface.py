@@ -26,6 +26,6 @@ def test_bounds_initial_values_and_switched_off_limits():
     assert not read("command_interface", "<limits enable=' FALSE '/>")["velocity"].limited
 
 
-def test_an_interface_given_twice_is_a_mistake():
+def test_an_interface_given_twice_is_an_error():
     with pytest.raises(RobotConfigError, match=r"r\.urdf:4:\d+: j: state_interface 'position' is defined twice"):
         read("state_interface", '<state_interface name="position"/>')

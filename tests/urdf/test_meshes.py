@@ -28,7 +28,7 @@ def test_collada_is_read_where_its_nodes_put_it_in_metres():
     assert c == pytest.approx((-1, 2, 2))
 
 
-def test_what_is_broken_is_an_error_that_the_reader_knows():
+def test_damaged_data_is_an_error_declared_by_the_reader():
     for text in (b"<COLLADA", DAE.format(up="Z_UP", part=TRIANGLE).replace("#g", "#x").encode()):
         with pytest.raises((ValueError, KeyError, IndexError)):
             dae_triangles(text)
@@ -109,7 +109,7 @@ def test_other_formats_become_stl(tmp_path):
     assert struct.unpack("<12fH", mesh.content[84:]) == (0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0)
 
 
-def test_what_is_no_mesh_is_a_sentence(tmp_path):
+def test_what_is_not_a_mesh_is_a_sentence(tmp_path):
     for name, words in (
         ("a.ply", "is not supported"),
         ("b.stl", "not an STL"),

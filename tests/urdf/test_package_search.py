@@ -27,7 +27,7 @@ def test_the_package_that_a_file_is_in_is_found_by_its_folder_and_by_its_manifes
     assert find_package("my_description", file, {}) == str(own)
 
 
-def test_a_package_beside_it_is_found_too_whatever_its_folder_is_called(tmp_path):
+def test_a_package_next_to_it_is_found_too_whatever_its_folder_is_called(tmp_path):
     file = beside(package(tmp_path / "src" / "my_robot"))
     other = package(tmp_path / "src" / "parts_of_it", "parts")
     assert find_package("parts", file, {}) == str(other)
@@ -55,14 +55,14 @@ def test_ros_package_path_is_searched_in_depth_and_ends_at_a_manifest(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a/b", "/"])
-def test_what_is_no_name_is_no_package(tmp_path, name):
+def test_what_is_not_a_name_is_not_a_package(tmp_path, name):
     (tmp_path / "share").mkdir()
     environment = {"AMENT_PREFIX_PATH": str(tmp_path), "ROS_PACKAGE_PATH": str(tmp_path)}
     assert list(package_folders(name, tmp_path / "x", environment)) == []
 
 
 @pytest.mark.rest
-def test_one_that_is_nowhere_says_what_to_do(tmp_path):
+def test_one_that_is_nowhere_suggests_what_to_do(tmp_path):
     with pytest.raises(
         LookupError, match=r"'other' of \$\(find other\) is neither installed nor above .*; add the folder"
     ):

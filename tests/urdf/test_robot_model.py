@@ -20,7 +20,7 @@ def robot(left='xyz="0 0.2 0"', right='xyz="0 -0.2 0"', between='xyz="0 0 0"') -
     )
 
 
-def test_robbys_wheels_are_where_its_controllers_say():
+def test_robbys_wheels_are_where_its_controllers_report():
     wheels = WheelGeometry(read_description(data_path("config", "robby") / "robby.urdf.xacro").model)
     left, right = ["left_wheel_joint"], ["right_wheel_joint"]
     assert wheels.separation(left, right) == pytest.approx(0.24)
@@ -35,7 +35,7 @@ def test_fixed_joints_between_are_followed():
     assert wheels.separation(["l"], ["r"]) == pytest.approx(0.4)
 
 
-def test_what_the_description_does_not_say_is_none():
+def test_what_the_description_does_not_report_is_none():
     wheels = robot()
     assert wheels.separation(["l"], ["nobody"]) is None
     assert wheels.separation([], []) is None
@@ -67,7 +67,7 @@ def test_parents_come_first_whatever_the_order_of_the_file():
     assert [joint.name for joint in model.from_root] == ["first", "copy", "second"]
 
 
-def test_what_is_no_urdf_is_told():
+def test_what_is_not_a_urdf_is_reported():
     with pytest.raises(RobotConfigError, match="not valid XML"):
         read_model("<robot>")
     with pytest.raises(RobotConfigError, match="root element is <bot>"):

@@ -34,7 +34,7 @@ def test_shapes_materials_and_origins():
     assert model.notes == ("link base: <capsule> is not drawn; use a box, cylinder, sphere or mesh",)
 
 
-def test_a_shape_without_a_size_is_told_and_not_made_up():
+def test_a_shape_without_a_size_is_reported_and_not_made_up():
     model = read_model(
         "<robot><link name='a'><visual><geometry><cylinder radius='1' length='x'/></geometry></visual></link></robot>"
     )
@@ -43,7 +43,7 @@ def test_a_shape_without_a_size_is_told_and_not_made_up():
 
 
 @given(st.text('robtlinkjxyz="0.1 -', max_size=80))
-def test_no_text_in_a_shape_is_a_mistake_of_the_file(text):
+def test_no_text_in_a_shape_is_an_error_of_the_file(text):
     text = text.replace('"', "")
     shape = f'<visual><origin xyz="{text}"/><geometry><box size="{text}"/></geometry></visual>'
     assert read_model(f'<robot name="x"><link name="a">{shape}</link></robot>').links["a"].radius is None

@@ -32,7 +32,7 @@ ROS2 = """
   </ros2_control>"""
 
 
-def test_a_ros_1_transmission_says_what_a_ros2_control_tag_would():
+def test_a_ros_1_transmission_reports_what_a_ros2_control_tag_would():
     robot = parse_description(ROBOT.format(ROS1), "b.urdf")
     assert robot.ros1
     (tag,) = robot.hardware
@@ -51,7 +51,7 @@ def test_gazebos_ros_1_plugin_makes_it_a_simulation():
     assert parse_description(ROBOT.format(ROS1 + plugin)).hardware[0].plugin == "gazebo_ros_control/DefaultRobotHWSim"
 
 
-def test_ros2_controls_own_spelling_is_read_and_ros_1s_beside_it_has_no_effect():
+def test_ros2_controls_own_spelling_is_read_and_ros_1s_next_to_it_has_no_effect():
     robot = parse_description(ROBOT.format(ROS2 + ROS1), "b.urdf")
     assert not robot.ros1
     (transmission,) = robot.hardware[0].transmissions
@@ -69,7 +69,7 @@ def test_ros2_controls_own_spelling_is_read_and_ros_1s_beside_it_has_no_effect()
         ('joint name="wheel_joint"><hard', 'joint name="weel_joint"><hard', "did you mean 'wheel_joint'"),
     ],
 )
-def test_mistakes_are_told_with_their_line(old, new, message):
+def test_errors_are_reported_with_their_line(old, new, message):
     with pytest.raises(RobotConfigError, match=r"b\.urdf:\d+:\d+: .*" + message):
         parse_description(ROBOT.format(ROS1.replace(old, new)), "b.urdf")
 

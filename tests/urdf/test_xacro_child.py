@@ -7,7 +7,7 @@ from canopen_control.urdf.xacro_child import REFUSED, URDF, _run, _where
 
 
 @pytest.mark.process
-def test_find_looks_around_the_file_where_no_ros_knows_the_package(tmp_path):
+def test_find_searches_around_the_file_if_ros_has_no_such_package(tmp_path):
     package = tmp_path / "src" / "my_robot"
     (package / "urdf").mkdir(parents=True)
     (package / "package.xml").write_text("<package><name>my_description</name></package>", encoding="utf-8")
@@ -17,14 +17,14 @@ def test_find_looks_around_the_file_where_no_ros_knows_the_package(tmp_path):
 
 
 @pytest.mark.rest
-def test_a_package_that_is_nowhere_is_said_once_in_words(tmp_path):
+def test_a_package_that_is_nowhere_is_reported_once_in_words(tmp_path):
     kind, text = _run(str(write(tmp_path, '<xacro:include filename="$(find far)/a.xacro"/>')), {})
     assert kind == REFUSED
     assert text.count("package 'far' of $(find far) is neither installed nor above") == 1
     assert "LookupError" not in text
 
 
-def test_of_a_long_macro_stack_the_first_lines_are_told():
+def test_of_a_long_macro_stack_the_first_lines_are_reported():
     assert _where("") == ""
     assert _where("\x1b[31mwhen instantiating macro: m\x1b[0m\n\n in file: x\n") == (
         " (when instantiating macro: m; in file: x)"
@@ -53,7 +53,7 @@ def test_an_argument_with_a_question_mark_need_not_be_there(tmp_path):
     assert '<link name="b"/>' in made(tmp_path, {"prefix?": "b"})[1]
 
 
-def test_a_mistyped_argument_is_told_beside_the_one_that_is_missing(tmp_path):
+def test_a_mistyped_argument_is_reported_alongside_the_one_that_is_missing(tmp_path):
     good, said = made(tmp_path, {"sid": "left"}, '<link name="$(arg side)"/>')
     assert not good
     assert "side" in said

@@ -42,7 +42,7 @@ def test_a_search_has_the_words_of_the_verb():
     assert "no object 'flux'" in problem
 
 
-def test_only_news_are_told_and_in_words():
+def test_only_news_are_reported_and_in_words():
     objects, known = listed(), live(s1017=100, s6041=0x0637)
     news = objects.news(known)
     assert (news["0x1017:00"]["value"], news["0x1017:00"]["changed"]) == ("100", True)
@@ -62,7 +62,7 @@ def test_only_news_are_told_and_in_words():
     }
 
 
-def test_what_comes_into_sight_is_told_again():
+def test_what_comes_into_sight_is_reported_again():
     objects, known = listed(), live(s1017=100, s6041=0x0637)
     objects.news(known)
     assert list(objects.known(known, ["0x1017:00", "0x6083:00", "no address"])) == ["0x1017:00"]
@@ -73,7 +73,7 @@ def test_the_bits_of_a_statusword_are_those_of_the_mode_that_is_displayed():
     assert (12, "speed is zero", True) in listed().news(known)["0x6041:00"]["bits"]
 
 
-def test_the_mode_is_read_beside_a_word_whose_bits_depend_on_it():
+def test_the_mode_is_read_alongside_a_word_whose_bits_depend_on_it():
     objects = listed()
     assert [each.index for each in objects.entries_with_mode(["0x6041:00"])] == [0x6041, 0x6061]
     assert [each.index for each in objects.entries_with_mode(["0x6040:00", "0x6061:00"])] == [0x6040, 0x6061]

@@ -46,7 +46,7 @@ def test_the_page_and_its_own_socket_come_in(rules):
         WS,
     ],
 )
-def test_whoever_else_asks_is_refused_with_the_token_too(rules, headers):
+def test_another_user_is_refused_even_with_the_token(rules, headers):
     assert ask(rules, **headers) is not None
     assert ask(rules, **(WS | headers)) is not None
 
@@ -78,7 +78,7 @@ def test_another_host_name_is_for_addresses_that_other_computers_reach(rules, op
     assert ask(open_door, Host="robot.example:8080") is None
 
 
-def test_the_page_may_ask_nobody_else_and_be_framed_by_nobody(rules):
+def test_the_page_loads_from_no_other_origin_and_cannot_be_framed(rules):
     headers = rules.response_headers()
     assert "default-src 'self'" in headers["Content-Security-Policy"]
     assert "script-src 'none'" in headers["Content-Security-Policy"]
@@ -103,7 +103,7 @@ def test_no_header_and_no_path_raises_or_comes_in_by_chance(path, origin, cookie
         assert rules.refusal(path, {"Host": OWN, "Origin": origin, "Cookie": cookie}) is not None
 
 
-def test_what_changes_something_says_where_it_comes_from(rules):
+def test_what_changes_something_reports_where_it_comes_from(rules):
     assert "POST without Origin" in rules.refusal("/secret/stop", {"Host": OWN}, "POST")
     assert rules.refusal("/secret/stop", {"Host": OWN, "Origin": f"http://{OWN}"}, "POST") is None
 
@@ -182,7 +182,7 @@ def test_while_one_holds_the_file_another_has_a_token_of_its_own():
 
 @pytest.mark.usefixtures("private_folders")
 @pytest.mark.parametrize("text", ["", "{", "[]", "4711\n", '{"token": 5}', '{"token": "short"}', '{"token": "../etc"}'])
-def test_what_is_no_file_of_ours_gives_no_token(text):
+def test_what_is_not_a_file_of_ours_gives_no_token(text):
     (runtime_dir() / "page-robby-127.0.0.1-8080.json").write_text(text)
     assert PageAddress("robby", "127.0.0.1", 8080).token is None
 
@@ -198,7 +198,7 @@ def test_a_link_in_its_place_is_not_followed(tmp_path):
 
 
 @pytest.mark.usefixtures("private_folders")
-def test_a_view_goes_on_where_the_one_before_was_killed():
+def test_a_view_continues_where_the_one_before_was_killed():
     address, _ = serve(port=8085)
     assert killed_port("robby", "127.0.0.1") is None  # it runs
     kill(address)

@@ -18,7 +18,7 @@ def event(**changed):
     return event_of({"time": 1.0, "kind": "state", "level": "info", "text": "it happened"} | changed)
 
 
-def test_what_happened_stands_there_as_it_was_told():
+def test_what_happened_stands_there_as_it_was_reported():
     log = RecentEvents([event(time=1.0), event(time=2.0)])
     assert [(each.count, each.first, each.time) for each in log] == [(1, 1.0, 1.0), (1, 2.0, 2.0)]
 

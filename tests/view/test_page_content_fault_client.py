@@ -30,23 +30,23 @@ def test_a_fault_is_switched_on_and_off(left):
     assert client.switch("left", name, on=False) == []
 
 
-def test_what_the_drive_refuses_is_told_in_its_words(left):
+def test_what_the_drive_refuses_is_reported_in_its_words(left):
     with pytest.raises(RemoteError, match="nonsense"):
         FaultClient(NODES).switch("left", "nonsense", on=True)
 
 
-def test_a_drive_that_is_not_there_is_told():
+def test_a_drive_that_is_not_there_is_reported():
     assert FaultClient(NODES).drives() == []
     with pytest.raises(RemoteError, match="virtual drive right is not running"):
         FaultClient(NODES).faults("right")
 
 
-def test_a_name_that_nobody_has_is_told():
+def test_an_unknown_name_is_reported():
     with pytest.raises(RemoteError, match="drive 'x' does not exist"):
         FaultClient(NODES).switch("x", "silent", on=True)
 
 
-def test_who_goes_away_while_all_are_asked_is_left_out(left, monkeypatch):
+def test_a_robot_that_ends_during_the_query_is_omitted(left, monkeypatch):
     monkeypatch.setattr(FaultClient, "drives", lambda self: ["left", "right"])
     assert list(read_faults(FaultClient(NODES)).drives) == ["left"]
 

@@ -95,7 +95,7 @@ def knock(port, token=TOKEN, **options):
     return asyncio.run(attempt())
 
 
-def test_the_page_is_served_to_this_computer_alone_and_may_ask_nobody_else(port):
+def test_the_page_is_served_to_this_computer_alone_and_loads_from_no_other_origin(port):
     response, body = ask(port)
     assert response.status == 200
     assert b"the page" in body
@@ -115,7 +115,7 @@ def test_scripts_of_the_page_carry_a_nonce_of_its_own_and_no_other_runs(port):
     assert nonce not in ask(port)[1]
 
 
-def test_stop_is_for_our_own_page_alone_and_says_when_it_did_not_reach(port):
+def test_stop_is_for_our_own_page_alone_and_reports_when_it_did_not_reach(port):
     assert ask(port, "/stop")[0].status != 200
     assert ask(port, "/stop", "POST")[0].status == 403
     assert ask(port, "/stop", "POST", Origin="http://evil.example")[0].status == 403
@@ -126,7 +126,7 @@ def test_stop_is_for_our_own_page_alone_and_says_when_it_did_not_reach(port):
 
 
 @pytest.mark.parametrize("which", [0, 1], ids=["loopback", "everywhere"])
-def test_without_its_token_the_page_answers_nobody_on_loopback_too(which, port, open_port):
+def test_without_its_token_the_page_answers_no_client_even_on_loopback(which, port, open_port):
     found = (port, open_port)[which]
     own = f"http://127.0.0.1:{found}"
     assert (ask(found)[0].status, knock(found, origin=own)) == (200, True)

@@ -32,7 +32,7 @@ def ask(headers, kind="http", path="/secret/", answer=(HTML, b"<script>1</script
     return came, sent
 
 
-def test_whoever_may_not_come_in_reaches_nothing():
+def test_an_unauthorised_client_reaches_nothing():
     came, sent = ask([(b"host", b"evil")])
     assert (came, sent[0]["status"]) == ([], 403)
     assert b"evil" in sent[1]["body"]
@@ -88,7 +88,7 @@ def test_a_proxys_word_goes_no_further():
     assert came[0]["headers"] == [HOST, (b"accept", b"*/*")]
 
 
-def test_the_begin_and_the_end_of_the_server_are_no_request():
+def test_the_begin_and_the_end_of_the_server_are_not_request():
     seen = []
 
     async def app(scope, _receive, _send):

@@ -31,7 +31,7 @@ def test_the_pose_is_that_of_the_first_base_controller():
     assert pose_of(state()) is None
 
 
-def test_a_page_begins_with_what_the_status_tells():
+def test_a_page_begins_with_what_the_status_reports():
     found = info()
     assert (found.robot, found.joints, found.buses) == ("pair", ("left", "lift"), ("can",))
     assert found.nodes[0].channel == "local:x"
@@ -95,7 +95,7 @@ def test_another_controller_does_not_leave_the_first_one_moving(man, sent):
     assert sent == [MOVE, REST, arm]
 
 
-def test_an_arm_is_sent_its_way_once_and_cancelled_when_it_is_let_go(man, sent):
+def test_an_arm_is_sent_its_way_once_and_cancelled_when_it_is_released(man, sent):
     there, further = (trajectory_motion("arm", ["a"], [to], 2.0) for to in (1.0, 1.5))
     for number, motion in enumerate((there, there, further)):
         man.hold("page 1", motion, number * 50 * MS)
@@ -137,7 +137,7 @@ def test_samples_come_at_the_rate_that_was_asked_for(connection):
     assert (states[2].cycle.count - states[1].cycle.count) % 2 == 0
 
 
-def test_stop_latches_and_nobody_waits_for_it(robot, connection):
+def test_stop_latches_without_waiting(robot, connection):
     connection.stop()
     assert eventually(lambda: robot.status().latched)
     assert robot.status().latched_by == "view"
@@ -177,7 +177,7 @@ def test_events_come_and_of_many_samples_the_newest(robot, connection):
     assert len([each for each in found if isinstance(each, StateSample)]) == 1
 
 
-async def test_it_returns_and_raises_what_the_function_does_while_the_loop_goes_on():
+async def test_it_returns_and_raises_what_the_function_does_while_the_loop_continues():
     ticked = threading.Event()
 
     async def tick():

@@ -7,7 +7,7 @@ from support.pages import info, robot, state
 from canopen_control.view.robot_view import RobotView
 
 
-def test_a_robot_that_comes_back_goes_on_and_another_one_does_not():
+def test_a_robot_that_returns_continues_and_another_one_does_not():
     view = robot()
     view.take(state())
     assert view.resume(info(state="starting"))
@@ -25,7 +25,7 @@ def test_only_what_has_moved_is_sent():
     assert list(view.trail.points) == [(1.0, 0.0)]
 
 
-def test_the_true_pose_of_a_simulated_base_has_a_way_of_its_own_where_odometry_sees_it():
+def test_the_true_pose_of_a_simulated_base_has_its_own_trail_in_the_odometry_frame():
     view = robot()
     odometry = {"base": {"kind": "odometry", "time": 1.0, "x": 1.0, "y": 0.0, "heading": 0.0}}
     view.take(state(samples=odometry))

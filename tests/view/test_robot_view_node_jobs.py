@@ -26,7 +26,7 @@ def test_a_question_is_answered_from_a_thread():
     assert found[1] != threading.get_ident()
 
 
-def test_long_work_tells_how_far_it_is_and_what_came_of_it():
+def test_long_work_reports_how_far_it_is_and_what_came_of_it():
     node, go = desk(), threading.Event()
     work = JobRun(RESTORE, "reading left_drive", "objects")
 
@@ -45,7 +45,7 @@ def test_long_work_tells_how_far_it_is_and_what_came_of_it():
     assert (work.sentence, work.good, node.busy) == ("10 parameters", True, False)
 
 
-def test_long_work_that_fails_says_why():
+def test_long_work_that_fails_reports_why():
     def refuse(_session, _work):
         raise DriveError("left_drive is enabled; nothing was written")
 
@@ -78,7 +78,7 @@ def test_an_object_is_written_and_undone_for_all_pages():
         asyncio.run(node.write(OD[0x6041, 0], "1"))
 
 
-def test_nothing_is_written_beside_long_work():
+def test_nothing_is_written_alongside_long_work():
     node, go = desk({(0x6081, 0): bytes(4)}), threading.Event()
     node.begin(JobRun(RESTORE, "restoring a.dcf"), lambda _session, _work: str(go.wait(5)))
     with pytest.raises(DriveError, match=r"left_drive is busy: restoring a\.dcf; nothing was written"):

@@ -69,7 +69,7 @@ class Asked:
 
 
 @pytest.mark.parametrize("changeable", [True, False])
-def test_a_robot_without_drives_is_asked_itself_and_tells_of_it(monkeypatch, changeable):
+def test_a_robot_without_drives_is_asked_itself_and_reports_of_it(monkeypatch, changeable):
     robot = Asked(changeable)
     monkeypatch.setattr(robot_view.RobotClient, "connect", lambda name, _timeout: robot if name == "diffbot" else None)
     client = WorldClient("diffbot", ())

@@ -14,7 +14,7 @@ from canopen_control.view.sampling import (
 )
 
 
-def test_news_are_told_once_and_when_they_are_finished():
+def test_news_are_reported_once_and_when_they_are_finished():
     history = History(["a"])
     for step in range(4):
         history.add(5.0 + step / 10, {"a": float(step)})
@@ -32,7 +32,7 @@ def test_where_nothing_was_known_nothing_is_made_up():
 
 
 @given(st.lists(st.tuples(st.floats(0, 1e6), st.one_of(st.none(), st.floats()))))
-def test_whatever_comes_the_times_go_up_and_every_row_is_told_at_most_once(samples):
+def test_whatever_comes_the_times_go_up_and_every_row_is_reported_at_most_once(samples):
     history, told = History(["a"]), []
     for time, value in samples:
         history.add(time, {"a": value})
@@ -56,7 +56,7 @@ def test_the_commanded_interface_is_that_of_the_active_controller():
     assert commanded_interfaces(controllers_of(told), state()) == {"wheel": "velocity", "gripper": "position"}
 
 
-def test_of_a_drive_that_takes_targets_the_mode_says_what_is_commanded():
+def test_of_a_drive_that_takes_targets_the_mode_reports_what_is_commanded():
     told = controllers_of([TARGET])
     assert commanded_interfaces(told, drive_state()) == {"left": "velocity"}
     assert commanded_interfaces(told, drive_state({"mode": "CSP"})) == {"left": "position"}
@@ -72,7 +72,7 @@ def test_command_actual_error_work_and_load_of_a_sample():
     assert Sampler().take(sample(), {"wheel": "position"})["wheel error"] == 2.0
 
 
-def test_where_nobody_commands_the_hardware_holds():
+def test_without_a_command_the_hardware_holds():
     values = Sampler().take(sample(command=None), {"wheel": "velocity"})
     assert (values["wheel command"], values["wheel error"]) == (0.0, -2.0)
     values = Sampler().take(sample(command=None), {"wheel": "position"})
@@ -95,7 +95,7 @@ def test_no_chart_has_a_line_that_is_not_sampled_and_many_joints_are_cut():
     assert len(charts(joints, [])) == 12 + 3
 
 
-def test_a_robot_stands_when_nothing_has_moved_and_nothing_new_was_told_for_a_second():
+def test_a_robot_stands_when_nothing_has_moved_and_nothing_new_was_reported_for_a_second():
     stillness = Stillness()
     assert not stillness.take(sample(100.0, position=1.0))
     assert not stillness.take(sample(100.9, position=1.0005))

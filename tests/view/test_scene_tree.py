@@ -29,13 +29,13 @@ def test_the_tree_is_that_of_the_urdf(robby):
     assert tree.notes == []
 
 
-def test_angles_come_by_the_order_of_the_joints_and_nobody_knows_is_none(robby):
+def test_angles_are_in_joint_order_and_unknown_ones_are_none(robby):
     found = angles_of(robby, {"left_wheel_joint": 1.0, "right_wheel_joint": math.nan})
     told = dict(zip([joint.name for joint in robby.from_root], found, strict=True))
     assert (told["left_wheel_joint"], told["right_wheel_joint"]) == (1.0, None)
 
 
-def test_what_cannot_be_drawn_is_told_and_the_rest_is_there():
+def test_what_cannot_be_drawn_is_reported_and_the_rest_is_there():
     visuals = (Visual("mesh", (1, 1, 1), file="a.stl"), Visual("sphere", (0.2,)))
     tree, _ = made(RobotModel("r", {"base": UrdfLink("base", visuals)}, notes=("x",)))
     assert [note.split(":")[0] for note in tree.notes] == ["x", "mesh a.stl"]
@@ -50,7 +50,7 @@ def test_a_mesh_is_served_once_however_often_it_is_used(tmp_path):
     assert len(published) == 1
 
 
-def test_the_trail_grows_with_the_way_and_begins_anew_after_a_jump():
+def test_the_trail_grows_with_the_way_and_restarts_after_a_jump():
     trail = Trail()
     for step in range(21):
         trail.add((step / 200, 0.0, 0.0))
@@ -59,7 +59,7 @@ def test_the_trail_grows_with_the_way_and_begins_anew_after_a_jump():
     assert list(trail.points) == [(50.0, 0.0)]
 
 
-def test_the_camera_knows_how_far_the_robot_reaches(robby):
+def test_the_camera_fits_the_reach_of_the_robot(robby):
     assert 0.1 < extent_of(robby) < 0.4
     assert extent_of(RobotModel("r")) == 0.1
     ball = UrdfLink("b", (Visual("sphere", (1,)),))

@@ -14,7 +14,7 @@ def placed(x=0.0, y=0.0, turn=0.0):
     return state(true_pose={"time": 1.0, "x": 0.0, "y": 0.0, "heading": 0.0, "odom": [x, y, turn]})
 
 
-def test_shapes_are_told_once_and_again_where_they_have_moved():
+def test_shapes_are_reported_once_and_again_where_they_have_moved():
     world = WorldView()
     told = world.take((BOX,), placed())
     assert told == {"place": [0.0, 0.0, 0.0], "shapes": [DRAWN | {"moves": False, "robot": "", "grip": 0.0}]}
@@ -23,7 +23,7 @@ def test_shapes_are_told_once_and_again_where_they_have_moved():
     assert world.document["shapes"] == []
 
 
-def test_patches_and_other_robots_are_told_as_such():
+def test_patches_and_other_robots_are_reported_as_such():
     patch = WorldShape(name="patch 0", kind="patch", size=(1.0, 2.0, 0.002), position=(0.0, 0.0, 0.0), grip=0.1)
     wheel = WorldShape(
         name="b/wheel", kind="ellipsoid", size=(1.0, 1.0, 0.2), position=(0.0, 0.0, 0.5), moves=True, robot="b"
@@ -35,7 +35,7 @@ def test_patches_and_other_robots_are_told_as_such():
     ]
 
 
-def test_the_world_is_where_odometry_sees_it():
+def test_the_world_is_shown_in_the_odometry_frame():
     x, y, turn = WorldView().take((BOX,), placed(2.0, 1.0, math.pi / 2))["place"]
     # what stands in the world where odometry began is at odometry's zero
     assert (x + math.cos(turn) * 2.0 - math.sin(turn) * 1.0) == pytest.approx(0.0, abs=1e-3)

@@ -33,7 +33,7 @@ def test_one_that_is_set_stays_until_the_drive_has_ended(targets, clock):
     assert targets.follow({"a": 0.9, "b": 0.7}) == {"a": 0.9, "b": 0.7}
 
 
-def test_while_somebody_drives_a_joint_that_was_not_set_is_held_where_it_was(targets, clock):
+def test_during_teleoperation_an_unset_joint_is_held_where_it_was(targets, clock):
     targets.set("a", 1.5)
     assert targets.targets({"a": 0.0, "b": 0.6}) == [1.5, 0.6]
     clock.now += 0.05
@@ -43,12 +43,12 @@ def test_while_somebody_drives_a_joint_that_was_not_set_is_held_where_it_was(tar
     assert targets.targets({"a": 0.2, "b": 0.4}) == [1.5, 0.4]
 
 
-def test_a_joint_that_nobody_knows_the_place_of_goes_where_its_slider_is(targets):
+def test_a_joint_with_an_unknown_position_moves_to_its_slider(targets):
     assert targets.follow({}) == {}
     assert targets.targets({"a": None}) == [0.0, 0.0]
 
 
-def test_what_nobody_could_see_does_not_move_a_slider_and_none_leaves_its_ends(targets):
+def test_an_invisible_change_does_not_move_a_slider_and_sliders_stay_in_range(targets):
     targets.follow({"a": 0.5, "b": 0.0})
     assert targets.follow({"a": 0.504, "b": 0.0}) == {}
     targets.set("a", 99.0)

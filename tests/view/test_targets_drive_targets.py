@@ -21,7 +21,7 @@ def test_a_drive_is_known_by_its_controller_and_its_axis():
     ("mode", "quantity", "unit"),
     [("PP", "position", "rad"), ("CSV", "velocity", "rad/s"), ("TQ", "effort", "effort"), ("HM", "", "")],
 )
-def test_the_mode_says_what_a_target_is(mode, quantity, unit):
+def test_the_mode_reports_what_a_target_is(mode, quantity, unit):
     (drive,) = of(drive_state({"mode": mode}), TARGET)
     assert (drive.quantity, drive.unit) == (quantity, unit)
     assert (drive.mode in MODES) is bool(quantity)

@@ -95,7 +95,7 @@ def play():
     return Play(Robot())
 
 
-def test_it_is_sent_as_a_goal_that_dies_with_its_connection_and_its_end_is_told(play):
+def test_it_is_sent_as_a_goal_that_dies_with_its_connection_and_its_end_is_reported(play):
     assert play.run(play.robot.finish.set) == TrajectoryOutcome(True, "ok")
     goal = play.robot.sent[0]
     assert (goal.controller, goal.joints, goal.points, goal.source) == ("arm", ["a"], WAVE.points, "view")
@@ -124,7 +124,7 @@ def test_the_page_that_plays_cancels_and_no_other(play):
     assert play.cancels() == [CancelTrajectory(controller="arm", own=True)]
 
 
-def test_while_it_plays_each_tick_tells_the_robot_that_this_process_is_at_work(play):
+def test_while_it_plays_each_tick_reports_the_robot_that_this_process_is_at_work(play):
     beats = []
 
     def act():

@@ -44,7 +44,7 @@ def test_a_file_is_read_as_the_shell_reads_it():
         (b"\0", "wave.json:1:1"),
     ],
 )
-def test_what_cannot_be_read_is_told_with_its_name(data, text):
+def test_what_cannot_be_read_is_reported_with_its_name(data, text):
     with pytest.raises(ConfigError) as refused:
         load(data, "wave.json")
     assert text in str(refused.value)
@@ -56,7 +56,7 @@ def test_a_point_that_places_no_joint_or_too_few_places_none():
     assert LoadedTrajectory("x", ["left", "lift"], [TrajectoryPoint(positions=[1.0])]).positions(0) == {}
 
 
-def test_the_table_has_what_is_previewed_beside_what_is():
+def test_the_table_has_what_is_previewed_alongside_what_is():
     table = preview_table(LOADED, 0, {"left": 0.125}, frozenset({"<lift>"}))
     assert "<td>0.500<small>rad</small></td><td>0.125</td>" in table
     assert "&lt;lift&gt;</b></td><td>0.250<small>m</small></td><td>not a joint of this robot" in table
@@ -76,7 +76,7 @@ def test_the_table_has_what_is_previewed_beside_what_is():
         (sample(1.0, speed_scaling_factor=0.1), 2.0, 0.5, "Playing: 1.0 of 2.0 s, at 10 % of its speed."),
     ],
 )
-def test_progress_is_what_the_controller_tells(told, duration, done, words):
+def test_progress_is_what_the_controller_reports(told, duration, done, words):
     assert progress_of(told, duration) == (done, words)
 
 

@@ -43,7 +43,7 @@ async def test_everything_is_on_the_page_and_stop_is_before_it():
     assert 'id="cc-stop-button"' in body
 
 
-def test_stop_asks_nobody_but_its_own_server_and_needs_nothing_else():
+def test_stop_needs_only_its_own_server():
     whole = stop_html()
     assert "http" not in whole
     assert "import" not in whole.split("<script>")[1]
@@ -51,7 +51,7 @@ def test_stop_asks_nobody_but_its_own_server_and_needs_nothing_else():
         assert word not in whole.split("<script>")[1]
 
 
-async def test_only_news_are_told():
+async def test_only_news_are_reported():
     context = FakeContext()
     async with made(context) as (_user, page):
         first = page.changes(context.content())
@@ -185,7 +185,7 @@ def test_every_thread_of_the_process_goes_after_the_robot(robot):
         view.stdout.close()
 
 
-async def test_it_says_where_the_page_is_and_knows_the_robot(robot, play):
+async def test_it_reports_the_address_of_the_page_and_shows_the_robot(robot, play):
     async with play() as app:
         await connected(app)
         assert app.said == [f"view: http://127.0.0.1:{app.rules.port}/{app.rules.token}/"]
@@ -194,7 +194,7 @@ async def test_it_says_where_the_page_is_and_knows_the_robot(robot, play):
         await until(lambda: app.robot.controllers)
 
 
-async def test_controllers_are_asked_for_until_they_are_told(robot, play, monkeypatch):
+async def test_controllers_are_asked_for_until_they_are_reported(robot, play, monkeypatch):
     real, tried = RobotConnection.controllers, []
 
     def busy(self):
@@ -211,7 +211,7 @@ async def test_controllers_are_asked_for_until_they_are_told(robot, play, monkey
     assert len(tried) == 3
 
 
-async def test_started_by_run_it_tells_through_the_robot(robot, play):
+async def test_started_by_run_it_reports_through_the_robot(robot, play):
     async with play() as app:
         await connected(app)
         app._lifeline = 0  # as a child of run has one
@@ -223,7 +223,7 @@ async def test_started_by_run_it_tells_through_the_robot(robot, play):
         app._lifeline = None
 
 
-async def test_samples_come_fast_while_somebody_looks(robot, play, monkeypatch):
+async def test_samples_are_fast_while_a_page_is_open(robot, play, monkeypatch):
     rates = []
     monkeypatch.setattr(RobotConnection, "subscribe", lambda self, rate: rates.append(rate))
     async with play() as app:
@@ -244,7 +244,7 @@ async def test_samples_come_slower_while_the_robot_stands(robot, play, monkeypat
     assert rates[:2] == [STILL_HZ, SEEN_HZ]
 
 
-async def test_a_page_is_told_what_was_then_what_is(robot, play):
+async def test_a_page_is_reported_what_was_then_what_is(robot, play):
     page = WholePage()
     async with play() as app:
         await connected(app)
@@ -257,7 +257,7 @@ async def test_a_page_is_told_what_was_then_what_is(robot, play):
     assert page.shown[-1].banner.words == "running"
 
 
-async def test_stop_latches_and_says_when_it_does_not_reach(robot, play):
+async def test_stop_latches_and_reports_when_it_does_not_reach(robot, play):
     async with play() as app:
         assert "not connected" in app.stop()
         assert "not connected" in await app.ask(Release())
@@ -309,7 +309,7 @@ async def test_nothing_is_sent_after_stop(robot, play, monkeypatch):
     assert sent == []
 
 
-async def test_without_teleop_nobody_drives_and_who_comes_second_is_told(robot, play):
+async def test_without_teleop_no_client_drives_and_a_second_one_is_reported(robot, play):
     told = []
     async with play(teleop=False) as app:
         await connected(app)
@@ -334,7 +334,7 @@ async def test_the_end_of_the_view_ends_what_it_drives(robot, play):
 
 
 @pytest.mark.rest
-async def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_pages(private_folders, play):
+async def test_it_waits_for_a_robot_that_returns_and_keeps_its_pages(private_folders, play):
     page = WholePage()
     async with play() as app:
         with running(real_time=True):
@@ -348,7 +348,7 @@ async def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_pages(private_
     assert page.loads == 0
 
 
-async def test_another_robot_of_the_same_name_makes_pages_anew(robot, play):
+async def test_another_robot_of_the_same_name_makes_pages_again(robot, play):
     page = WholePage()
     async with play() as app:
         await connected(app)
@@ -359,7 +359,7 @@ async def test_another_robot_of_the_same_name_makes_pages_anew(robot, play):
     assert page.loads == 1
 
 
-async def test_a_robot_that_says_nothing_is_lost_until_it_speaks_again(robot, play, monkeypatch):
+async def test_a_silent_robot_is_lost_until_it_sends_again(robot, play, monkeypatch):
     monkeypatch.setattr(view_app, "_SILENT_S", 0.5)
     async with play() as app:
         await connected(app)
@@ -401,7 +401,7 @@ async def test_a_page_that_cannot_be_drawn_takes_nothing_with_it(robot, play):
         await until(lambda: robot.status().latched)
 
 
-async def test_what_nobody_has_met_is_no_robot(private_folders, play):
+async def test_an_unknown_combination_is_not_a_robot(private_folders, play):
     async with play() as app:
         with pytest.raises(RemoteError, match="not connected"):
             _ = app.robot
@@ -479,7 +479,7 @@ async def test_what_the_robot_refuses_of_a_trajectory_is_its_sentence(arm, play)
     assert "'elbow', which is not a joint of this controller" in outcome.text
 
 
-async def test_a_page_that_only_looks_plays_nothing(arm, play):
+async def test_a_read_only_page_plays_nothing(arm, play):
     async with play(teleop=False) as app:
         await connected(app)
         app._page_opened(WholePage())

@@ -38,7 +38,7 @@ def event(**changed):
         ({"ready": False, "nmt_state": None, "age_s": None}, "not there", "bad"),
     ],
 )
-def test_a_state_is_said_in_words_and_has_a_tone(changed, words, tone):
+def test_a_state_is_reported_in_words_and_has_a_tone(changed, words, tone):
     assert (row(**changed).state, row(**changed).tone) == (words, tone)
 
 
@@ -47,7 +47,7 @@ def test_a_node_without_axes_has_no_drive_profile():
     assert (found.state, found.tone) == ("no drive profile", "idle")
 
 
-def test_an_error_is_told_and_colours_what_does_not_run():
+def test_an_error_is_reported_and_colours_what_does_not_run():
     found = row(ready=False, error="lost: no heartbeat for 0.5 s", nmt_state=None)
     assert (found.error, found.tone) == ("lost: no heartbeat for 0.5 s", "bad")
     assert "no heartbeat" in drive_table([found])
@@ -58,11 +58,11 @@ def test_an_error_is_told_and_colours_what_does_not_run():
 @pytest.mark.parametrize(
     ("age", "words"), [(None, "never heard"), (0.1, "live"), (2.34, "2.3 s ago"), (180, "3 min ago")]
 )
-def test_the_age_is_said_when_it_matters(age, words):
+def test_the_age_is_reported_when_it_matters(age, words):
     assert row(age_s=age).age == words
 
 
-def test_live_never_stands_beside_not_there():
+def test_live_never_stands_alongside_not_there():
     found = row(ready=False, nmt_state=None, age_s=0.01)
     assert (found.state, found.age) == ("not there", "not heard")
 
@@ -90,13 +90,13 @@ def test_what_comes_from_outside_is_escaped():
         ({"latched": True, "state": "fault"}, "STOP is latched", "bad", "release"),
     ],
 )
-def test_the_robot_is_said_in_words_with_what_to_do_next(changed, words, tone, action):
+def test_the_robot_is_reported_in_words_with_what_to_do_next(changed, words, tone, action):
     found = banner(state(**changed))
     assert (found.words, found.tone, found.action) == (words, tone, action)
     assert tone == "good" or found.advice or found.cause or found.words == "hovering"
 
 
-def test_running_with_drives_that_are_off_is_no_running():
+def test_running_with_drives_that_are_off_is_not_a_running():
     found = banner(drive_state(axis={"cia402_state": "SWITCH_ON_DISABLED"}))
     assert (found.words, found.action) == ("needs enable", "enable")
     assert found.cause == "All drives are disabled."
@@ -104,7 +104,7 @@ def test_running_with_drives_that_are_off_is_no_running():
     assert banner(state(nodes={"both": NODE | {"axes": axes}})).cause == "lift is disabled."
 
 
-def test_a_fault_names_its_causes_and_a_latch_who_holds_it():
+def test_a_fault_names_its_causes_and_a_latch_its_owner():
     found = banner(drive_state(axis={"cia402_state": "FAULT", "error": "too hot"}))
     assert found.words == "needs enable"  # until the runtime says fault
     nodes = {"left": NODE | {"ready": False, "nmt_state": None, "error": "lost: no heartbeat"}}
@@ -114,7 +114,7 @@ def test_a_fault_names_its_causes_and_a_latch_who_holds_it():
     assert "view" in banner(state(latched=True, latched_by="view")).cause
 
 
-def test_what_is_lost_is_said_to_be_old_and_out_of_reach_of_stop():
+def test_what_is_lost_is_reported_to_be_old_and_out_of_reach_of_stop():
     found = lost_banner("it has died")
     assert (found.words, found.action) == ("not connected", "")
     assert "does not reach" in found.cause
@@ -132,7 +132,7 @@ def test_below_the_state_stands_what_counts():
     assert "active: forward" in html
 
 
-def test_a_robot_without_drives_or_joints_says_so():
+def test_a_robot_without_drives_or_joints_reports_this():
     assert "mock hardware" in drive_table([])
     assert "No joints" in joint_table({}, frozenset(), {})
 
@@ -144,7 +144,7 @@ def test_the_log_is_newest_first_and_marks_what_is_bad():
     assert "No events yet" in event_log([])
 
 
-def test_a_sum_is_told_once_in_the_words_of_the_runtime():
+def test_a_sum_is_reported_once_in_the_words_of_the_runtime():
     assert event_log([event(count=3, text="it repeats (3 times in 2 s)")]).count("3 times") == 1
 
 
@@ -165,7 +165,7 @@ def test_many_drives_take_a_line_each():
     assert "cc-many" in drive_table(axis_rows(many))
 
 
-def test_a_joint_tells_its_tracking_error_and_which_set_points_were_odd():
+def test_a_joint_reports_its_tracking_error_and_which_set_points_were_odd():
     tracking = {"interface": "velocity", "error_max": 0.25, "error_rms": 0.0312, "skipped": 2}
     html = joint_table(state(joints={"wheel": {"command": 1.0, "tracking": tracking}}).joints, frozenset(), {})
     assert "0.25<small>rad/s, RMS 0.031, 2 skipped</small>" in html

@@ -62,7 +62,7 @@ def test_timers_are_served_in_order_each_at_its_own_time():
     assert mover.next_deadline() is None
 
 
-def test_a_timer_of_the_same_name_gives_way_and_may_set_itself_anew():
+def test_a_timer_of_the_same_name_gives_way_and_may_set_itself_again():
     mover, _ = powered()
     served = []
 
@@ -77,7 +77,7 @@ def test_a_timer_of_the_same_name_gives_way_and_may_set_itself_anew():
     assert served == [10, 20, 30, 40, 50]
 
 
-def test_the_end_of_a_demand_is_told_once():
+def test_the_end_of_a_demand_is_reported_once():
     mover, owner = powered()
     mover.run(trajectory.ramp_to(0, 0.0, 0.0, 100.0, 100.0, 100.0), 0)
     mover.advance(5 * S)
@@ -115,7 +115,7 @@ def test_wired_switches_are_touched_where_they_are():
     assert ("limit switch", 1, S // 2) in owner.told
 
 
-def test_moving_values_are_sampled_only_for_those_who_look():
+def test_moving_values_are_sampled_only_for_subscribers():
     for wanted in (False, True):
         mover, owner = powered(samples=wanted)
         mover.run(trajectory.move_to(0, 0.0, 0.0, 100.0, 1000.0, 1000.0, 1000.0), 0)
@@ -125,7 +125,7 @@ def test_moving_values_are_sampled_only_for_those_who_look():
         assert mover.next_deadline() is None
 
 
-def test_a_shaft_moved_by_force_goes_on_from_there():
+def test_a_shaft_moved_by_force_continues_from_there():
     mover, _ = powered()
     mover.run(trajectory.cruise(0, 0.0, 100.0), 0)
     mover.advance(S)
@@ -157,7 +157,7 @@ class Judge(Owner):
         self.told.append(("load", torque, now))
 
 
-def test_a_coupled_plant_knows_its_leader_and_is_judged_at_its_times_without_being_woken_for_it():
+def test_a_coupled_plant_follows_its_leader_and_is_evaluated_at_its_times_without_a_timer():
     plant, owner = Coupled(), Judge()
     mover = AxisMotion(plant, owner)
     assert plant.owner is mover

@@ -49,7 +49,7 @@ def test_the_margin_that_was_designed_is_the_one_it_has(hertz, degrees):
     assert 180.0 + math.degrees(cmath.phase(opened)) == pytest.approx(degrees, abs=3.0)
 
 
-def test_it_does_not_matter_when_somebody_looks():
+def test_the_result_does_not_depend_on_the_time_of_reading():
     ends = []
     for step in (10_000_000, 730_001):
         loop, moved = VelocityLoop(ServoGains(0.5, 20.0, 30.0, 1.0)), plant()

@@ -31,7 +31,7 @@ def written(tmp_path, text=GROUP):
         ("plant: b.yml, ", "", "plant"),
     ],
 )
-def test_mistakes_are_told(tmp_path, old, new, message):
+def test_errors_are_reported(tmp_path, old, new, message):
     text = GROUP.replace('channel: "memory:group-b"', 'channel: "memory:group-a"') if old == "group-b" else GROUP
     with pytest.raises(GroupError, match=message):
         read_group(written(tmp_path, text.replace(old, new)))

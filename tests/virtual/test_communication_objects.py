@@ -30,14 +30,14 @@ def emcys(b):
 
 @pytest.mark.parametrize("kind", [Kind.BUS_OFF, Kind.DOWN, Kind.CLOSED])
 @pytest.mark.parametrize(("option", "end"), [(1, "FAULT"), (2, "SWITCH_ON_DISABLED"), (3, "SWITCH_ON_DISABLED")])
-def test_off_the_bus_the_axes_stop_as_0x6007_says(kind, option, end):
+def test_off_the_bus_the_axes_stop_as_0x6007_specifies(kind, option, end):
     b = spinning(x6007=option)
     tell(b, kind)
     b.on(1)
     assert (b.state, b.drive.mover.plant.velocity) == (end, 0)
 
 
-def test_with_0x6007_of_0_the_motor_goes_on():
+def test_with_0x6007_of_0_the_motor_continues():
     b = spinning(x6007=0)
     tell(b, Kind.BUS_OFF)
     b.on(1)
@@ -56,7 +56,7 @@ def test_back_on_the_bus_it_reports_that_once():
     assert emcys(b) == []
 
 
-def test_error_passive_is_an_error_while_it_lasts_and_an_overrun_is_told():
+def test_error_passive_is_an_error_while_it_lasts_and_an_overrun_is_reported():
     b = Bench(servo())
     tell(b, Kind.ERROR_PASSIVE)
     assert b.number(0x1001) == 0x11
@@ -66,7 +66,7 @@ def test_error_passive_is_an_error_while_it_lasts_and_an_overrun_is_told():
     assert [code[:4] for code in emcys(b)] == ["2081", "0000", "1081", "0000"]
 
 
-def test_the_tmcm_1270_does_what_0x1029_says():
+def test_the_tmcm_1270_does_what_0x1029_specifies():
     b = ready_tmcm()
     b.write(0x1029, 2, 1)
     b.write(0x60FF, 1600)
@@ -113,7 +113,7 @@ def test_the_ability_to_store_is_shown():
     assert [bench.number(0x1010, sub) for sub in (1, 2, 3)] == [1, 1, 1]
 
 
-def test_a_heartbeat_time_of_zero_ends_the_heartbeat_and_lets_guarding_answer():
+def test_a_heartbeat_time_of_zero_ends_the_heartbeat_and_enables_guarding():
     bench = Bench(servo())
     bench.write(0x1017, 100)
     bench.on(0.25)

@@ -142,7 +142,7 @@ def test_a_power_cut_in_the_loader_brings_the_old_program_back_as_long_as_it_is_
     assert not bench.node.program.runs
 
 
-def test_a_program_may_tell_its_date_and_the_boot_loader_knows_it(bench):
+def test_a_program_may_report_its_date_and_the_boot_loader_stores_it(bench):
     dated = whole_program(b"a program", days=15_000, milliseconds=43_200_000)
     assert (bench.read(0x1F52, 1), bench.read(0x1F52, 2)) == (bytes(4), bytes(4))
     send(cleared(bench), dated)

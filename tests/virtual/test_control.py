@@ -76,7 +76,7 @@ def controlled():
         each.close()
 
 
-def test_it_says_who_it_is(controlled):
+def test_it_reports_its_identity(controlled):
     assert controlled().hello == {
         "hello": {
             "node_id": 5,
@@ -133,17 +133,17 @@ def test_numbers_of_a_motor_inside_a_wheel_are_reached_too(controlled):
     assert c.node.drives[0].mover.plant.inner.external == -50.0
 
 
-def test_a_node_alone_tells_of_no_world(controlled):
+def test_a_single_node_reports_no_world(controlled):
     assert "world" not in controlled().call("state")
 
 
-def test_what_the_axes_do_together_is_told(controlled):
+def test_what_the_axes_do_together_is_reported(controlled):
     world = SimpleNamespace(describe=lambda: WorldState(BasePose(1.5, 0.0, 0.25, 7), {"spring": 2.0}))
     told = {"base": {"x": 1.5, "y": 0.0, "heading": 0.25, "time_ns": 7}, "others": {"spring": 2.0}}
     assert controlled(world=world).call("state")["world"] == told
 
 
-def test_a_world_in_which_things_may_happen_says_so(controlled):
+def test_a_world_in_which_things_may_happen_reports_this(controlled):
     class Lively(IndependentPlants):
         def act(self, what):
             pass
@@ -151,14 +151,14 @@ def test_a_world_in_which_things_may_happen_says_so(controlled):
     assert controlled(world=Lively()).call("world") == {"changeable": True}
 
 
-def test_the_true_pose_of_the_base_is_told_by_itself(controlled):
+def test_the_true_pose_of_the_base_is_reported_by_itself(controlled):
     pose = BasePose(1.5, 0.5, 0.25, 7, z=0.1, pitch=-0.2)
     told = controlled(world=SimpleNamespace(describe=lambda: WorldState(pose))).call("world")
     assert told == {"base": {"x": 1.5, "y": 0.5, "heading": 0.25, "time_ns": 7, "z": 0.1, "pitch": -0.2}}
     assert msgspec.convert(told, WorldState).base == pose
 
 
-def test_what_stands_in_a_world_is_told_where_there_is_such_a_thing(controlled):
+def test_what_is_in_a_world_is_reported_with_where_there_is_such_a_thing(controlled):
     box = WorldShape(name="box 0", kind="box", size=(1.0, 2.0, 3.0), position=(0.5, 0.0, 1.5), moves=True)
 
     class Furnished(IndependentPlants):
@@ -169,7 +169,7 @@ def test_what_stands_in_a_world_is_told_where_there_is_such_a_thing(controlled):
     assert msgspec.convert(told, WorldShape) == box
 
 
-def test_a_world_without_things_tells_of_none(controlled):
+def test_a_world_without_things_reports_of_none(controlled):
     assert controlled(world=IndependentPlants()).call("shapes") == []
 
 
@@ -217,7 +217,7 @@ def test_events_are_pushed_and_notifications_are_not_answered(controlled):
     assert c.call("state")["faults"] == ["warning"]
 
 
-def test_the_quality_of_set_points_is_told_and_begun_anew(controlled):
+def test_the_quality_of_set_points_is_reported_and_begun_again(controlled):
     c = controlled()
     assert c.call("state")["axes"][0]["set_points"] is None
     meter = c.node.drives[0].meter

@@ -108,7 +108,7 @@ def test_a_node_that_lss_named_starts_with_that_id_in_the_next_process(tmp_path)
     assert make_devices([255], EDS, print, **options).nodes[0].node_id == 7
 
 
-def test_mistakes_are_told_before_anything_runs(tmp_path):
+def test_errors_are_reported_before_anything_runs(tmp_path):
     with pytest.raises(EdsError):
         make_devices([3], tmp_path / "none.eds", print)
     with pytest.raises(ConfigError, match="LSS is not supported"):
@@ -123,7 +123,7 @@ def test_nodes_of_one_process_may_be_of_different_files():
     assert [(node.node_id, bool(node.drives)) for node in made.nodes] == [(2, True), (5, False)]
 
 
-def test_what_a_world_had_to_guess_is_said(tmp_path):
+def test_what_a_world_had_to_guess_is_reported(tmp_path):
     (tmp_path / "guessing_engine.py").write_text(
         "from canopen_control.virtual.plant import IndependentPlants\n"
         "class World(IndependentPlants):\n    notes = ('a mass',)\n"
@@ -160,7 +160,7 @@ def test_a_personality_on_an_eds_that_lacks_its_objects_is_one_sentence():
         make_device(servo_od(3), 3, like=read_personality("delta"))
 
 
-def test_quirks_beside_a_personality():
+def test_quirks_alongside_a_personality():
     node = make_device(data_path("eds", "generic_cia402.eds"), 3, like=read_personality("copley"), quirks=["sdo_late"])
     assert node.quirks.active == ["sdo_late=0.1", "mapping_count_first"]
     with pytest.raises(ConfigError, match="is given twice"):

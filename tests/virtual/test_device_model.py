@@ -79,7 +79,7 @@ def test_what_each_does_without_a_set_point():
 
 
 @pytest.mark.parametrize("cycles", [0, 1, 4])
-def test_how_long_elmo_goes_on_is_in_its_object(cycles):
+def test_how_long_elmo_continues_is_in_its_object(cycles):
     od = of_vendor(0x9A)
     od.add(entry(0x2F75, 0, T.UNSIGNED16, cycles))
     bench = StreamBench(model=ELMO, od=od).ramp(50)

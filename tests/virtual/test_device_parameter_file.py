@@ -91,7 +91,7 @@ def test_a_file_that_is_something_else_is_refused_and_left_alone(tmp_path, text)
     assert path.read_text() == text
 
 
-def test_what_does_not_fit_is_ignored_and_told_and_another_device_refused(tmp_path):
+def test_what_does_not_fit_is_ignored_and_reported_and_another_device_refused(tmp_path):
     values = {"6083:00": "e1100000", "6084:00": "zz", "9999:00": "00", "nonsense": 5, "6085:00": "01"}
     record = {"device": [0x99, 0x1234], "node_id": "x", "values": values}
     path = tmp_path / "s"

@@ -11,7 +11,7 @@ from canopen_control.virtual.profile_modes import HomingMode
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_every_mode_is_taken_and_told_once(mode):
+def test_every_mode_is_taken_and_reported_once(mode):
     bench = Bench(servo(x6502=0xFFFFFFFF))
     bench.write(0x6060, mode)
     bench.write(0x6060, mode)
@@ -20,7 +20,7 @@ def test_every_mode_is_taken_and_told_once(mode):
     assert [event for event in bench.events if isinstance(event, ModeChanged)] == [ModeChanged(0, mode)]
 
 
-def test_the_modes_of_a_file_that_does_not_tell_are_those_whose_targets_it_has():
+def test_the_modes_of_a_file_without_0x6502_are_those_with_targets_in_it():
     everything = possible_modes(Bench(servo()).drive.objects)
     without = Bench(make_device(servo_od(5, without=(0x6071, 0x60FF)), 5)).drive.objects
     lost = {OperationMode.TQ, OperationMode.CST, OperationMode.PV, OperationMode.CSV}

@@ -52,7 +52,7 @@ def test_one_set_point_of_a_hundred_repeated_is_a_dip_and_a_jump():
 
 
 @pytest.mark.rest
-def test_one_rpdo_of_a_hundred_lost_is_a_dip_where_the_drive_stands_and_nothing_where_it_goes_on():
+def test_one_rpdo_of_a_hundred_lost_is_a_dip_where_the_drive_stands_and_nothing_where_it_continues():
     lost = range(100, 1050, 100)
     held, extrapolated = (StreamBench(model=model).ramp(1050, skip=lost) for model in (GENERIC, ON))
     assert held.ripple == pytest.approx((0.14, 0.0, 2.0), abs=0.025)
@@ -86,7 +86,7 @@ def test_a_sync_that_jitters_makes_the_ripple_that_real_drives_have(sigma_ms, ri
 
 
 @pytest.mark.parametrize(("sigma_ms", "ripple"), [(0.1, 0.002), (0.5, 0.01), (1.0, 0.02)])
-def test_a_drive_that_recovers_the_rhythm_of_sync_hears_little_of_its_jitter(sigma_ms, ripple):
+def test_a_drive_that_recovers_the_rhythm_of_sync_receives_little_of_its_jitter(sigma_ms, ripple):
     bench = jittered(GENERIC, sigma_ms)
     assert bench.ripple[0] < ripple
     assert (bench.quality.missed, bench.quality.doubled) == (0, 0)
@@ -123,7 +123,7 @@ def test_a_drive_that_holds_stands_at_its_last_set_point():
         assert bench.quality.missed == 20
 
 
-def test_a_drive_that_extrapolates_goes_on_for_its_cycles_and_stands_then():
+def test_a_drive_that_extrapolates_continues_for_its_cycles_and_stands_then():
     for periods, cycles in ((1, 1), (2, 2), (3, 3), (4, 3), (20, 3)):
         bench = starved(ON, periods)
         assert place_of_set_point_stream(bench) == pytest.approx((49 + cycles) * STEP)
@@ -132,7 +132,7 @@ def test_a_drive_that_extrapolates_goes_on_for_its_cycles_and_stands_then():
     assert place_of_set_point_stream(bench) == 49 * STEP
 
 
-def test_a_repeated_set_point_is_no_missing_one():
+def test_a_repeated_set_point_is_not_a_missing_one():
     bench = StreamBench(model=ON).ramp(50)
     for _ in range(5):
         bench.cycle(49 * STEP)
@@ -148,7 +148,7 @@ def test_an_extrapolation_ends_at_a_software_limit():
     assert place_of_set_point_stream(bench) == 49 * STEP + 700
 
 
-def test_elmo_faults_when_the_cycles_it_goes_on_for_are_over():
+def test_elmo_faults_when_the_cycles_it_continues_for_are_over():
     bench = starved(ELMO, 1)
     bench.cycle(STEP * 51)  # one set-point was missing: allowed
     assert (bench.state, place_of_set_point_stream(bench)) == ("OPERATION_ENABLED", STEP * 51)
@@ -159,14 +159,14 @@ def test_elmo_faults_when_the_cycles_it_goes_on_for_are_over():
     assert bench.number(0x603F) == 0xFF02
 
 
-def test_a_drive_that_nobody_streams_to_is_moved_by_sdo_without_a_fault():
+def test_a_drive_that_is_not_streamed_to_is_moved_by_sdo_without_a_fault():
     bench = StreamBench(model=ELMO)
     bench.write(0x607A, 3 * STEP)
     bench.on(1)
     assert (place_of_set_point_stream(bench), bench.state) == (3 * STEP, "OPERATION_ENABLED")
 
 
-def test_one_rpdo_is_no_stream():
+def test_one_rpdo_is_not_a_stream():
     bench = StreamBench(model=ELMO)
     bench.cycle(3 * STEP)
     bench.on(1)
@@ -197,7 +197,7 @@ def test_the_supervision_ends_with_the_mode_and_with_the_power():
 
 
 @pytest.mark.parametrize(("mode", "object_"), [(9, 0x60FF), (10, 0x6071)])
-def test_velocity_and_torque_go_on_without_a_set_point_or_fault(mode, object_):
+def test_velocity_and_torque_continue_without_a_set_point_or_fault(mode, object_):
     mapped = (object_ << 16 | 0x20 if object_ == 0x60FF else object_ << 16 | 0x10, 0x607A0020)
     for model, state in ((GENERIC, "OPERATION_ENABLED"), (ELMO, "FAULT")):
         bench = StreamBench(mode=mode, model=model, mapped=mapped, x6085=0, x605E=0)
@@ -352,7 +352,7 @@ def test_it_starts_when_interpolation_is_enabled_and_keeps_what_waits_until_the_
     assert bench.number(0x60C4, 4) == 0
 
 
-def test_enabled_again_it_goes_on_at_once():
+def test_enabled_again_it_continues_at_once():
     bench = buffered(x6084=0)
     for cycle in range(1, 5):
         bench.send(STEP * cycle)
@@ -419,7 +419,7 @@ def test_a_record_of_two_counts_when_its_last_subindex_is_written():
 
 
 @pytest.mark.parametrize("cycles", [0, 2])
-def test_a_buffer_that_runs_dry_does_what_the_model_says_and_goes_on_with_the_next_record(cycles):
+def test_a_buffer_that_runs_dry_does_what_the_model_specifies_and_continues_with_the_next_record(cycles):
     bench = buffered(model=DeviceModel(missing=MissingSetPoint(cycles=cycles)))
     for cycle in range(1, 5):
         bench.send(STEP * cycle)
@@ -501,7 +501,7 @@ def test_the_velocity_on_a_ramp_of_set_points_is_its_slope_whenever_they_come(mo
     assert bench.velocity == 0
 
 
-def test_a_set_point_that_is_microseconds_late_does_not_let_the_velocity_drop():
+def test_a_set_point_that_is_microseconds_late_does_not_reduce_the_velocity():
     bench = enabled(8)
     for cycle in range(1, 20):
         bench.write(0x607A, 1000 * cycle)

@@ -59,7 +59,7 @@ def test_a_fault_that_needs_a_reset_of_the_communication():
     assert b.state == "SWITCH_ON_DISABLED"
 
 
-def test_a_fault_on_enable_and_a_reset_that_is_not_heard():
+def test_a_fault_on_enable_and_a_reset_that_is_not_received():
     b = bench()
     b.set(fault("fault_on_enable"))
     b.enable(3)
@@ -316,7 +316,7 @@ def test_a_fault_of_inputs_is_refused_by_a_drive_and_one_of_axes_by_a_module(num
             act()
 
 
-def test_outputs_that_are_overloaded_are_off_at_the_terminals_and_told():
+def test_outputs_that_are_overloaded_are_off_at_the_terminals_and_reported():
     b = virtual(401)
     switches = FaultSwitches(b.node)
 
@@ -360,7 +360,7 @@ def flash(b):
     return int.from_bytes(b.read(0x1F57, 1), "little")
 
 
-def test_a_program_that_is_lost_leaves_the_boot_loader_and_comes_back(programmed):
+def test_a_program_that_is_lost_leaves_the_boot_loader_and_returns(programmed):
     programmed.set(fault("program_lost"))
     programmed.on(0.1)
     assert (programmed.read(0x1000), programmed.read(0x1F51, 1), flash(programmed)) == (bytes(4), b"\0", 1 << 1)

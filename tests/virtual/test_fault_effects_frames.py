@@ -240,7 +240,7 @@ def test_emcy_messages():
     assert codes == ["208111", "000000"]
 
 
-def test_coming_back_from_bus_off_is_told():
+def test_coming_back_from_bus_off_is_reported():
     b = bench()
     b.set("bus_off")
     b.on(1)

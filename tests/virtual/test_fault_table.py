@@ -18,7 +18,7 @@ def test_every_row_of_the_catalogue_that_acts_in_the_drive_has_a_switch():
     assert {fault.row for fault in FAULTS.values()} - {0} | NO_SWITCH == set(range(1, 44)) | {47}
 
 
-def test_every_fault_says_what_it_does_and_what_a_good_master_makes_of_it():
+def test_every_fault_reports_what_it_does_and_what_a_good_master_makes_of_it():
     for fault in FAULTS.values():
         assert fault.acts in ("wire", "node", "axis", "program", "input", "output")
         assert len(fault.does) > 10
@@ -71,7 +71,7 @@ def test_a_fault_may_carry_its_time():
             parse_fault(text)
 
 
-def test_every_switch_has_a_test_that_sees_it_on_the_wire():
+def test_every_switch_has_a_test_on_the_wire():
     files = ("test_fault_effects_frames.py", "test_fault_effects.py")
     texts = [Path(__file__).with_name(name).read_text() for name in files]
     tested = {name for text in texts for name in re.findall(r'\bfault\("(\w+)"\)', text)}

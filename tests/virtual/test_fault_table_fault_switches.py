@@ -34,7 +34,7 @@ def test_planned_faults_come_at_their_time_after_the_start():
     assert switched == [("warning", True), ("local_control", True)]
 
 
-def test_no_boot_from_the_start_never_says_a_word():
+def test_no_boot_from_the_start_never_reports_a_word():
     bench = Bench(servo(faults=("no_boot",)))
     bench.on(60)
     assert bench.seen == []
@@ -77,7 +77,7 @@ def test_a_second_node_is_the_same_device_with_another_serial_and_a_life_of_its_
     assert second.drives.keys() == first.node.drives.keys()
 
 
-def test_nobody_is_told_what_happens_to_a_second_node():
+def test_events_of_a_second_node_are_not_reported():
     bench = Bench(servo())
     bench.node.fault_switches.set("second_node", True, bench.now)
     bench.collect()

@@ -54,7 +54,7 @@ def test_its_output_falls_to_the_fault_value():
     assert told(device, "ao0").value == pytest.approx(-1.0)
 
 
-def test_a_battery_begins_charged_and_is_told_by_a_timer():
+def test_a_battery_begins_charged_and_is_reported_by_a_timer():
     device = bench(418)
     assert device.number(0x6010, signed=True) == 200  # 25 degrees
     assert device.number(0x6060) == round(25.6 * 1024)
@@ -65,7 +65,7 @@ def test_a_battery_begins_charged_and_is_told_by_a_timer():
 
 
 @pytest.mark.rest
-def test_a_current_takes_its_charge_and_lets_its_voltage_sag():
+def test_a_current_reduces_charge_and_voltage():
     device = bench(418)
     put(device, battery_current=-72.0)
     assert device.number(0x6060) == round((25.6 - 3.6) * 1024)
@@ -77,7 +77,7 @@ def test_a_current_takes_its_charge_and_lets_its_voltage_sag():
     assert device.node.function.next_deadline() is None
 
 
-def test_what_is_no_input_is_refused():
+def test_what_is_not_an_input_is_refused():
     device = bench(404)
     with pytest.raises(ConfigError, match="ao0 is an output"):
         put(device, ao0=1.0)
@@ -97,7 +97,7 @@ def test_faults_act_on_what_is_measured(kind):
     assert device.number(0x7130, 1) == 200
 
 
-def test_a_charger_tells_its_state_and_forgets_a_request_without_its_master():
+def test_a_charger_reports_its_state_and_clears_a_request_when_its_master_is_lost():
     device = bench(419)
     device.start()
     put(device, charger_status=3, charger_percentage=55)
@@ -201,7 +201,7 @@ def test_a_healthy_input_shows_what_is_there_and_never_wakes():
     assert (faults.next_deadline(), faults.due(10**12)) == (None, False)
 
 
-def test_a_stuck_input_keeps_what_it_showed_first_until_it_is_mended():
+def test_a_stuck_input_keeps_what_it_showed_first_until_it_is_repaired():
     faults = InputFaults()
     faults.switch("stuck", on=True, now=0)
     assert [faults.value("a", each, 100.0) for each in (1.0, 2.0)] == [1.0, 1.0]
@@ -275,7 +275,7 @@ def test_digital_inputs_are_sent_on_start_and_when_they_change(io):
     assert io.number(0x6000, 2) == 2
 
 
-def test_the_masks_say_which_edges_are_sent(io):
+def test_the_masks_report_which_edges_are_sent(io):
     io.start()
     io.write(0x6006, 0, 1)
     assert put_of_whole(io, di0=1) == {}
@@ -348,7 +348,7 @@ def test_limits_and_directions_are_triggers_of_their_own(io):
     assert put_of_whole(io, ai0=300) == {}
 
 
-def test_the_source_of_an_event_is_told_until_it_is_read(io):
+def test_the_source_of_an_event_is_reported_until_it_is_read(io):
     io.write(0x6423, 1)
     io.start()
     put_of_whole(io, ai0=100, ai2=100)
@@ -356,7 +356,7 @@ def test_the_source_of_an_event_is_told_until_it_is_read(io):
     assert io.number(0x6422, 1) == 0
 
 
-def test_outputs_fall_to_their_error_values_where_their_modes_say_so(io):
+def test_outputs_fall_to_their_error_values_where_their_modes_report_this(io):
     io.write(0x1016, 0x0001_0064, 1)
     io.write(0x6206, 0x0F, 1)
     io.write(0x6207, 0x01, 1)
@@ -388,7 +388,7 @@ def test_a_stop_and_a_reset_switch_outputs_off_and_pre_operational_does_not(io, 
     assert terminal(io, "do0") == 0.0
 
 
-def test_what_is_no_input_is_refused_and_nothing_is_set(io):
+def test_what_is_not_an_input_is_refused_and_nothing_is_set(io):
     with pytest.raises(ConfigError, match=r"no signal 'di77' \(did you mean"):
         put_of_whole(io, di0=1, di77=1)
     with pytest.raises(ConfigError, match="do0 is an output"):

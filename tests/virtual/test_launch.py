@@ -14,7 +14,7 @@ from canopen_control.virtual.launch import DriveOptions, reopen, run_drives
 from canopen_control.virtual.process import DriveProcess
 
 
-def test_what_cannot_be_started_is_said_before_anything_runs(tmp_path):
+def test_what_cannot_be_started_is_reported_before_anything_runs(tmp_path):
     lines = []
     with pytest.raises(EdsError):
         run_drives([3], tmp_path / "none.eds", "memory:launch", DriveOptions(), lines.append)

@@ -11,7 +11,7 @@ from canopen_control.virtual.launch import PROBE_NS, NodeIdCheck
 from canopen_control.virtual.node_host import NodeHost, NodeIdTaken
 
 
-def test_an_id_that_nobody_has_is_free_after_a_short_wait():
+def test_an_unused_node_id_is_free_after_a_short_wait():
     bus, reactor = MemoryBus("launch"), Reactor(ManualClock(S))
     port = bus.open("new")
     NodeIdCheck(reactor, port, [3, 4]).finish()

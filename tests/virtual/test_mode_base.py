@@ -5,7 +5,7 @@ from support.virtualbench import Bench, servo
 from canopen_control.virtual.mode_base import REACHED, Mode
 
 
-def test_a_drive_without_a_mode_stands_and_says_so():
+def test_a_drive_without_a_mode_stands_and_reports_this():
     bench = Bench(servo()).enable()
     assert type(bench.drive.modes.active) is Mode
     assert bench.statusword & REACHED

@@ -66,7 +66,7 @@ def test_a_motion_of_constant_velocity_has_no_ripple_and_one_in_user_units_has_i
     assert (quality.velocity_ripple, quality.acceleration_ripple) == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
-def test_an_axis_that_rests_says_nothing_and_a_short_stop_is_part_of_the_motion():
+def test_an_axis_that_rests_reports_nothing_and_a_short_stop_is_part_of_the_motion():
     targets = [1000, 2000, 3000]
     rested, _ = measured([*targets, *[3000] * 40, 4000, 5000, 6000, 6000])
     assert rested.quality(1.0).velocity.min == pytest.approx(100_000)
@@ -74,7 +74,7 @@ def test_an_axis_that_rests_says_nothing_and_a_short_stop_is_part_of_the_motion(
     assert stopped.quality(1.0).velocity.min == 0.0
 
 
-def test_without_a_look_for_a_second_another_motion_begins():
+def test_after_a_second_without_an_update_a_new_motion_begins():
     meter = SetpointStatistics()
     meter.used = True
     meter.follow(cruise(0, 0.0, 100.0), 50 * MS)
@@ -96,14 +96,14 @@ def test_without_a_look_for_a_second_another_motion_begins():
         ((5, 5, 5, 15), 0),  # its beginning
     ],
 )
-def test_a_set_point_is_doubled_when_the_motion_goes_on_after_it(targets, doubled):
+def test_a_set_point_is_doubled_when_the_motion_continues_after_it(targets, doubled):
     meter = SetpointStatistics()
     for cycle, target in enumerate(targets):
         meter.take(target, cycle * 10 * MS)
     assert (meter.doubled, meter.taken) == (doubled, len(targets))
 
 
-def test_a_pause_is_no_doubled_set_point():
+def test_a_pause_is_not_a_doubled_set_point():
     meter = SetpointStatistics()
     for cycle, target in enumerate((0, 10, 20, *[20] * 20, 30)):
         meter.take(target, cycle * REST_NS // 10)
@@ -117,7 +117,7 @@ def test_velocities_and_torques_may_repeat():
     assert (meter.taken, meter.doubled) == (5, 0)
 
 
-def test_it_tells_nothing_before_a_cyclic_mode_and_starts_anew_when_told():
+def test_it_reports_nothing_before_a_cyclic_mode_and_restarts_on_request():
     bench = StreamBench(mode=3)
     assert bench.quality is None
     bench.write(0x6060, 8)
@@ -142,7 +142,7 @@ def test_the_phase_is_from_the_sync_to_the_rpdo():
     assert (phase.min, phase.mean, phase.max) == pytest.approx((500, 2000, 4000))
 
 
-def test_an_rpdo_that_replaces_one_that_waits_is_told():
+def test_an_rpdo_that_replaces_one_that_waits_is_reported():
     bench = StreamBench()
     for cycle in range(1, 11):
         bench.send(STEP * cycle)
@@ -152,7 +152,7 @@ def test_an_rpdo_that_replaces_one_that_waits_is_told():
     assert (bench.quality.taken, bench.quality.overwritten, bench.quality.doubled) == (10, 10, 0)
 
 
-def test_a_new_enable_counts_anew_and_a_halt_does_not():
+def test_a_new_enable_counts_again_and_a_halt_does_not():
     bench = StreamBench().ramp(20, settle=1)
     bench.control(0x10F)
     bench.on(0.1)

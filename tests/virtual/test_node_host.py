@@ -68,7 +68,7 @@ def test_nodes_boot_in_the_next_turn_and_answer(world):
     assert any(isinstance(event, NmtStateChanged) for _, event in w.events)
 
 
-def test_each_frame_reaches_those_who_listen_to_it_only(world):
+def test_each_frame_reaches_only_its_subscribers(world):
     w = world(tmcm(2), tmcm(3))
     w.send(CanFrame(0, b"\x01\x03"))
     assert [node.operational for node in w.host.nodes] == [False, True]
@@ -87,7 +87,7 @@ def test_heartbeats_come_on_time_and_idle_nodes_leave_the_timer_alone(world):
     assert {b - a for a, b in itertools.pairwise(times)} == {100 * MS}
 
 
-def test_a_moved_identifier_is_heard_at_once(world):
+def test_a_moved_identifier_is_received_at_once(world):
     w = world(servo(5))
     w.send(CanFrame(0, b"\x01\x05"))
     for data in ("2300140105020080", "2300140141020000"):
@@ -96,7 +96,7 @@ def test_a_moved_identifier_is_heard_at_once(world):
     assert w.host.nodes[0].drives[0].state.name == "READY_TO_SWITCH_ON"
 
 
-def test_nodes_of_one_host_hear_each_other(world):
+def test_nodes_of_one_host_receive_each_other(world):
     w = world(servo(5), servo(6))
     w.send(CanFrame(0x606, bytes.fromhex("2316100164000500")))  # 6 watches 5 with 100 ms
     w.send(CanFrame(0x605, bytes.fromhex("2B17100032000000")))  # 5 beats every 50 ms
@@ -107,7 +107,7 @@ def test_nodes_of_one_host_hear_each_other(world):
     assert w.host.nodes[1].emcy.active == (0x8130,)
 
 
-def test_a_bus_that_is_gone_is_told_once(world):
+def test_a_bus_that_is_gone_is_reported_once(world):
     w = world(tmcm(2))
     w.bus.close()
     w.reactor.remove_reader(w.listener)
@@ -127,7 +127,7 @@ def test_a_node_changed_from_outside_is_served(world):
     assert [frame.can_id for _, frame in w.heard] == [0x085]
 
 
-def test_a_node_served_from_outside_during_its_reset_hears_again(world):
+def test_a_node_served_from_outside_during_its_reset_receives_again(world):
     w = world(servo(5))
     node = w.host.nodes[0]
     w.send(CanFrame(0x000, bytes([0x81, 5])))  # reset node
@@ -143,7 +143,7 @@ def test_a_node_served_from_outside_during_its_reset_hears_again(world):
     assert [frame.can_id for _, frame in w.heard if frame.can_id == 0x585] == [0x585]
 
 
-def test_without_a_bus_its_nodes_stop_by_themselves_and_with_another_port_they_go_on(world):
+def test_without_a_bus_its_nodes_stop_by_themselves_and_with_another_port_they_continue(world):
     w = world(servo(5, x6060=3, x60FF=1000, x6007=3))
     w.send(CanFrame(0, b"\x01\x05"), *(CanFrame(0x205, bytes((word, 0, 3))) for word in (6, 7, 15)))
     w.reactor.run_for(S)
@@ -194,7 +194,7 @@ def frame_by_frame(node):
 
 
 @pytest.mark.sources
-def test_the_segments_of_a_block_download_are_taken_at_once_and_what_comes_between_them_is_heard(world):
+def test_the_segments_of_a_block_download_are_taken_at_once_and_what_comes_between_them_is_received(world):
     w = world(generic(5), generic(6))
     initiate, segments, data = block_download(800)
     w.send(initiate)

@@ -11,7 +11,7 @@ def outbox():
     return NodeOutbox(emcy, NodeClock()), emcy
 
 
-def test_an_error_is_said_once_until_it_is_cleared():
+def test_an_error_is_reported_once_until_it_is_cleared():
     box, emcy = outbox()
     box.emergency(0x4310, 8)
     box.emergency(0x4310, 8)
@@ -24,7 +24,7 @@ def test_an_error_is_said_once_until_it_is_cleared():
     assert emcy.active == ()
 
 
-def test_a_report_does_not_stay_and_is_not_said_beside_the_same_error():
+def test_a_report_does_not_stay_and_is_not_reported_alongside_the_same_error():
     box, emcy = outbox()
     box.report(0x8110, 0x10)
     assert box.events() == [EmergencyRaised(0x8110)]
@@ -43,7 +43,7 @@ def test_a_fault_reset_leaves_the_error_of_a_lost_communication():
     assert emcy.active == (HEARTBEAT_ERROR,)
 
 
-def test_of_what_nobody_fetches_the_newest_is_kept():
+def test_of_unfetched_items_the_newest_are_kept():
     box, _ = outbox()
     for number in range(1500):
         box.publish(number)

@@ -51,7 +51,7 @@ def test_for_an_hour_at_200_ppm_with_two_ms_of_jitter_its_edges_keep_to_the_send
     assert 0.8 * MS < rhythm.slack_ns < 2 * MS
 
 
-def test_a_sync_that_is_missing_costs_nothing_and_another_period_begins_anew():
+def test_a_sync_that_is_missing_costs_nothing_and_another_period_restarts():
     times = [count * T for count in range(200) if count not in (50, 51, 120)]
     rhythm = heard(times)
     assert (rhythm.late_ns, rhythm.period_ns) == (0.0, T)
@@ -61,7 +61,7 @@ def test_a_sync_that_is_missing_costs_nothing_and_another_period_begins_anew():
     assert rhythm.late_ns == pytest.approx(0.0, abs=2.0)
 
 
-def test_a_sender_that_was_away_is_believed_anew():
+def test_a_sender_that_was_away_is_trusted_again():
     rhythm = heard([*range(0, 50 * T, T), 1000 * T + 77])
     assert rhythm.period_ns == 0.0
     assert not rhythm.has_period(0.004)

@@ -151,7 +151,7 @@ def test_bit_30_of_an_rpdo_is_taken_and_kept_and_means_nothing(written):
 
 @pytest.mark.parametrize("default", [0x40000185, 0x185])
 @pytest.mark.parametrize("written", [0x40000185, 0x185])
-def test_a_generic_drive_takes_both_for_its_tpdos_whatever_its_file_says(default, written):
+def test_a_generic_drive_takes_both_for_its_tpdos_whatever_its_file_specifies(default, written):
     od = servo_od(5)
     od.entries[0x1800, 1] = dataclasses.replace(od.entries[0x1800, 1], default=default)
     bench = Bench(make_device(od, 5))
@@ -213,12 +213,12 @@ def test_an_rpdo_concerns_each_axis_once_with_all_its_objects():
     )
 
 
-def test_an_object_that_is_no_axis_s_or_of_an_axis_that_is_not_there_leaves_none():
+def test_an_object_that_is_not_an_axis_s_or_of_an_axis_that_is_not_there_leaves_none():
     assert axis_writes_of((WORD, entry(0x2000, 0, T.UNSIGNED8)), {0: "first"}) == ()
     assert axis_writes_of((WORD, SECOND), {0: "first"}) == ()
 
 
-def test_a_tpdo_tells_which_of_its_objects_have_changed_since_it_was_sampled():
+def test_a_tpdo_reports_which_of_its_objects_have_changed_since_it_was_sampled():
     values = [1, 2]
     tpdo = MappedTpdo(0)
     tpdo.codec = PdoCodec([MappedObject(0x6041, 0, 16, T.UNSIGNED16), MappedObject(0x6061, 0, 16, T.UNSIGNED16)])
@@ -293,7 +293,7 @@ def test_a_synchronous_rpdo_waits_for_sync_and_its_reaction_shows_one_sync_later
     assert sent(bench, 0x185)[-1][0] & 0x6F == 0x21
 
 
-def test_short_rpdos_are_dropped_and_told_and_long_ones_cut_and_told():
+def test_short_rpdos_are_dropped_and_reported_and_long_ones_cut_and_reported():
     bench = Bench(servo())
     bench.start()
     bench.put(0x205, b"\x06\0")
@@ -385,7 +385,7 @@ def test_an_rpdo_that_repeats_itself_takes_back_what_sdo_has_written_meanwhile()
     assert bench.number(0x60FF) == 400
 
 
-def test_an_rpdo_that_repeats_itself_still_sees_a_ceiling_that_a_fault_sets():
+def test_a_repeated_rpdo_is_still_limited_by_a_fault():
     bench = Bench(servo())
     bench.start()
     remap(bench, 0, [0x60400010, 0x60FF0020], rpdo=True)

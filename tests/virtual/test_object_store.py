@@ -41,7 +41,7 @@ def test_the_version_grows_with_a_value_that_is_another_one():
     assert values.version == before + 3
 
 
-def test_a_guard_judges_by_values_where_it_says_so_and_nothing_is_capped():
+def test_a_guard_judges_by_values_where_it_reports_this_and_nothing_is_capped():
     values = store()
     values.guard([0x2000], lambda _entry, value: value)
     values.guard([0x2001], lambda _entry, value: value, by_values=True)
@@ -93,7 +93,7 @@ def test_strings_and_domains_may_have_any_length():
         values.size_of(0x3000, 0)
 
 
-def test_sources_guards_and_watchers_have_their_say():
+def test_sources_guards_and_watchers_have_their_report():
     values, heard = store(), []
     values.on_read(0x2001, 0, lambda: 99)
     values.guard([0x2000], lambda entry, value: value + 1)
@@ -129,7 +129,7 @@ def test_a_reset_restores_the_power_on_values_of_its_range():
     assert values.get(0x2000) == 3
 
 
-def test_what_is_kept_survives_a_reset_until_it_is_forgotten():
+def test_what_is_kept_survives_a_reset_until_it_is_discarded():
     values = store()
     values.preset(0x2001, 0, 42)
     values.download(0x2000, 0, b"\x05")

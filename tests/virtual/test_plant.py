@@ -79,7 +79,7 @@ def test_a_loaded_plant_follows_a_gentle_move_and_stands_at_its_end():
     assert abs(plant.velocity) < 5
 
 
-def test_a_loaded_plant_does_not_depend_on_who_looks_when():
+def test_a_loaded_plant_does_not_depend_on_the_times_of_reading():
     demand = trajectory.move_to(0, 0.0, 0.0, 5000.0, 10_000.0, 50_000.0, 50_000.0)
     assert (
         run_loaded(LoadedPlant(), demand, 0.6).position
@@ -149,7 +149,7 @@ def test_what_is_fed_forward_goes_past_the_position_loop_of_a_lagging_plant(fed,
     assert plant.velocity == pytest.approx(100.0)
 
 
-def test_a_loaded_plant_lags_by_what_nobody_feeds_forward():
+def test_a_loaded_plant_lags_without_feed_forward():
     parts = {"friction": 0.0, "viscosity": 0.0, "position_gain": 20.0}
     blind, knowing = (LoadedPlant(velocity_feed_forward=share, **parts) for share in (0.0, 1.0))
     assert settled(blind) == pytest.approx(100 / 20.0, rel=0.02)

@@ -25,7 +25,7 @@ def world(tmp_path, text):
     return read_world(path)
 
 
-def test_each_axis_has_the_plant_that_the_file_says(tmp_path):
+def test_each_axis_has_the_plant_that_the_file_specifies(tmp_path):
     made = world(
         tmp_path,
         """
@@ -113,7 +113,7 @@ def test_a_wheel_has_the_plant_of_its_axis_inside(tmp_path):
         ("bass: {}", "bass"),
     ],
 )
-def test_mistakes_are_told_with_their_line(tmp_path, text, words):
+def test_errors_are_reported_with_their_line(tmp_path, text, words):
     with pytest.raises(WorldError, match=words):
         world(tmp_path, text)
 

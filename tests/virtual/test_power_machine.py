@@ -52,7 +52,7 @@ def test_the_tmcm_1270_reports_the_side_of_its_software_limit_once():
     assert bench.position == -500
 
 
-def test_a_motor_beyond_its_limit_may_only_come_back():
+def test_a_motor_beyond_its_limit_may_only_return():
     bench = with_limits(-100, 100)
     bench.drive.mover.displace(300.0, bench.now)
     bench.write(0x60FF, 1000)
@@ -63,7 +63,7 @@ def test_a_motor_beyond_its_limit_may_only_come_back():
     assert bench.position == -100
 
 
-def test_a_window_of_nothing_or_everything_is_no_following_error():
+def test_a_window_of_nothing_or_everything_is_not_a_following_error():
     bench = Bench(servo()).enable(3)
     for window in (0, 0xFFFFFFFF):
         bench.write(0x6065, window)
@@ -132,7 +132,7 @@ def ignored(bench):
     return [words for event in bench.events if (words := in_words(event)) is not None and "ignored" in words]
 
 
-def test_what_is_not_obeyed_in_pre_operational_is_told_once_and_what_to_do():
+def test_what_is_not_obeyed_in_pre_operational_is_reported_once_and_what_to_do():
     bench = Bench(servo())
     bench.on(0.1)
     for word in (6, 7, 15, 15, 15):
@@ -159,7 +159,7 @@ def test_a_drive_that_serves_it_is_enabled_and_moves_by_sdo_in_pre_operational()
     assert ignored(bench) == []
 
 
-def test_other_controlwords_that_do_nothing_are_told_too():
+def test_other_controlwords_that_do_nothing_are_reported_too():
     bench = Bench(servo())
     bench.start()
     bench.control(15)

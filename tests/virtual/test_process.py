@@ -98,7 +98,7 @@ def test_any_number_of_nodes_without_an_id_wait_on_one_bus_and_each_gets_its_soc
         log_reactor.run_for(0)
 
 
-def test_a_node_that_somebody_serves_is_told_and_what_is_given_up_is_known(log_reactor):
+def test_a_node_served_by_another_client_is_reported_with_what_was_abandoned(log_reactor):
     bus, lost = MemoryBus("served"), []
     ports = [bus.open("a"), bus.open("b")]
     served = [ServedBus(log_reactor, BusNodes(port, [servo(5)]), str, lambda: lost.append(1)) for port in ports]
@@ -153,7 +153,7 @@ def test_it_prints_one_line_when_ready_and_ends_with_0_on_a_signal(reactor):
     assert any("node 5: NMT PRE_OPERATIONAL" in line for line in lines)
 
 
-def test_several_nodes_say_so(reactor):
+def test_several_nodes_report_this(reactor):
     _, drives, lines = started(reactor, [servo(5), servo(6)])
     reactor.call_later(MS, reactor.stop)
     drives.run()
@@ -304,7 +304,7 @@ class Reopening:
         return join(self.bus, "drives") if back else None
 
 
-def test_a_bus_that_comes_back_within_three_seconds_is_joined_again(reactor):
+def test_a_bus_that_returns_within_three_seconds_is_joined_again(reactor):
     r = Reopening(reactor, servo(5), 2.0)
     ask = pack_records([CanFrame(0x605, bytes.fromhex("4000100000000000"))])
     reactor.call_later(3 * S, lambda: r.master.send(ask))
@@ -315,7 +315,7 @@ def test_a_bus_that_comes_back_within_three_seconds_is_joined_again(reactor):
     assert CanFrame(0x585, bytes.fromhex("4300100092010200")) in list(frames_of(r.master.receive()))
 
 
-def test_a_bus_that_does_not_come_back_ends_it_after_three_seconds(reactor):
+def test_a_bus_that_does_not_return_ends_it_after_three_seconds(reactor):
     r = Reopening(reactor, servo(5), None)
     with pytest.raises(BusClosed):
         r.process.run()
@@ -346,7 +346,7 @@ def test_a_node_id_given_by_lss_renames_its_control_socket(reactor):
 
 
 @pytest.mark.sources
-def test_a_timeline_and_a_world_that_wants_to_know_its_axes_are_served(reactor):
+def test_a_timeline_and_a_world_that_depends_on_its_axes_are_served(reactor):
     bus = MemoryBus("process")
     node, asked = servo(5), []
     world = SimpleNamespace(period_ns=20 * MS, describe=WorldState)

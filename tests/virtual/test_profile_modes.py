@@ -83,7 +83,7 @@ def test_falling_bit_4_interrupts():
     assert bench.velocity == 0
 
 
-def test_halt_interrupts_and_goes_on():
+def test_halt_interrupts_and_continues():
     bench = homing(17)
     bench.control(0x1F)
     bench.on(0.5)
@@ -158,7 +158,7 @@ def sampled(bench, seconds, step=0.005):
 # -- profile velocity
 
 
-def test_pv_ramps_up_with_6083_and_down_with_6084_as_the_closed_form_says():
+def test_pv_ramps_up_with_6083_and_down_with_6084_as_the_closed_form_reports():
     bench = enabled(3, x6083=4000, x6084=2000)
     bench.write(0x60FF, 1000)
     for t, position, velocity in sampled(bench, 0.5):
@@ -362,7 +362,7 @@ def test_pp_changes_at_once_with_bit_5():
     assert bench.position == -100
 
 
-def test_pp_relative_counts_from_what_its_option_says():
+def test_pp_relative_counts_from_what_its_option_reports():
     bench = enabled(1)
     bench.write(0x607A, 1000)
     for word in (0x5F, 0x4F):
@@ -381,7 +381,7 @@ def test_pp_relative_counts_from_what_its_option_says():
     assert bench.position == 3025
 
 
-def test_pp_halts_and_goes_on():
+def test_pp_halts_and_continues():
     bench = enabled(1)
     bench.write(0x607A, 2000)
     bench.control(0x1F)
@@ -436,7 +436,7 @@ def test_pp_of_the_tmcm_1270_shows_the_motion_in_bit_12_and_replaces_it():
     assert bench.statusword & (BIT_12 | REACHED) == REACHED
 
 
-def test_pp_stops_at_a_software_limit_and_says_so():
+def test_pp_stops_at_a_software_limit_and_reports_this():
     bench = enabled(1)
     bench.write(0x607D, -100, 1)
     bench.write(0x607D, 400, 2)
@@ -512,7 +512,7 @@ def test_pp_with_bit_9_takes_the_new_profile_after_the_first_set_point():
     assert (b.position, b.velocity) == (5000, 0)
 
 
-def test_pp_of_the_tmcm_1270_knows_no_bit_9():
+def test_pp_of_the_tmcm_1270_has_no_bit_9():
     b = ready_tmcm(mode=1)
     set_point(b, 1000)
     set_point(b, 3000, 0x021F)
@@ -520,7 +520,7 @@ def test_pp_of_the_tmcm_1270_knows_no_bit_9():
     assert b.position == 3000
 
 
-def test_pp_passes_its_target_with_the_end_velocity_and_goes_on_until_a_limit():
+def test_pp_passes_its_target_with_the_end_velocity_and_continues_until_a_limit():
     b = pp(x6082=200)
     b.write(0x607D, -5000, 1)
     b.write(0x607D, 1500, 2)

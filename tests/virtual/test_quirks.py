@@ -48,7 +48,7 @@ def test_how_a_quirk_is_written(text, value, axis, written):
         ("sdo_late@1", "quirk 'sdo_late@1': sdo_late applies to the whole node; omit @1"),
     ],
 )
-def test_what_is_no_quirk_is_one_sentence(text, sentence):
+def test_what_is_not_a_quirk_is_one_sentence(text, sentence):
     with pytest.raises(ConfigError) as error:
         parse_quirk(text)
     assert str(error.value) == sentence
@@ -82,7 +82,7 @@ def test_other_axes_may_have_what_excludes_it():
     assert quirky.enable(3, axis=1).node.drives[1].statusword() & 1 << 9
 
 
-def test_a_quirk_of_an_axis_that_is_not_there_and_of_a_device_that_is_no_drive():
+def test_a_quirk_of_an_axis_that_is_not_there_and_of_a_device_that_is_not_a_drive():
     with pytest.raises(ConfigError, match=r"^quirk 'remote_never@1': node 5 has no axis 1; it has: 0$"):
         Quirky("remote_never@1")
     module = make_device("eds/generic_cia401.eds", 9)
@@ -91,7 +91,7 @@ def test_a_quirk_of_an_axis_that_is_not_there_and_of_a_device_that_is_no_drive()
     switches_of(module).start_with(["sdo_late"])
 
 
-def test_a_quirk_is_told_replaced_by_another_strength_and_switched_off_by_its_name():
+def test_a_quirk_is_reported_replaced_by_another_strength_and_switched_off_by_its_name():
     bench = Quirky()
     bench.set("brake_delay=1")
     bench.set("brake_delay=2")

@@ -5,7 +5,7 @@ from canopen_control.virtual.quirks import QUIRKS
 ALLOWED = ("mapping_count_first", "clock_drift")  # by the standard
 
 
-def test_every_quirk_says_what_it_changes_from_what_and_who_tells_it():
+def test_every_quirk_states_its_change_its_default_and_its_source():
     assert len(QUIRKS) >= 60
     for quirk in QUIRKS.values():
         assert quirk.does[0].islower()

@@ -43,7 +43,7 @@ def test_with_one_node_it_need_not_be_named(tmp_path):
     assert read(tmp_path, "steps: [{at: 1s, fault: silent}]") == [ScenarioEvent(S, "fault", "3", "silent")]
 
 
-def test_every_mistake_is_told_at_once_with_its_line(tmp_path):
+def test_every_error_is_reported_at_once_with_its_line(tmp_path):
     text = """steps:
   - {at: 1s, node: 9, fault: silent}
   - {at: soon, node: 3, fault: silent}
@@ -76,17 +76,17 @@ def test_every_mistake_is_told_at_once_with_its_line(tmp_path):
 @pytest.mark.parametrize(
     "text", ["", "steps: 5", "steps: [{fault: silent}]", "steps: [{at: 1, fautl: x}]", "[", "x: 1"]
 )
-def test_what_is_no_scenario_is_refused(tmp_path, text):
+def test_what_is_not_a_scenario_is_refused(tmp_path, text):
     with pytest.raises(ScenarioError):
         read(tmp_path, text)
 
 
-def test_a_file_that_is_not_there_is_a_mistake_too(tmp_path):
+def test_a_file_that_is_not_there_is_an_error_too(tmp_path):
     with pytest.raises(ScenarioError, match="cannot be read"):
         read_scenario(tmp_path / "none.yml", (3,))
 
 
-def test_steps_happen_in_their_time_and_one_that_cannot_is_told():
+def test_steps_happen_in_their_time_and_one_that_cannot_is_reported():
     with Reactor(ManualClock(S)) as reactor:
         port, node, said = MemoryBus("timeline").open("drives"), servo(5, plant=lambda axis: LoadedPlant()), []
         host = NodeHost(reactor, port, [node])
@@ -129,13 +129,13 @@ def test_the_world_acts_too_without_a_node(tmp_path):
         ("payload: {mass: 5}, for: 1s", "for: is possible only with block"),
     ],
 )
-def test_what_does_not_go_together_is_told(tmp_path, step, words):
+def test_what_does_not_go_together_is_reported(tmp_path, step, words):
     with pytest.raises(ScenarioError) as caught:
         read(tmp_path, f"steps: [{{at: 1s, {step}}}]")
     assert words in str(caught.value)
 
 
-def test_an_act_is_played_in_the_world_and_told_where_there_is_none():
+def test_an_act_is_played_in_the_world_and_reported_where_there_is_none():
     done = []
 
     class Acting(IndependentPlants):
@@ -186,7 +186,7 @@ def test_an_event_of_a_drive_is_a_request_for_its_beginning_and_one_for_its_end(
     assert (event.request(), event.request(on=False)) == (begin, end)
 
 
-def test_an_act_in_words_says_when_what_and_how_long():
+def test_an_act_in_words_reports_when_what_and_how_long():
     act = ScenarioEvent(1_500_000_000, "command", "wheels", values=(1.0, -2.5), for_ns=2_000_000_000)
     assert act.words == "1.500 s: command wheels 1 -2.5 for 2 s"
     assert ScenarioEvent(0, "fault", "3", name="silent").words == "0.000 s: fault 3 silent"

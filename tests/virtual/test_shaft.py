@@ -82,7 +82,7 @@ def test_what_leads_it_cannot_be_set(tmp_path):
         put(encoder, velocity=1.0)
 
 
-def test_processes_of_drives_couple_what_the_file_says(tmp_path):
+def test_processes_of_drives_couple_what_the_file_specifies(tmp_path):
     plant = tmp_path / "plant.yml"
     plant.write_text(SHAFT % "")
     made = make_devices((ENCODER, 6), EDS, print, plant=plant)
@@ -115,7 +115,7 @@ def test_the_load_is_behind_its_backlash_also_of_a_wheel():
     assert load_counts(LoadedPlant(position=100.0)) == 100.0
 
 
-def test_mistakes_are_told_with_their_line(tmp_path):
+def test_errors_are_reported_with_their_line(tmp_path):
     with pytest.raises(WorldError) as caught:
         worlds(tmp_path, text='encoders: {"x": {axis: "3/9", counts_per_revolution: 0}}%s')
     assert "'x' is not a node" in str(caught.value) or "counts_per_revolution" in str(caught.value)

@@ -57,7 +57,7 @@ def test_a_full_circle_comes_home():
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(1, 30)), max_size=30))
-def test_the_pose_does_not_depend_on_who_reports_when_and_in_which_bundles(bundles):
+def test_the_pose_does_not_depend_on_the_order_and_bundling_of_reports(bundles):
     points = [[(k * 5 * MS, math.sin(0.05 * k + wheel)) for k in range(200)] for wheel in (LEFT, RIGHT)]
     once, often = DiffBase(SEPARATION), DiffBase(SEPARATION)
     for wheel in (LEFT, RIGHT):
@@ -79,7 +79,7 @@ def test_wheels_with_other_times_are_met_in_between():
     assert (base.pose().x, base.pose().heading) == pytest.approx((1.5, 0.0))
 
 
-def test_a_wheel_that_is_not_heard_for_ten_seconds_stands():
+def test_a_wheel_that_is_not_received_for_ten_seconds_stands():
     base = DiffBase(SEPARATION)
     base.report(RIGHT, [(0, 0.0)])
     base.report(LEFT, [(0, 0.0), (1 * S, 0.1)])
@@ -114,7 +114,7 @@ def test_two_processes_share_one_floor_through_a_file(tmp_path):
     torn.close()
 
 
-def test_a_shared_file_that_cannot_be_opened_is_a_mistake_of_the_user(tmp_path):
+def test_a_shared_file_that_cannot_be_opened_is_an_error_of_the_user(tmp_path):
     with pytest.raises(ConfigError, match="cannot be shared"):
         SharedBase(SEPARATION, tmp_path / "none" / "floor").pose()
 
@@ -139,7 +139,7 @@ def test_a_name_alone_is_a_file_in_the_private_folder(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("make", ["link", "open", "fifo"])
-def test_a_file_that_somebody_else_may_have_put_there_is_refused(tmp_path, make):
+def test_a_file_that_another_user_may_have_put_there_is_refused(tmp_path, make):
     path = tmp_path / "floor"
     if make == "link":
         (tmp_path / "other").write_text("")

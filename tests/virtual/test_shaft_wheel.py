@@ -37,7 +37,7 @@ def test_it_moves_as_its_inner_plant_and_reports_the_way_on_a_grid():
 
 @pytest.mark.parametrize("inner", [IdealPlant, LagPlant, LoadedPlant])
 @given(st.lists(st.integers(1, 60 * MS), min_size=1, max_size=20))
-def test_what_it_reports_does_not_depend_on_who_looks_when(inner, steps):
+def test_its_reports_do_not_depend_on_the_times_of_reading(inner, steps):
     demand = trajectory.move_to(0, 0.0, 0.0, 500.0, 3000.0, 9000.0, 9000.0)
     (often, first), (once, second) = wheel(inner()), wheel(inner())
     clock = 0

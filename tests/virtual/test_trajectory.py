@@ -137,7 +137,7 @@ def test_an_end_velocity_is_reached_where_the_way_is_long_enough():
     assert back.final_velocity == -200.0
 
 
-def test_a_linear_move_goes_on_with_its_velocity_for_as_long_as_it_is_told():
+def test_a_linear_move_continues_with_its_velocity_for_as_long_as_commanded():
     demand = trajectory.linear_to(0, 100.0, 200.0, 0.01, 0.03)
     assert [demand.at(round(ms * 1e6)) for ms in (5, 10, 40, 41, 400)] == [
         pytest.approx(each) for each in ((150, 10_000), (200, 10_000), (500, 0), (500, 0), (500, 0))

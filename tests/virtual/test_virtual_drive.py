@@ -231,7 +231,7 @@ UP = {"SWITCH_ON_DISABLED": [], "READY_TO_SWITCH_ON": [6], "SWITCHED_ON": [6, 7]
         ("SWITCHED_ON", 0x80, "SWITCHED_ON"),  # a fault reset without a fault
     ],
 )
-def test_the_controlword_moves_the_states_as_the_table_says(start, word, end):
+def test_the_controlword_moves_the_states_as_the_table_reports(start, word, end):
     bench = Bench(servo())
     bench.start()
     for step in UP[start]:
@@ -332,7 +332,7 @@ def test_leaving_operation_follows_its_option_code(changed, word, seconds, end):
     assert bench.state == end
 
 
-def test_enabling_again_on_the_ramp_down_goes_on():
+def test_enabling_again_on_the_ramp_down_continues():
     bench = spinning()
     bench.control(0x07)
     bench.on(0.1)
@@ -369,7 +369,7 @@ def test_an_enable_with_halt_does_not_move():
 
 
 @pytest.mark.parametrize(("code", "seconds"), [(0, 0.0), (1, 0.2), (2, 0.05), (3, 0.0)])
-def test_a_fault_stops_as_its_option_code_says_and_then_shows_fault(code, seconds):
+def test_a_fault_stops_according_to_its_option_code_and_then_shows_fault(code, seconds):
     bench = spinning(x605E=code)
     bench.drive.fault(0x4310, bench.now, register=8)
     bench.collect()
@@ -426,7 +426,7 @@ def test_losing_the_supply_falls_to_switch_on_disabled_without_a_fault():
         (3, "SWITCH_ON_DISABLED", False),
     ],
 )
-def test_a_lost_connection_does_what_0x6007_says(option, end, moves):
+def test_a_lost_connection_does_what_0x6007_specifies(option, end, moves):
     bench = spinning(x6007=option)
     bench.drive.connection_lost(bench.now)
     bench.on(0.5)
@@ -443,7 +443,7 @@ def test_nmt_stopped_and_a_reset_of_communication_in_operation_are_a_fault(comma
     assert bench.state == "FAULT"
 
 
-def test_enter_pre_operational_lets_the_motor_turn_but_takes_no_set_points():
+def test_in_pre_operational_the_motor_keeps_turning_but_takes_no_set_points():
     bench = spinning()
     bench.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
     bench.write(0x60FF, -1000)
@@ -501,7 +501,7 @@ def test_reserved_option_codes_are_refused():
     assert bench.abort_of(0x605A, -1) is None  # the manufacturer's
 
 
-def test_axes_of_one_device_do_not_know_each_other():
+def test_axes_of_one_device_are_independent():
     bench = Bench(servo(axes=2))
     bench.enable(3, axis=1)
     bench.write(0x68FF, 1000)
@@ -529,7 +529,7 @@ def test_the_result_does_not_depend_on_how_often_it_is_looked_at():
     assert often.drive.mover.plant.position == pytest.approx(seldom.drive.mover.plant.position, abs=1e-6)
 
 
-def test_state_changes_are_told():
+def test_state_changes_are_reported():
     bench = Bench(servo()).enable(3)
     assert states(bench) == ["SWITCH_ON_DISABLED", "READY_TO_SWITCH_ON", "SWITCHED_ON", "OPERATION_ENABLED"]
 
@@ -568,7 +568,7 @@ def test_gains_may_change_while_it_moves_and_go_with_a_reset():
     assert bench.number(0x60F9, 1) == 0
 
 
-def test_a_velocity_mode_goes_on_from_where_the_shaft_is():
+def test_a_velocity_mode_continues_from_where_the_shaft_is():
     """What the velocity loop did not make up for is not a jump for the position mode that comes after it."""
     plant = LoadedPlant(friction=0.0)
     bench = tuned(plant, p=50_000, i=500_000)

@@ -44,14 +44,14 @@ def boots(b):
     return [frame.can_id - 0x700 for _, frame in b.seen if frame.data == b"\0" and 0x700 < frame.can_id < 0x780]
 
 
-def test_without_lss_supported_nobody_answers():
+def test_without_lss_supported_no_node_answers():
     od = servo_od(5)
     b = Bench(make_device(od, 5, serial=77))
     assert MASTER_COB_ID not in b.node.routes()
     assert select(b) == []
 
 
-def test_it_is_selected_by_its_identity_and_tells_it():
+def test_it_is_selected_by_its_identity_and_confirms_this():
     b = bench()
     assert select(b) == [bytes((0x44,)).ljust(8, b"\0")]
     assert [int.from_bytes(lss(b, 0x5A + part)[0][1:5], "little") for part in range(4)] == list(IDENTITY)
@@ -94,7 +94,7 @@ def test_without_store_the_node_id_is_gone_with_the_power_and_with_it_it_stays()
     assert b.node.node_id == 9
 
 
-def test_a_store_that_fails_is_said():
+def test_a_store_that_fails_is_reported():
     b = bench()
     b.node.keeper = SimpleNamespace(keep=lambda _node: False)
     select(b)
@@ -129,7 +129,7 @@ def test_a_node_without_an_id_is_silent_until_fast_scan_and_a_node_id_make_it_bo
     assert b.velocity == 1000
 
 
-def test_bit_rates_are_those_of_the_file_and_a_change_is_told():
+def test_bit_rates_are_those_of_the_file_and_a_change_is_reported():
     b = bench()
     select(b)
     assert lss(b, 0x13, 0, 2)[0][1] == 0  # 500 kbit/s
@@ -139,7 +139,7 @@ def test_bit_rates_are_those_of_the_file_and_a_change_is_told():
     assert BitRateActivated(500_000) in b.events
 
 
-def test_each_identifier_has_its_receiver_and_two_of_one_both_hear_in_order():
+def test_each_identifier_has_its_receiver_and_two_of_one_both_receive_in_order():
     heard = []
     routes = [(1, lambda f, now: heard.append("a")), (2, lambda f, now: heard.append("b"))]
     table = merged([*routes, (1, lambda f, now: heard.append("c"))])
@@ -150,7 +150,7 @@ def test_each_identifier_has_its_receiver_and_two_of_one_both_hear_in_order():
     assert heard == ["a", "c", "b"]
 
 
-def test_a_version_tells_that_the_identifiers_changed_and_only_that():
+def test_a_version_reports_that_the_identifiers_changed_and_only_that():
     bench = Bench(tmcm())
     before = bench.node.routing.version
     bench.write(0x1016, 127 << 16 | 1000, 1)
@@ -160,7 +160,7 @@ def test_a_version_tells_that_the_identifiers_changed_and_only_that():
     assert bench.node.routing.version == before
 
 
-def test_a_stopped_node_hears_neither_sdo_nor_sync():
+def test_a_stopped_node_receives_neither_sdo_nor_sync():
     bench = Bench(tmcm())
     bench.nmt(NmtCommand.STOP)
     assert bench.read(0x1000) is None
@@ -291,7 +291,7 @@ def test_a_silent_master_with_1029_0_leaves_it_pre_operational_and_turning():
     assert bench.state == "OPERATION_ENABLED"
 
 
-def test_a_master_that_is_heard_again_takes_the_error_back():
+def test_a_master_that_is_received_again_takes_the_error_back():
     bench = watching(1)
     bench.on(1)
     assert bench.number(0x1001) == 0x11
@@ -321,7 +321,7 @@ def test_two_entries_for_one_node_are_refused_and_clearing_one_ends_the_watch():
     assert bench.number(0x1001) == 0
 
 
-def test_guarding_answers_with_a_toggle_and_notices_a_silent_master():
+def test_guarding_answers_with_a_toggle_and_detects_a_silent_master():
     bench = Bench(servo())
     bench.write(0x100C, 100)
     bench.write(0x100D, 3)
@@ -362,7 +362,7 @@ def test_the_emcy_identifier_may_move_only_while_invalid_and_inhibit_spaces_mess
     assert [(when - bench.seen[0][0], frame.can_id) for when, frame in bench.seen] == [(0, 0xA5), (10 * MS, 0xA5)]
 
 
-def test_a_sync_of_the_wrong_length_is_told_and_still_counts():
+def test_a_sync_of_the_wrong_length_is_reported_and_still_counts():
     bench = Bench(servo())
     bench.start()
     bench.seen.clear()
@@ -402,7 +402,7 @@ def test_a_group_stores_only_its_own():
     assert (bench.number(0x1017), bench.number(0x6083)) == (0, 777)
 
 
-def test_it_starts_by_itself_where_its_dictionary_says_so():
+def test_it_starts_by_itself_where_its_dictionary_reports_this():
     od = servo_od()
     od.add(entry(0x1F80, 0, T.UNSIGNED32, 0))
     assert Bench(make_device(od, 5)).node.operational
@@ -528,7 +528,7 @@ def test_a_clock_may_start_at_zero():
     assert bench.number(0x1000) == 0x20192
 
 
-def test_what_nobody_fetches_is_bounded():
+def test_unfetched_items_are_bounded():
     node = servo()
     node.tick(S)
     for _ in range(1500):

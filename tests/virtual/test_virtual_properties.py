@@ -200,7 +200,7 @@ PLANTS = {"stiff": None, "lag": lambda axis: LagPlant(time_constant=0.03), "load
     st.integers(1, 20),
     st.integers(0, 50),
 )
-def test_pp_never_says_target_reached_early(plant, moves, window, window_ms):
+def test_pp_never_reports_target_reached_early(plant, moves, window, window_ms):
     b = Bench(generic(plant=PLANTS[plant]))
     for index, value in ((0x6081, 4000), (0x6083, 40_000), (0x6084, 40_000), (0x6067, window), (0x6068, window_ms)):
         b.write(index, value)
@@ -338,7 +338,7 @@ def leaves_the_mapping(frame):
 )
 @example(True, PRE_OPERATIONAL_AND_TARGET, 1, 2)
 @example(True, RESETS_IN_A_ROW, 1, 2)
-def test_random_frames_start_a_motion_only_where_a_reference_of_its_own_says_so(up, steps, option, quick_stop):
+def test_random_frames_start_a_motion_only_where_a_reference_of_its_own_reports_this(up, steps, option, quick_stop):
     b, reference = Bench(servo(x6007=option, x605A=quick_stop)), Reference()
     for (can_id, data), wait in [*((frame, 0) for frame in UP if up), *steps]:
         mover = b.drive.mover
@@ -364,7 +364,7 @@ def test_random_frames_start_a_motion_only_where_a_reference_of_its_own_says_so(
     assert b.drive.mover.plant.velocity == 0
 
 
-def test_the_reference_can_say_no():
+def test_the_reference_can_report_no():
     reference = Reference()
     for frame in ((0x205, b"\x0f\0\x03"), (0, b"\x01\x05"), (0x205, b"\x0f\0\x03")):
         reference.frame(*frame)

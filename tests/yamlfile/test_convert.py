@@ -47,7 +47,7 @@ def test_false_is_zero_where_a_setting_can_be_off(text, value, reported):
     assert [len(root.problems.warnings), len(root.problems.errors)] == reported
 
 
-def test_what_a_dataclass_refuses_is_a_mistake_in_the_file():
+def test_what_a_dataclass_refuses_is_an_error_in_the_file():
     assert parse("value: 4", Even) == Even(4)
     with pytest.raises(RobotConfigError, match="1:1: 3 is odd"):
         parse("value: 3", Even, error=RobotConfigError)
@@ -97,12 +97,12 @@ class Box:
     made_of: str = derived("wood")
 
 
-def test_the_keys_of_parts_stand_beside_those_of_the_whole():
+def test_the_keys_of_parts_stand_alongside_those_of_the_whole():
     assert keys_of(Box) == ["left", "other", "rate", "names", "many", "name"]
     assert parse("left: 3\nother: 4\nname: b\nrate: 2", Box) == Box(Sides(3, 4), Bounds(rate=2.0), "b")
 
 
-def test_mistakes_in_a_part_are_told_as_those_of_the_whole_and_what_is_derived_is_no_key():
+def test_errors_in_a_part_are_reported_as_those_of_the_whole_and_what_is_derived_is_not_a_key():
     with pytest.raises(RobotConfigError) as caught:
         parse("left: -1\nnam: b\nsides: {left: 1}\nmade_of: stone", Box, error=RobotConfigError)
     said = str(caught.value)
@@ -114,7 +114,7 @@ def test_mistakes_in_a_part_are_told_as_those_of_the_whole_and_what_is_derived_i
         parse("name: b", Box, error=RobotConfigError)
 
 
-def test_ignored_keys_are_no_mistake():
+def test_ignored_keys_are_not_error():
     root = read("left: 1\npolling: [x]")
     assert convert(root, Sides, ignored=("polling",)) == Sides(1)
     assert root.problems.errors == []

@@ -16,7 +16,7 @@ def test_a_problem_keeps_tabs_so_that_the_caret_stands_right():
     assert str(Problem(0, 0, "f", "", "bad")) == "f: bad"
 
 
-def test_problems_are_told_once_in_the_order_of_lines_and_warnings_do_not_raise():
+def test_problems_are_reported_once_in_the_order_of_lines_and_warnings_do_not_raise():
     problems = Problems("f", "one\ntwo\n")
     problems.warning(node(problems), "odd")
     problems.raise_if_any()

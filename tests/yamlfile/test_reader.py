@@ -84,7 +84,7 @@ def test_numbers_are_taken_as_rcl_takes_them():
     assert drive("{node_id: 010}").node_id == 8
 
 
-def test_every_mistake_is_told_at_once_in_the_order_of_the_lines():
+def test_every_error_is_reported_at_once_in_the_order_of_the_lines():
     found = messages(
         "nodes:\n"
         "  left: {node_id: 200, hartbeat_producer: 3}\n"
@@ -155,7 +155,7 @@ def test_anchors_and_merge_keys_work_and_own_keys_win():
     ]
 
 
-def test_a_mistake_behind_an_alias_is_told_once_for_each_place_it_is_used_in():
+def test_an_error_behind_an_alias_is_reported_once_for_each_place_it_is_used_in():
     found = messages("nodes:\n  a: &a {node_id: 500}\n  b: *a\n")
     assert found == [
         "bus.yml:2:19: nodes.a.node_id: 500 is out of range 1..127",
@@ -182,7 +182,7 @@ def test_a_nothing_takes_the_default_or_none_and_is_an_error_where_a_value_is_ne
     assert messages("{node_id: }", Drive) == ["bus.yml:1:10: node_id: expected an integer, got nothing"]
 
 
-def test_enums_literals_tuples_and_text_say_what_they_want():
+def test_enums_literals_tuples_and_text_report_the_expected_values():
     assert drive("{node_id: 1, mode: position}").mode is Mode.POSITION
     assert drive("{node_id: 1, mode: 3, kind: 7, pair: [2, 3], device-name: on}".replace("on}", "'on'}")).pair == (
         2,
@@ -200,7 +200,7 @@ def test_enums_literals_tuples_and_text_say_what_they_want():
     ]
 
 
-def test_a_check_across_fields_joins_the_other_mistakes_with_its_place():
+def test_a_check_across_fields_joins_the_other_errors_with_its_place():
     def check(bus: Bus, problems: Problems) -> None:
         for each in bus.nodes.values():
             if each.node_id == 5:
@@ -293,7 +293,7 @@ def test_what_yaml_writes_is_read_back(value):
 
 
 @given(st.integers(1, 40), st.integers(0, 30))
-def test_a_mistake_is_told_at_its_own_line_and_column(line, indent):
+def test_an_error_is_reported_at_its_own_line_and_column(line, indent):
     text = "\n" * (line - 1) + f"{{{' ' * indent}node_id: wrong}}"
     assert messages(text, Drive)[0].startswith(f"bus.yml:{line}:{indent + 11}: node_id:")
 

@@ -7,13 +7,13 @@ import pytest
 FORWARD, BASE = "robby_forward_controller", "robby_base_controller"
 
 
-def test_it_turns_as_it_is_told(robot):
+def test_it_turns_as_commanded(robot):
     robot.command(FORWARD, 5.0, 5.0, seconds=2.0)
     robot.run(1.5)
     assert robot.velocity("left_wheel_joint") == pytest.approx(5.0, rel=0.01)
 
 
-def test_a_command_that_nobody_renews_runs_out(robot):
+def test_a_command_that_is_not_renewed_expires(robot):
     robot.command(FORWARD, 5.0, 5.0)
     robot.run(1.0)
     assert robot.moving
@@ -37,7 +37,7 @@ def test_a_drive_in_fault_stops_the_other(robot, drives):
     assert any("node 3" in event.text for event in robot.events)
 
 
-def test_a_mended_drive_waits_for_an_enable(robot, drives):
+def test_a_repaired_drive_waits_for_an_enable(robot, drives):
     drives[3].fault("drive_fault", seconds=0.5)
     robot.run(1.0)
     robot.reset_faults()
@@ -75,7 +75,7 @@ def test_stop_is_latched(robot):
     assert not robot.moving
 
 
-def test_one_disturbed_frame_of_fifty_is_no_trouble(robot, bus):
+def test_one_disturbed_frame_of_fifty_is_harmless(robot, bus):
     bus.disturb(every=50, seconds=2.0)
     robot.command(FORWARD, 5.0, 5.0, seconds=2.0)
     robot.run(1.5)

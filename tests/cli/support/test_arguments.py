@@ -13,7 +13,7 @@ def test_whole_numbers(text, number):
 
 
 @pytest.mark.parametrize("text", ["0", "128", "-1", "x", "1.5", ""])
-def test_what_is_no_node_id_is_told_with_what_is(text):
+def test_what_is_not_a_node_id_is_reported_with_what_is(text):
     with pytest.raises(argparse.ArgumentTypeError) as caught:
         node_id(text)
     assert str(caught.value) == f"{text!r} is not a node-ID: 1 to 127"
@@ -34,7 +34,7 @@ def test_a_time_is_finite_and_above_0(text):
 
 
 @pytest.mark.parametrize("text", ["x", "", "0", "11", "0x10", "1.0"])
-def test_what_is_no_whole_number_within_its_bounds_is_told_with_what_is(text):
+def test_what_is_not_a_whole_number_within_its_bounds_is_reported_with_what_is(text):
     read = whole_number("tooth: 1 to 10", range(1, 11))
     with pytest.raises(argparse.ArgumentTypeError) as caught:
         read(text)

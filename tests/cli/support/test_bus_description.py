@@ -36,7 +36,7 @@ def test_frames_and_names_come_from_the_flight_recording(flight):
     assert network_for(asked(), source).nodes[3].name == "left_drive"
 
 
-def test_the_arguments_win_over_what_the_recording_says(flight):
+def test_the_arguments_win_over_what_the_recording_reports(flight):
     network = network_for(asked(eds=["9=TMCM-1270.eds"]), open_frames(str(flight)))
     assert set(network.nodes) == {9}
 
@@ -81,7 +81,7 @@ def test_a_robots_files_give_the_names_on_any_channel():
     assert heard.network.channel == "local:nobody-runs-here"
 
 
-def test_without_names_it_says_so_and_goes_on(capsys):
+def test_without_names_it_reports_this_and_continues(capsys):
     assert described(arguments()).nodes == {}
     assert "object names are unknown: give ROBOT, --name or --eds" in capsys.readouterr().err
     heard = watched_bus(arguments(), "local:nobody-runs-here")
@@ -107,7 +107,7 @@ def test_one_of_several_buses_is_chosen_by_name(tmp_path):
         config_layout(str(tmp_path), "leg")
 
 
-def test_a_bus_in_place_of_a_robot_is_told_where_it_goes(tmp_path, monkeypatch):
+def test_a_bus_in_place_of_a_robot_is_reported_with_where_it_goes(tmp_path, monkeypatch):
     with pytest.raises(ConfigError, match="local:bare is a bus, not a robot: write --can local:bare"):
         watched_bus(arguments("local:bare"), None)
     monkeypatch.chdir(tmp_path)

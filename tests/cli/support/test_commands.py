@@ -66,7 +66,7 @@ def values(robot, what):
 
 
 @pytest.mark.parametrize("end", [["--for", "1.5"], ["--once"]])
-def test_a_position_is_no_motion_back_to_zero_when_the_command_ends(arm, end):
+def test_a_position_is_not_a_motion_back_to_zero_when_the_command_ends(arm, end):
     """Zeros are positions too: an arm that is sent them falls back to where it began."""
     assert main(["command", ARM, *map(str, TARGETS), *end]) == 0
     assert eventually(lambda: values(arm, "position") == pytest.approx(TARGETS))

@@ -53,12 +53,12 @@ def test_a_drive_that_nothing_would_stop_is_refused_unless_that_is_accepted(priv
     assert choose_jog(lonely, "velocity", allow_unsupervised=True).allow_unsupervised
 
 
-def test_what_a_drive_cannot_do_is_told_by_its_modes(private_folders):
+def test_what_a_drive_cannot_do_is_reported_by_its_modes(private_folders):
     with pytest.raises(RobotConfigError, match=r"its modes are PP, PV, HM, CSP \(0x6502\).*target of effort"):
         choose_jog(device(TMCM), "effort", allow_unsupervised=False)
 
 
-def test_the_user_is_told_what_stops_the_drive():
+def test_the_user_is_notified_what_stops_the_drive():
     assert DEAD_MAN_S < 0.5
     told = [
         dead_man_words(Supervision(*each)) for each in ((True, True, False), (False, False, True), (True, False, False))
@@ -77,7 +77,7 @@ def test_a_running_robot_of_one_drive_is_jogged_through_it(private_folders, monk
     assert "node 5 is joint_1_drive of the running robot jog_5, which moves it" in capsys.readouterr().out
 
 
-def test_a_command_that_nobody_renews_ends_soon(private_folders):
+def test_a_command_that_is_not_renewed_ends_soon(private_folders):
     with jog_bench(channel="memory:hanging") as bench:
         robot = choose_jog(device(), "velocity", allow_unsupervised=False)
         own = own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, RobotObserver())

@@ -49,7 +49,7 @@ def test_a_closed_terminal_is_the_end(terminal):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_signals_are_the_end_and_the_handlers_come_back(terminal, number):
+def test_signals_are_the_end_and_the_handlers_return(terminal, number):
     before = signal.getsignal(number)
     with Keyboard() as keyboard:
         os.kill(os.getpid(), number)
@@ -87,7 +87,7 @@ def test_a_command_dies_with_its_sender_and_names_what_it_means():
     ]
 
 
-def test_a_drive_that_is_off_ends_the_jog_and_any_other_refusal_is_told():
+def test_a_drive_that_is_off_ends_the_jog_and_any_other_refusal_is_reported():
     moved = motion()
     jog()._command(FakeClient(("NotEnabled", "off")), moved)
     assert moved.ended is JogEnd.STATE

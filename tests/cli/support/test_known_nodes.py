@@ -13,13 +13,13 @@ def test_a_node_has_three_names(word):
     assert find_node(word, [LEFT]) is LEFT
 
 
-def test_nobody_and_more_than_one():
+def test_no_slave_and_more_than_one():
     assert find_node("nobody", [LEFT]) is None
     with pytest.raises(ConfigError, match=r"left_drive \(3\) of robby on local:robby, .* of two on local:two; .*--can"):
         find_node("left_drive", [LEFT, OTHER])
 
 
-def test_a_running_robot_tells_its_nodes_with_bus_and_joints(private_folders):
+def test_a_running_robot_reports_its_nodes_with_bus_and_joints(private_folders):
     assert known_nodes() == []
     with live_robot("names"):
         left, right = known_nodes("memory:names")

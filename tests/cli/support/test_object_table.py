@@ -29,7 +29,7 @@ def rows(*addresses):
     return rows_of(OD, live_objects(session(), [OD[each] for each in addresses]), 5)
 
 
-def test_what_the_node_refuses_is_told_in_its_line_and_the_others_are_read():
+def test_what_the_node_refuses_is_reported_in_its_line_and_the_others_are_read():
     refused, speed = rows((0x6064, 0), (0x1017, 0))
     assert (refused.value, speed.value) == (None, "1600")
     assert refused.error.startswith("abort 0x06020000")

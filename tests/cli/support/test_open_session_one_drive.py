@@ -18,20 +18,20 @@ def robot(private_folders):
     return choose_jog(device, "velocity", allow_unsupervised=False)
 
 
-def test_an_axis_that_is_not_there_is_told(robot):
+def test_an_axis_that_is_not_there_is_reported(robot):
     assert axis_of(robot, SimpleNamespace(axis=0, node="5")).number == 0
     with pytest.raises(ConfigError, match="node 5 has no axis 1; it has 1, counted from 0"):
         axis_of(robot, SimpleNamespace(axis=1, node="5"))
 
 
-def test_counts_that_a_user_tells_are_those_of_joints_and_drives(robot):
+def test_counts_that_a_user_reports_are_those_of_joints_and_drives(robot):
     told = with_counts(robot, 1600.0)
     assert {each.axis.counts for each in told.joints} == {1600.0}
     assert {each.counts for each in told.nodes[0].drive.axes} == {1600.0}
     assert with_counts(robot, None) is robot
 
 
-def test_warnings_are_told_and_the_rest_is_not(capsys):
+def test_warnings_are_reported_and_the_rest_is_not(capsys):
     WarningPrinter().event(Event(0, "x", "", "all is well", Level.INFO))
     WarningPrinter().event(Event(0, "x", "", "something is wrong", Level.WARNING))
     assert capsys.readouterr().err.strip().endswith("something is wrong")

@@ -17,7 +17,7 @@ OD = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 FILE = ParameterSet(OD, 5, DeviceIdentity(), {(0x6081, 0): 3, (0x6083, 0): 4}, "left.dcf")
 
 
-def test_a_word_is_a_file_where_there_is_one_or_it_looks_like_one(tmp_path, monkeypatch):
+def test_a_word_is_a_file_where_there_is_one_or_it_resembles_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "3").touch()
     assert as_file("3").name == "3"
@@ -39,6 +39,6 @@ def test_a_node_is_asked_for_what_the_file_holds_by_its_dictionary():
     assert side.parameters.identity.device_type == 0x20192
 
 
-def test_how_a_node_is_reached_is_told_by_its_arguments():
+def test_how_a_node_is_reached_is_reported_by_its_arguments():
     assert reached(argparse.Namespace(can="can0", name=None)) == Reached("can0")
     assert reached(argparse.Namespace(name="robby", include_protected=True)) == Reached("", "robby", True)

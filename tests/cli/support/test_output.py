@@ -34,7 +34,7 @@ def clock():
     return Clock()
 
 
-def test_quick_work_says_nothing(clock):
+def test_quick_work_reports_nothing(clock):
     for stream in (Terminal(), io.StringIO()):
         with Progress("reading", stream=stream, clock=clock) as progress:
             clock.now += SOON_S - 0.01
@@ -115,7 +115,7 @@ def test_a_line_of_a_stream_is_compact(name):
     assert (json.loads(text)[0]["name"], json.loads(text)[0]["position"]) == (name, None)
 
 
-def test_progress_may_tell_speed_and_the_time_that_is_left():
+def test_progress_may_report_speed_and_the_time_that_is_left():
     now, stream = [0.0], io.StringIO()
     progress = Progress("loading", "bytes", stream=stream, clock=lambda: now[0], rate=True)
     now[0] = 10.0

@@ -44,7 +44,7 @@ def own_parsers(parser):
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_no_option_looks_like_a_negative_number(verb):
+def test_no_option_resembles_a_negative_number(verb):
     """Otherwise argparse takes every negative number for an option."""
     options = [
         option

@@ -24,7 +24,7 @@ def test_seeds_without_a_breach_write_nothing_unless_a_folder_is_named(tmp_path,
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"junit.xml", "summary.html"}
 
 
-def test_an_interrupted_campaign_says_how_far_it_was_and_is_no_success(tmp_path, capsys, monkeypatch):
+def test_an_interrupted_campaign_reports_how_far_it_was_and_is_not_a_success(tmp_path, capsys, monkeypatch):
     run = Campaign.run
 
     def one(self, seeds, jobs):
@@ -40,7 +40,7 @@ def test_an_interrupted_campaign_says_how_far_it_was_and_is_no_success(tmp_path,
 
 @pytest.mark.rest
 @pytest.mark.sources
-def test_a_breach_is_told_shrunk_and_written(tmp_path, capsys, monkeypatch):
+def test_a_breach_is_reported_shrunk_and_written(tmp_path, capsys, monkeypatch):
     MUTANTS["reset_chains_into_enable"](monkeypatch)
     monkeypatch.setattr(Campaign, "shrink", lambda self, result, hear: self.schedule(result.seed)[:12])
     wanted = order(range(6, 7), duration_ns=7 * S, as_json=True)

@@ -48,7 +48,7 @@ def test_a_recording_of_a_simulation_does_the_same_again(tmp_path, capsys):
 
 
 @pytest.mark.rest
-def test_frames_alone_say_what_went_wrong(tmp_path, capsys):
+def test_frames_alone_report_what_went_wrong(tmp_path, capsys):
     (tmp_path / "bug.yml").write_text("for: 3s\nsteps:\n  - {at: 1s, node: 3, fault: short_circuit, for: 500ms}\n")
     assert (
         main(["simulate", "robby", "--scenario", str(tmp_path / "bug.yml"), "--record", str(tmp_path / "a.zip")]) == 0
@@ -75,12 +75,12 @@ def test_frames_alone_say_what_went_wrong(tmp_path, capsys):
         (["--record", "/nowhere/a.zip", "--for", "100ms"], "/nowhere/a.zip"),
     ],
 )
-def test_what_cannot_be_is_told(capsys, words, said):
+def test_what_cannot_be_is_reported(capsys, words, said):
     assert main(["simulate", "robby", *words]) == 2
     assert said in capsys.readouterr().err
 
 
-def test_a_log_of_one_bus_is_no_recording_of_several(tmp_path, capsys):
+def test_a_log_of_one_bus_is_not_a_recording_of_several(tmp_path, capsys):
     log = tmp_path / "a.log"
     log.write_text("(1700000000.000000) can0 080#\n")
     assert main(["simulate", "robby", "--recording", str(log)]) == 0

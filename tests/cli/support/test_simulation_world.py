@@ -14,7 +14,7 @@ def hall(tmp_path):
     return str(path)
 
 
-def test_robots_of_a_world_are_told_one_by_one(hall, capsys):
+def test_robots_of_a_world_are_reported_one_by_one(hall, capsys):
     assert main(["simulate", "--world", hall, "--for", "1"]) == 0
     said = capsys.readouterr().out
     assert "two: node 3 (left_drive): " in said

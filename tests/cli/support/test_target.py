@@ -107,7 +107,7 @@ def test_the_robot_on_a_channel_is_known_by_its_channel(running):
     assert robot_on("local:other") is None
 
 
-def test_a_robot_that_has_ended_owns_nothing_and_one_that_hangs_is_told(running):
+def test_a_robot_that_has_ended_owns_nothing_and_one_that_hangs_is_reported(running):
     running["robby"] = FakeRobot("BusClosed")
     assert robot_on("local:robby") is None
     running["robby"] = FakeRobot("Timeout")
@@ -134,7 +134,7 @@ def test_an_eds_is_a_path_or_a_bundled_name(tmp_path):
         find_eds("nope.eds")
 
 
-def test_the_progress_of_a_transfer_is_what_its_client_knows(private_folders):
+def test_the_progress_of_a_transfer_is_that_of_its_client(private_folders):
     with OnBus("memory:progress", {5: GENERIC}), BusTarget("memory:progress") as target:
         node = target.session("5")
         assert node.transfers.progress() == (0, None)

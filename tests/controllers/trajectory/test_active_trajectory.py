@@ -43,7 +43,7 @@ def test_accelerations_without_velocities_are_a_line_and_not_a_jump_to_zero():
 
 
 @given(st.lists(VALUES_OF_SEGMENT, min_size=6, max_size=6), st.floats(0.01, 10.0))
-def test_a_quintic_begins_and_ends_as_its_points_say(values, duration):
+def test_a_quintic_begins_and_ends_as_its_points_specify(values, duration):
     p0, v0, a0, p1, v1, a1 = values
     a, b = Point([p0], [v0], [a0]), Point([p1], [v1], [a1])
     for t, wanted in ((0.0, (p0, v0, a0)), (duration, (p1, v1, a1))):
@@ -59,7 +59,7 @@ def test_points_in_the_wrong_order_are_joined_as_upstream_joins_them():
     assert out.positions == [2.0]
 
 
-def test_nothing_is_said_of_joints_whose_position_is_not_known():
+def test_nothing_is_reported_of_joints_whose_position_is_not_known():
     assert between(Point(velocities=[1.0], accelerations=[1.0]), Point([], [1.0], [1.0]), 0.5).positions == []
 
 
@@ -145,7 +145,7 @@ def at(trajectory: ActiveTrajectory, t: float, *, ahead: bool = False) -> float:
     return out.positions[0]
 
 
-def test_a_look_beyond_the_end_does_not_end_it():
+def test_a_look_ahead_beyond_the_end_does_not_end_it():
     made = ramp((1.0, 1.0), (2.0, 3.0))
     assert at(made, 10.0) == 0.0
     assert at(made, 12.5, ahead=True) == 3.0
@@ -212,7 +212,7 @@ def test_the_first_point_that_has_positions_counts_after_those_that_have_none():
     assert (way[0], way[10], way[20]) == pytest.approx((0.0, 1.0, 7.5 - 2 * math.pi))
 
 
-def test_a_joint_with_ends_is_led_as_it_is_told():
+def test_a_joint_with_ends_is_led_as_commanded():
     made = turning(0.0, Point([10.0], time=3 * S), wrap=False)
     assert [at(made, t) for t in (10.0, 13.0)] == [0.0, 10.0]
 
@@ -245,7 +245,7 @@ def followed(message: JointTrajectory) -> ActiveTrajectory:
 
 
 @given(messages(), st.lists(st.tuples(st.integers(0, S), st.integers(0, 20 * S)), max_size=30))
-def test_looks_ahead_change_nothing_of_what_is_sampled(message, steps):
+def test_look_aheads_do_not_change_samples(message, steps):
     made, now, found, fresh = followed(message), 10 * S, Point(), Point()
     for step, ahead in steps:
         now += step
@@ -272,7 +272,7 @@ def test_what_was_seen_ahead_is_what_its_cycle_then_samples(message, steps):
             assert (out.positions, out.velocities, out.time) == (fresh.positions, fresh.velocities, fresh.time)
 
 
-def test_a_cycle_takes_what_the_look_ahead_has_found():
+def test_a_cycle_uses_the_result_of_the_look_ahead():
     made, seen, out = ramp((0.0, 0.0), (1.0, 1.0)), Point(), Point()
     made.sample(10 * S, out)
     made.sample(10 * S + S // 10, seen, ahead=True)

@@ -202,7 +202,7 @@ def test_a_goal_for_a_joint_that_is_not_enabled_is_refused_with_its_name(arm):
     assert arm.controller.rejected == 1
 
 
-def test_a_position_that_nobody_knows_ends_the_goal_too(arm):
+def test_an_unknown_position_ends_the_goal_too(arm):
     goal = arm.send((1.0, 1.0))
     arm.run(10)
     arm.hardware.set("a/position", math.nan)
@@ -333,7 +333,7 @@ def test_a_deactivation_ends_the_goal(arm):
     assert "deactivated" in goal.text
 
 
-def test_a_trajectory_that_is_no_goal_is_cancelled_too(arm):
+def test_a_trajectory_that_is_not_a_goal_is_cancelled_too(arm):
     arm.controller.set_trajectory(JointTrajectory(JOINTS, [Point([1.0, 1.0], time=S)]), arm.now)
     arm.run(30)
     arm.controller.cancel_goal()
@@ -354,7 +354,7 @@ def test_a_trajectory_that_is_no_goal_is_cancelled_too(arm):
         ({"constraints": BRAKES, "limits": (-3.0, 3.0, math.inf)}, "no velocity limit of a"),
     ],
 )
-def test_a_deceleration_that_has_no_effect_is_told(given, told):
+def test_a_deceleration_that_has_no_effect_is_reported(given, told):
     arm = Arm(**given)
     texts = [each.text for each in arm.manager.events() if each.kind == "decelerate_on_cancel"]
     assert (told in texts[0]) if told else not texts
@@ -380,7 +380,7 @@ def test_numbers_are_refused(arm):
         arm.manager.command("arm", [0.0, 0.0], arm.now)
 
 
-def test_positions_alone_are_upsampled_where_that_is_wanted():
+def test_positions_alone_are_upsampled_where_that_is_requested():
     arm = Arm(positions_upsampling__enable=True, positions_upsampling__policy_frequency=10.0)
     message = JointTrajectory(JOINTS, [Point([p, p]) for p in (0.0, 0.1, 0.3)])
     arm.controller.set_trajectory(message, arm.now)
@@ -543,13 +543,13 @@ def steps_of(arm, cycles):
     return [b - a for a, b in itertools.pairwise(places)]
 
 
-def test_without_a_limiter_a_trajectory_may_leap_where_nobody_asks_whether_it_can_be_followed():
+def test_without_a_limiter_a_trajectory_may_jump_if_feasibility_is_not_checked():
     arm = Arm(unreachable_points="off")
     arm.send((0.1, 0.0), (0.2, 1.0))
     assert max(steps_of(arm, 30)) == pytest.approx(0.1)
 
 
-def test_points_that_a_joint_cannot_reach_in_time_are_refused_or_taken_and_told():
+def test_points_that_a_joint_cannot_reach_in_time_are_refused_or_taken_and_reported():
     arm = Arm(unreachable_points="refuse")
     with pytest.raises(TrajectoryRefused, match=r"point 1: a would have to move 1 in 0\.1 s.*give it 0\.5 s"):
         arm.send((0.1, 0.0), (0.2, 1.0))
@@ -560,7 +560,7 @@ def test_points_that_a_joint_cannot_reach_in_time_are_refused_or_taken_and_told(
     assert "a would have to move 1 in 0.1 s, faster than its limit of 2" in told
 
 
-def test_a_point_limiter_holds_velocity_and_acceleration_and_tells_it_once():
+def test_a_point_limiter_holds_velocity_and_acceleration_and_reports_it_once():
     arm = Arm(**LIMITED)
     arm.send((0.1, 0.0), (0.2, 1.0))
     speeds = [0.0]

@@ -54,7 +54,7 @@ def test_a_joint_that_left_its_path_is_named_with_its_tolerance():
     assert verdict.text == "a is 0.2 off its path, with a tolerance of 0.1; check what blocks the joint"
 
 
-def test_within_all_at_the_end_is_reached_and_on_the_way_nothing_is_said():
+def test_within_all_at_the_end_is_reached_and_on_the_way_nothing_is_reported():
     assert found(0.0, 0.0, over=True).verdict(TOLERANCES).state is GoalState.SUCCEEDED
     assert found(0.0, 0.0).verdict(TOLERANCES) is None
 

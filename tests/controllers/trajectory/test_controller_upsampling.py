@@ -40,7 +40,7 @@ def test_points_of_a_policy_get_its_times_and_others_keep_theirs():
     assert [each.time for each in made(timed, 10.0)] == [S, 3 * S]
 
 
-def test_what_says_more_than_positions_is_left_as_it_is():
+def test_what_reports_more_than_positions_is_left_as_it_is():
     assert not positions_alone(JointTrajectory("a", [Point([0.0], time=1), Point([1.0], [0.0], time=2)]))
     assert positions_alone(JointTrajectory("a", [Point([0.0], time=1), Point([1.0], time=2)]))
     assert made([Point([0.0, 1.0], time=1), Point([1.0], time=2)]) is None

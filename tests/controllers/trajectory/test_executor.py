@@ -63,11 +63,11 @@ def test_no_joint_jumps_turns_back_or_goes_faster_than_before(joints):
             assert (b - a) * velocity >= -1e-9
 
 
-def test_a_joint_whose_speed_nobody_knows_stays_where_it_is():
+def test_a_joint_with_an_unknown_speed_stays_where_it_is():
     assert course(stop([(1.0, math.nan, 4.0), (0.0, 1.0, 4.0)]), 500)[-1].positions == pytest.approx([1.0, 0.125])
 
 
-def test_a_user_sets_it_and_the_command_interface_hears_of_it():
+def test_a_user_sets_it_and_the_command_interface_receives_of_it():
     scaling, command = SpeedScaling(0.5, allowed=True), CommandInterface("arm", "speed")
     scaling.set_interfaces(None, command)
     scaling.update()
@@ -78,7 +78,7 @@ def test_a_user_sets_it_and_the_command_interface_hears_of_it():
 
 
 @pytest.mark.parametrize(("value", "factor"), [(0.3, 0.3), (2.0, 2.0), (-1.0, 0.0), (math.nan, 0.0), (math.inf, 0.0)])
-def test_a_state_interface_counts_and_what_it_does_not_know_lets_time_stand(value, factor):
+def test_a_state_interface_gives_the_time_and_an_unknown_value_stops_it(value, factor):
     scaling = SpeedScaling(1.0, allowed=True)
     scaling.set_interfaces(StateInterface("arm", "speed", value), None)
     scaling.set(0.9)
@@ -182,7 +182,7 @@ def test_those_that_wait_are_bounded():
     assert at(blend, 99.0)[0] == 49.0
 
 
-def test_a_blend_goes_on_in_the_next_one_and_nothing_that_is_done_is_kept():
+def test_a_blend_continues_in_the_next_one_and_nothing_that_is_done_is_kept():
     motion = running((100.0, 1.0, 1.0))
     for index in range(100):
         motion = blended(line_of_blend((0.5, index, 0.0), start=11.0 + index), 11.0 + index, [index % 2], motion)
@@ -325,7 +325,7 @@ def test_points_whose_positions_are_to_be_deduced_are_kept_as_points():
     assert joints.commanded() == pytest.approx([0.15, 0.15])
 
 
-def test_a_query_says_where_the_joints_are_when_nothing_is_followed():
+def test_a_query_reports_where_the_joints_are_when_nothing_is_followed():
     joints, out = Joints("position"), Point()
     joints.follower.clear(holding=True)
     assert not joints.follower.query(S, out)

@@ -47,7 +47,7 @@ def test_fewer_joints_are_commanded_by_name_and_as_many_by_place():
     assert [(each.joint, each.value) for each in commands] == [("x", 1.0), ("y", 2.0)]
 
 
-def test_it_waits_for_a_joint_that_is_not_enabled_or_whose_position_nobody_knows():
+def test_it_waits_for_a_joint_that_is_disabled_or_has_an_unknown_position():
     made, commands, states = group()
     assert made.waits_for() is None
     commands[1].enabled = False

@@ -69,21 +69,21 @@ def test_tolerances_of_a_goal_are_resolved_as_upstream_does(case):
     assert (why is not None) is expect["fell_back_to_default"]
 
 
-def test_a_goal_that_names_a_strange_joint_is_told_whose():
+def test_a_goal_that_names_a_strange_joint_is_reported_with_whose():
     found, why = resolve(GoalTolerances(path=(JointTolerance(0.5, name="elbow"),)), JOINTS, DEFAULT)
     assert found == DEFAULT
     assert "'elbow'" in why
     assert "joint1, joint2" in why
 
 
-def test_minus_one_is_no_tolerance_and_zero_the_parameters():
+def test_minus_one_is_not_a_tolerance_and_zero_the_parameters():
     given = GoalTolerances(path=(JointTolerance(-1.0, name="joint1"), JointTolerance(0.0, 0.3, name="joint2")))
     found, why = resolve(given, JOINTS, DEFAULT)
     assert why is None
     assert found.path == (StateTolerance(), StateTolerance(0.2, 0.3))
 
 
-def test_what_the_parameters_do_not_know_is_off():
+def test_parameters_that_are_missing_are_off():
     default = SegmentTolerances((StateTolerance(math.nan),) * 2, (StateTolerance(),) * 2)
     found, _ = resolve(GoalTolerances(), JOINTS, default)
     assert within(found.path[0], Point([9.0], [], []), 0)
@@ -111,7 +111,7 @@ def test_joints_of_another_hardware_are_as_many_and_fewer_are_some_of_them():
 @pytest.mark.parametrize(
     ("given", "word"), [([], "empty"), (["position", "position"], "twice"), (["torque"], "torque")]
 )
-def test_a_list_that_is_none_is_said(given, word):
+def test_a_list_that_is_none_is_reported(given, word):
     assert word in wrong_commands(given)
     assert word in wrong_states(given)
 
@@ -169,7 +169,7 @@ def test_what_cannot_be_is_refused(wrong, text):
         read(**wrong)
 
 
-def test_all_that_cannot_be_is_told_at_once_and_where_it_stands():
+def test_all_that_cannot_be_is_reported_at_once_and_where_it_stands():
     with pytest.raises(RobotConfigError) as error:
         read(joints=["a", "a"], command_interfaces=["torque"], state_interfaces=["velocity"])
     lines = str(error.value).splitlines()
@@ -178,7 +178,7 @@ def test_all_that_cannot_be_is_told_at_once_and_where_it_stands():
 
 
 @pytest.mark.parametrize("key", ["constraints.c.goal", "gains.c.p", "constraints.goal_tim", "joint"])
-def test_what_nobody_reads_is_told(key):
+def test_unread_entries_are_reported(key):
     params = Params.of({**LEAST, key: 1.0})
     read_params(params, "arm")
     assert any(repr(key) in text for text in params.warnings)

@@ -71,7 +71,7 @@ def test_pieces_come_to_the_same_as_the_whole(points, cuts):
 
 
 @given(POINTS, st.lists(st.integers(0, 20), max_size=4))
-def test_it_tells_the_first_point_of_each_kind(points, cuts):
+def test_it_reports_the_first_point_of_each_kind(points, cuts):
     found = survey(*split(points, cuts))
 
     def first(wrong):
@@ -85,7 +85,7 @@ def test_it_tells_the_first_point_of_each_kind(points, cuts):
 
 
 @given(st.lists(st.lists(st.floats(-9.0, 9.0), min_size=2, max_size=2), min_size=1, max_size=12), st.integers(1, 4))
-def test_extremes_are_those_of_all_pieces_and_each_piece_says_where_its_own_are(positions, size):
+def test_extremes_are_those_of_all_pieces_and_each_piece_reports_where_its_own_are(positions, size):
     points = [Point(each, time=index) for index, each in enumerate(positions)]
     extremes = survey(*(points[at : at + size] for at in range(0, len(points), size))).positions
     for joint in range(2):
@@ -248,7 +248,7 @@ def test_a_point_that_cannot_be_reached_in_time_is_named_with_the_time_it_needs(
     assert told is None or told in found
 
 
-def test_a_joint_that_may_not_move_reaches_nothing_and_points_without_positions_say_nothing_of_the_way():
+def test_a_joint_that_may_not_move_reaches_nothing_and_points_without_positions_report_nothing_of_the_way():
     given = through((0.0, 0.0, 0.0), (0.001, 1.0, 0.0))
     found = unreachable(given, survey_of(given), {"a": JointLimits(velocity=0.0)})
     assert "faster than its limit of 0; leave it where it is, or set unreachable_points" in found
@@ -297,6 +297,6 @@ def test_nothing_leads_to_a_first_point_of_velocities_that_is_past(point, stamp,
 
 
 @pytest.mark.parametrize(("now", "word"), [(12 * S, "1 s ago"), (100_000 * S, "1 days (by another clock?) ago")])
-def test_how_long_ago_it_ended_is_said(now, word):
+def test_how_long_ago_it_ended_is_reported(now, word):
     given = JointTrajectory(["a"], [Point([0.0], time=S)], 10 * S)
     assert word in broken_rule(given, survey_of(given), TrajectoryParams(joints=("a",)), now, effort=False).text

@@ -60,7 +60,7 @@ def test_what_is_beyond_a_limit_is_found_among_many_and_only_its_piece_is_looked
     assert message.points.made <= 90
 
 
-def test_limits_of_the_interfaces_count_beside_those_of_the_description():
+def test_limits_of_the_interfaces_count_alongside_those_of_the_description():
     judge, commands = acceptance()
     commands[1].maximum = 1.0
     judge.apply_interface_limits()
@@ -98,7 +98,7 @@ def test_points_that_came_in_process_are_judged_too():
     )
 
 
-def test_a_mistake_has_the_code_that_a_goal_is_refused_with():
+def test_an_error_has_the_code_that_a_goal_is_refused_with():
     judge, _ = acceptance()
     unknown = judge.mistake(JointTrajectory(["a", "c"], [Point([0.0, 0.0])]), S, HERE)
     beyond = judge.mistake(packed(2, lambda index: [0.0, 9.0 * index]), S, HERE)

@@ -23,7 +23,7 @@ from canopen_control.ros.interfaces import abi
         (abi.EventInfo, 40),
     ],
 )
-def test_structures_are_laid_out_as_the_headers_say_on_a_64_bit_machine(structure, size):
+def test_structures_are_laid_out_as_the_headers_specify_on_a_64_bit_machine(structure, size):
     assert ctypes.sizeof(structure) == size
 
 

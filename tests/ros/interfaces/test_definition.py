@@ -46,7 +46,7 @@ def test_a_line_is_a_field(line, field):
     assert fields_of("# a comment", "", line) == (field,)
 
 
-def test_a_constant_is_no_field_and_an_empty_message_has_one_byte():
+def test_a_constant_is_not_a_field_and_an_empty_message_has_one_byte():
     (structure,) = parse("p/msg/T", ["int32 STRICT=2", 'string NAME = "x"', "float32 HALF=0.5"])
     assert structure == Structure("p/msg/T", (Field(DUMMY, FieldType(3)),), {"STRICT": 2, "NAME": "x", "HALF": 0.5})
 
@@ -93,6 +93,6 @@ def test_an_action_is_three_messages_two_services_the_feedback_and_itself():
 
 
 @pytest.mark.parametrize(("name", "lines"), [("p/action/A", ["---"]), ("p/srv/S", []), ("p/srv/S", ["---", "---"])])
-def test_an_interface_with_too_few_or_too_many_parts_is_told(name, lines):
+def test_an_interface_with_too_few_or_too_many_parts_is_reported(name, lines):
     with pytest.raises(ValueError, match=f"{name}: it has {len(lines) + 1} parts"):
         parse(name, lines)

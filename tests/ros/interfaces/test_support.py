@@ -54,7 +54,7 @@ def test_an_installed_message_is_the_same_from_its_text():
     assert registry.describe(name) == expected
 
 
-def test_a_structure_that_nobody_has_is_told():
+def test_an_unknown_structure_is_reported():
     with pytest.raises(LookupError, match="no type description of x/msg/Y; install the package x"):
         Registry([]).describe("x/msg/Y")
 
@@ -82,7 +82,7 @@ FOLDER = Path(support.__file__).parent
 
 
 @pytest.mark.parametrize("processor", ["x86_64", "aarch64"])
-def test_the_library_of_each_processor_is_made_of_the_source_beside_it(processor):
+def test_the_library_of_each_processor_is_made_of_the_source_next_to_it(processor):
     digest = hashlib.sha256((FOLDER / "callbacks.c").read_bytes()).hexdigest()
     assert digest.encode() in (FOLDER / f"callbacks_{processor}.so").read_bytes(), "run tools/native_callbacks"
 
@@ -97,7 +97,7 @@ def test_the_library_needs_no_other_and_allows_no_code_on_the_stack(processor):
     assert kinds[0x6474E551] & 1 == 0  # PT_GNU_STACK without PF_X
 
 
-def test_a_processor_without_a_library_is_told_how_to_make_one(monkeypatch):
+def test_a_processor_without_a_library_is_reported_with_what_to_make_one(monkeypatch):
     monkeypatch.setattr(platform, "machine", lambda: "riscv64")
     with pytest.raises(
         OSError, match=r"callbacks_riscv64\.so is missing .* build it with: cc -O2 -shared -fPIC -o .*callbacks\.c"
@@ -105,7 +105,7 @@ def test_a_processor_without_a_library_is_told_how_to_make_one(monkeypatch):
         support.Callbacks(0, 0, 0, 0)
 
 
-def test_there_is_room_for_so_many_types_and_one_more_is_refused():
+def test_the_number_of_types_is_limited_and_one_more_is_refused():
     callbacks = support.Callbacks(0, 0, 0, 0)
     made = {callbacks.deserializer(f"p/msg/T{each}", 0) for each in range(support.SLOTS)}
     assert len(made) == support.SLOTS
@@ -206,7 +206,7 @@ def test_what_comes_is_taken_as_it_is_and_what_follows_it_too():
     assert native.callbacks.newly_dropped() == []
 
 
-def test_every_body_that_is_cut_is_dropped_and_told_once():
+def test_every_body_that_is_cut_is_dropped_and_reported_once():
     native = Native()
     body = native.codecs.encode("p/msg/All", message())
     assert not any(native.takes(body[:length]) for length in range(len(body)))
@@ -237,7 +237,7 @@ def test_a_length_of_four_gigabytes_is_dropped(kind):
 
 
 @given(st.binary(max_size=12))
-def test_text_that_is_no_utf_8_is_a_message_all_the_same(text):
+def test_text_that_is_not_a_utf_8_is_a_message_all_the_same(text):
     native = Native("p/msg/T", {"p/msg/T": ["string text"]})
     body = (len(text) + 1).to_bytes(4, "little") + text + b"\0"
     assert native.takes(body)
@@ -400,7 +400,7 @@ assert importlib.util.find_spec("canopen_interfaces.srv") is not None
 
 
 @pytest.mark.ros
-def test_a_ros_that_is_laid_out_in_another_way_is_told_in_one_sentence():
+def test_a_ros_that_is_laid_out_in_another_way_is_reported_in_one_sentence():
     code = """
 from canopen_control.errors import CanopenError
 from canopen_control.ros import interfaces
@@ -466,7 +466,7 @@ context.shutdown()
 
 
 @pytest.mark.ros
-def test_what_a_stranger_sends_of_another_layout_is_dropped_and_ends_nobody():
+def test_an_image_with_another_layout_is_dropped_and_ends_no_process():
     with domain() as number:
         server = subprocess.Popen(
             [sys.executable, "-c", STRANGERS, "server"], env=ros_environment(number),

@@ -71,7 +71,7 @@ def test_a_number_is_taken_within_its_range_and_refused_beyond_it(kind, lowest, 
 
 
 @pytest.mark.parametrize("text", [b"true", b'"1"', b"null", b"1e999"])
-def test_what_is_no_number_is_none(text):
+def test_what_is_not_a_number_is_none(text):
     for kind in (Count, UnixTime):
         with pytest.raises(ValueError, match=r"Expected|out of range|NaN or an infinite number"):
             decode(text, kind)

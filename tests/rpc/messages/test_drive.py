@@ -15,7 +15,7 @@ from canopen_control.rpc.wire import convert, plain
 
 
 @pytest.mark.parametrize("method", DRIVE.methods.values(), ids=lambda each: each.name)
-def test_every_method_says_what_it_does_and_declares_its_answer(method):
+def test_every_method_reports_what_it_does_and_declares_its_answer(method):
     assert method.text.endswith("."), method.name
     assert msgspec.inspect.type_info(method.answer)
     assert msgspec.inspect.type_info(method.request).forbid_unknown_fields
@@ -32,7 +32,7 @@ def test_every_method_says_what_it_does_and_declares_its_answer(method):
         (SetPlant, {"external": -50}, "unknown field `external`"),
     ],
 )
-def test_what_is_out_of_range_is_no_request(kind, params, words):
+def test_what_is_out_of_range_is_not_a_request(kind, params, words):
     with pytest.raises(ValueError, match=words):
         convert(params, kind)
 
@@ -44,13 +44,13 @@ def test_numbers_of_a_plant_may_be_switches():
     }
 
 
-def test_a_world_is_told_only_where_there_is_one():
+def test_a_world_is_reported_only_where_there_is_one():
     state = DriveState(node_id=5, name="a", nmt_state="STOPPED", error_register=0, errors=[], faults=[], axes=())
     assert "world" not in plain(state)
     assert plain(WorldState()) == {}
 
 
-def test_of_the_quality_of_set_points_only_what_was_is_told():
+def test_of_the_quality_of_set_points_only_what_was_is_reported():
     assert plain(SetPointQuality(taken=2, phase_us=Spread(1.0, 2.0, 4.0))) == {
         "taken": 2,
         "phase_us": {"min": 1.0, "mean": 2.0, "max": 4.0},

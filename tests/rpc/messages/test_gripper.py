@@ -14,7 +14,7 @@ def test_the_methods_are_those_of_the_robots_socket():
 
 
 @pytest.mark.parametrize("kind", [MoveGripper, SendGripper])
-def test_a_goal_ends_with_its_connection_unless_it_says_otherwise(kind):
+def test_a_goal_ends_with_its_connection_unless_it_reports_otherwise(kind):
     request = convert({"controller": "gripper", "position": 0.04}, kind)
     assert (request.max_effort, request.max_velocity, request.dead_man) == (None, None, True)
     with pytest.raises(ValueError, match="position"):

@@ -6,7 +6,7 @@ from canopen_control.rpc.wire import convert
 
 
 @pytest.mark.parametrize("method", HUB.methods.values(), ids=lambda each: each.name)
-def test_every_method_says_what_it_does_and_moves_nothing(method):
+def test_every_method_reports_what_it_does_and_moves_nothing(method):
     assert method.text.endswith(".")
     assert method.effect in (Effect.READS, Effect.CHANGES)
 
@@ -22,12 +22,12 @@ def test_every_method_says_what_it_does_and_moves_nothing(method):
         (SetBitrate, {"bitrate": 1_000_001}),
     ],
 )
-def test_what_is_out_of_range_is_no_request(kind, params):
+def test_what_is_out_of_range_is_not_a_request(kind, params):
     with pytest.raises(ValueError, match=r"at `\$\."):
         convert(params, kind)
 
 
-def test_a_newer_hub_may_tell_more():
+def test_a_newer_hub_may_report_more():
     status = dict.fromkeys(("pid", "uptime_s", "frames", "dropped", "temperature"), 0)
     status |= {"bus": "robby", "bitrate": None, "load": None, "delays_ms": {}}
     status |= {name: [] for name in ("members", "cut", "bus_off", "drops")}

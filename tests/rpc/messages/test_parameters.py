@@ -50,6 +50,6 @@ def test_a_double_of_another_type_is_refused(value):
         _ = ParameterValue(name="x", kind=kind, value=value).plain
 
 
-def test_what_is_no_parameter_is_not_told():
+def test_what_is_not_a_parameter_is_not_reported():
     assert plain_value({"a": 1}) is None
     assert plain_value([1, {"a": 1}, [2]]) == [1]

@@ -12,7 +12,7 @@ def test_its_methods_are_the_robots():
 
 
 @pytest.mark.parametrize("params", [{"index": 0x10000}, {"subindex": 256}, {"timeout": 61}, {"timeout": 0}])
-def test_what_is_out_of_range_is_no_request_of_nodes(params):
+def test_what_is_out_of_range_is_not_a_request_of_nodes(params):
     with pytest.raises(ValueError, match=r"at `\$\."):
         convert({"node": "a", "index": 0x1000} | params, SdoRead)
 
@@ -22,7 +22,7 @@ def test_a_node_may_be_named_by_its_id():
 
 
 @pytest.mark.parametrize("method", ROBOT.methods.values(), ids=lambda each: each.name)
-def test_every_method_says_what_it_does_and_declares_its_answer(method):
+def test_every_method_reports_what_it_does_and_declares_its_answer(method):
     assert method.text.endswith((".", ").")), method.name
     assert msgspec.inspect.type_info(method.answer)
     assert msgspec.inspect.type_info(method.request).forbid_unknown_fields
@@ -46,6 +46,6 @@ def test_what_may_move_is_marked():
         (CommandController, {"controller": "c", "values": [None]}),
     ],
 )
-def test_what_is_out_of_range_is_no_request(kind, params):
+def test_what_is_out_of_range_is_not_a_request(kind, params):
     with pytest.raises(ValueError, match=r"at `\$\."):
         convert(params, kind)

@@ -113,13 +113,13 @@ def test_each_kind_has_a_word_of_its_own():
     assert plain(SAMPLES["io"])["kind"] == "gpio"
 
 
-def test_a_kind_that_nobody_knows_is_told():
+def test_a_kind_that_is_unknown_is_reported():
     with pytest.raises(Exception, match="Invalid value 'dance'"):
         convert({"samples": {"dancer": {"kind": "dance", "time": 1.0}}}, StateSample)
     assert issubclass(OdometrySample, Sample)
 
 
-def test_a_message_is_stamped_anew_and_what_it_says_stays():
+def test_a_message_is_stamped_again_and_what_it_reports_stays():
     moved = stamped(SAMPLES["base"], 9.0, x=5.0)
     assert (moved.time, moved.x, moved.y) == (9.0, 5.0, SAMPLES["base"].y)
     assert SAMPLES["base"].time == 1.5

@@ -21,7 +21,7 @@ def test_the_wire_has_the_names_of_the_field():
     ] == ["a/velocity"]
 
 
-def test_an_event_says_only_what_there_is_to_say():
+def test_an_event_reports_only_what_there_is_to_report():
     event = RobotEvent(time=2.0, kind="emcy", node=None, level="info", text="t")
     assert plain(event) == {"time": 2.0, "kind": "emcy", "node": None, "level": "info", "text": "t"}
     assert event.first == 2.0
@@ -49,6 +49,6 @@ def test_a_controller_is_known_by_its_width_topics_and_state():
     assert controller.published("states") is None
 
 
-def test_a_sample_and_a_status_share_what_both_tell():
+def test_a_sample_and_a_status_share_what_both_report():
     document = {"state": "running", "controllers": {"a": "active", "b": "inactive"}, "time": 1, "unknown": 1}
     assert convert(document, StateSample).active == convert(document, Status).active == ["a"]

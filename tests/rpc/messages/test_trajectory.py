@@ -18,18 +18,18 @@ def names(kind):
     return {each.name for each in msgspec.structs.fields(kind)}
 
 
-def test_a_goal_that_is_accepted_at_once_says_all_that_one_that_is_followed_says():
+def test_a_goal_that_is_accepted_at_once_reports_all_that_one_that_is_followed_reports():
     assert names(SendTrajectory) == names(FollowTrajectory)
     assert ROBOT.of(SendTrajectory).answer is TrajectoryVerdict
 
 
-def test_a_trajectory_that_is_no_goal_has_no_tolerances():
+def test_a_trajectory_that_is_not_a_goal_has_no_tolerances():
     assert not any("tolerance" in each for each in names(SetTrajectory))
     with pytest.raises(ValueError, match="unknown field"):
         convert({**TRAJECTORY, "goal_time_tolerance": 1.0}, SetTrajectory)
 
 
-def test_it_ends_with_its_connection_unless_somebody_says_otherwise():
+def test_it_ends_with_its_connection_by_default():
     for kind in (SetTrajectory, SendTrajectory, FollowTrajectory):
         assert convert(TRAJECTORY, kind).dead_man is True
         assert convert({**TRAJECTORY, "dead_man": False}, kind).dead_man is False

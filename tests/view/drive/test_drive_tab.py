@@ -3,7 +3,7 @@ from support.pages import FakeContext
 from canopen_control.view.drive.drive_tab import DriveTabContext
 
 
-def test_a_tab_knows_its_node_and_what_the_robot_says_of_it():
+def test_a_tab_has_its_node_and_the_state_from_the_robot():
     page = FakeContext()
     context = DriveTabContext(page, page.robot.node_jobs("left_drive"))
     assert (context.node, context.place.node_id) == ("left_drive", 3)

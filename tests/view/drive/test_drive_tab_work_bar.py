@@ -38,13 +38,13 @@ async def shown(work, press=""):
         return html(user), [each.text for each in seen(ui.button)]
 
 
-async def test_work_of_another_tab_is_told_and_stands_in_the_way():
+async def test_work_of_another_tab_is_reported_and_is_in_the_way():
     words, buttons = await shown(JobRun(FIRMWARE, "Loading a.bin"))
     assert "Loading a.bin is still running; wait until this has ended." in words
     assert buttons == []
 
 
-async def test_work_that_goes_on_may_be_ended():
+async def test_work_that_continues_may_be_ended():
     work = JobRun(RESTORE, "Restoring a.dcf", "groups", done=1, total=4)
     words, buttons = await shown(work, press="Abort")
     assert "1 of 4 groups (25 %)" in words
@@ -53,7 +53,7 @@ async def test_work_that_goes_on_may_be_ended():
 
 
 @pytest.mark.rest
-async def test_its_end_is_told_with_the_file_that_came_of_it():
+async def test_its_end_is_reported_with_the_file_that_came_of_it():
     words, buttons = await shown(JobRun(RESTORE, "x", sentence="134 parameters", good=True, file=("a.dcf", b"x")))
     assert "cc-good'>134 parameters" in words
     assert buttons == ["Save the file"]

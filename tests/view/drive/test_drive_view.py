@@ -76,13 +76,13 @@ async def test_nothing_is_made_before_it_is_opened():
     assert tab.shown == 2
 
 
-async def test_a_page_is_opened_where_its_address_says():
+async def test_a_page_is_opened_at_its_address():
     async with played({"drive": "left_drive", "tab": "two"}) as (user, _view):
         await expect_seen(user, "OtherTab of left_drive")
     assert [type(each) for each in MADE] == [OtherTab]
 
 
-async def test_a_tab_that_is_left_is_told_and_stays():
+async def test_a_tab_that_is_left_is_reported_and_stays():
     async with played() as (user, view):
         switch(user, "drive")
         turn(user, "two")

@@ -101,7 +101,7 @@ async def test_a_write_is_answered_at_its_object_and_can_be_undone(sent):
     assert soon == [0x6081, 0x6081]
 
 
-async def test_a_refusal_is_told_at_its_object(sent):
+async def test_a_refusal_is_reported_at_its_object(sent):
     async with played() as (user, tab, _page):
         for text in ("99999999999", "fast"):
             user.find(kind=ObjectTree).trigger("write", {"address": "0x6081:00", "text": text})
@@ -117,7 +117,7 @@ async def test_a_refusal_is_told_at_its_object(sent):
     assert not any(good for *_, good in sent)
 
 
-async def test_a_page_that_only_looks_writes_nothing_whatever_it_is_told(sent):
+async def test_a_read_only_page_writes_nothing_for_any_request(sent):
     async with played(teleop=False) as (user, tab, _page):
         user.find(kind=ObjectTree).trigger("write", {"address": "0x6081:00", "text": "1234"})
         await settle(turns=5)
@@ -126,7 +126,7 @@ async def test_a_page_that_only_looks_writes_nothing_whatever_it_is_told(sent):
 
 
 @pytest.mark.rest
-async def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_told():
+async def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_reported():
     async with played(od=None) as (user, _tab, _page):
         await settle(turns=10)
         assert "The objects of this node are unknown" in html(user)

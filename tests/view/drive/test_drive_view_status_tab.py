@@ -33,7 +33,7 @@ async def read(*page, **how):
         return html(user)
 
 
-async def test_it_shows_what_the_robot_knows_of_the_node():
+async def test_it_shows_the_state_of_the_node_from_the_robot():
     text = await read(new=drive_state({"statusword": 0x1637}, taken_out=True, sdo={"reads": 7}))
     assert "operational, taken out of the robot" in text
     assert "operation enabled, mode PV" in text
@@ -44,13 +44,13 @@ async def test_it_shows_what_the_robot_knows_of_the_node():
 
 
 @pytest.mark.rest
-async def test_it_shows_the_errors_that_the_drive_remembers():
+async def test_it_shows_the_error_history_of_the_drive():
     assert "0x2310" in await read()
     assert "error history is empty" in await read(held={(0x1003, 0): b"\0"})
     assert "has no error history" in await read(held={})
 
 
-async def test_a_node_that_does_not_answer_is_told():
+async def test_a_node_that_does_not_answer_is_reported():
     async with played() as (user, tab):
         tab._context.node_jobs.stub.error = SdoTimeout(3, 0x1003, 0, 0.5)
         user.find("Read again").click()
@@ -78,13 +78,13 @@ async def test_a_drive_that_takes_targets_is_driven_while_a_button_is_held_and_l
     assert page.let >= 1
 
 
-async def test_what_is_no_drive_has_no_statusword_and_nothing_moves_it():
+async def test_what_is_not_a_drive_has_no_statusword_and_nothing_moves_it():
     text = await read(new=state(nodes={"left_drive": NODE | {"axes": []}}), axes=0)
     assert "This node is not a drive" in text
     assert "0x1637" not in text
 
 
-async def test_a_drive_that_nobody_commands_is_told():
+async def test_a_drive_that_is_not_commanded_is_reported():
     page = FakeContext(controllers=())
     new = drive_state(AXIS | {"error": "following error"})
     text = await read(page, new=new)

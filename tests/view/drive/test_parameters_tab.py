@@ -95,7 +95,7 @@ async def test_what_must_not_be_is_a_sentence_on_the_page():
 
 
 @pytest.mark.rest
-async def test_a_file_that_is_none_is_told_and_the_one_before_is_forgotten():
+async def test_a_file_that_is_none_is_reported_and_the_one_before_is_discarded():
     desk = desk_of()
     data = dcf(desk)
     async with played(desk) as (user, tab, page):
@@ -117,7 +117,7 @@ async def test_a_node_is_cloned_from_another_with_the_globs_that_stay():
     assert new.with_session(lambda session: session.read_value(OD[SPEED])) == 55
 
 
-async def test_a_page_that_only_looks_may_back_up_and_compare():
+async def test_a_read_only_page_may_back_up_and_compare():
     async with played(teleop=False) as (user, _tab, _page):
         text, buttons = html(user), [each.text for each in seen(ui.button)]
     assert "This page is read-only" in text
@@ -125,7 +125,7 @@ async def test_a_page_that_only_looks_may_back_up_and_compare():
     assert {"Back up", "Compare with the node"} <= set(buttons)
 
 
-async def test_nothing_else_begins_beside_it():
+async def test_nothing_else_begins_next_to_it():
     async with played() as (user, tab, page):
         tab._node_jobs.work = JobRun(FIRMWARE, "Loading a.bin into left_drive")
         user.find("Back up").click()
@@ -143,6 +143,6 @@ async def test_nothing_else_begins_beside_it():
         (data_path("eds", "TMCM-1270.eds").read_bytes(), "has no node-ID"),
     ],
 )
-def test_a_file_that_is_no_backup_is_told(data, words):
+def test_a_file_that_is_not_a_backup_is_reported(data, words):
     with pytest.raises((ConfigError, EdsError), match=words):
         uploaded(data, "x.dcf")

@@ -57,7 +57,7 @@ async def test_a_program_is_chosen_and_loaded(loaded):
     assert "Abort" not in after  # half a program is none
 
 
-async def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):
+async def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_reported(loaded):
     async with played() as (user, tab, page):
         await upload(user, "empty.bin", b"")
         text = html(user)
@@ -72,13 +72,13 @@ async def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(load
     assert (off, loaded) == (False, [])
 
 
-async def test_a_file_that_is_too_long_for_a_running_robot_is_told(loaded):
+async def test_a_file_that_is_too_long_for_a_running_robot_is_reported(loaded):
     async with played() as (user, _tab, _page):
         await upload(user, "long.bin", bytes(MOST_FIRMWARE_BYTES + 1))
         assert "long.bin: at most 400000 bytes can be loaded through a running robot" in html(user)
 
 
-async def test_nothing_begins_beside_other_work(loaded):
+async def test_nothing_begins_alongside_other_work(loaded):
     async with played() as (user, tab, page):
         await upload(user, "a.bin", b"image")
         tab.show(page.content())
@@ -88,7 +88,7 @@ async def test_nothing_begins_beside_other_work(loaded):
     assert loaded == []
 
 
-async def test_a_page_that_only_looks_loads_nothing():
+async def test_a_read_only_page_loads_nothing():
     async with played(teleop=False) as (user, _tab, _page):
         text, there = html(user), list(buttons())
     assert "This page is read-only" in text

@@ -45,7 +45,7 @@ async def test_a_drive_is_taken_out_and_given_back_by_the_robot(node, command):
     assert page.asked == [NmtRequest(command=command, node="left_drive", source="view")]
 
 
-async def test_what_the_robot_refuses_is_told():
+async def test_what_the_robot_refuses_is_reported():
     async with played(drive_state(OFF)) as (user, page):
         page.refusal = "STOP is latched"
         user.find("Take out of the robot").click()
@@ -53,7 +53,7 @@ async def test_what_the_robot_refuses_is_told():
 
 
 @pytest.mark.rest
-async def test_taken_out_is_said_of_a_node_that_has_confirmed_it():
+async def test_taken_out_is_reported_of_a_node_that_has_confirmed_it():
     assert "The node is taken out of the robot, which sends it no commands" in (await look(drive_state(OFF, **OUT)))[0]
     for more in ({"nmt_state": "OPERATIONAL"}, {"nmt_state": None}, {"age_s": None}):
         words, _ = await look(drive_state(OFF, **OUT | more))

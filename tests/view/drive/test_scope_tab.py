@@ -113,7 +113,7 @@ async def test_a_trigger_is_asked_for_as_the_verb_writes_it(began):
     assert began[1].options.trigger == "fault"
 
 
-async def test_nothing_chosen_is_told_and_a_scope_goes_on_when_the_tab_is_left(began):
+async def test_nothing_chosen_is_reported_and_a_scope_continues_when_the_tab_is_left(began):
     async with played() as (user, tab, page):
         chosen, tab._signals.value = tab._signals.value, []
         user.find("Single").click()
@@ -152,7 +152,7 @@ async def test_files_are_what_the_scope_writes(began, sent, monkeypatch):
 
 
 @pytest.mark.rest
-async def test_a_file_that_was_saved_is_laid_below_the_shot_and_a_bad_one_is_told(began, monkeypatch):
+async def test_a_file_that_was_saved_is_laid_below_the_shot_and_a_bad_one_is_reported(began, monkeypatch):
     told = []
     monkeypatch.setattr(scope_tab, "show_notice", lambda what, why: told.append(why))
     async with played() as (user, tab, page):

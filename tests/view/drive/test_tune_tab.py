@@ -89,7 +89,7 @@ async def test_what_is_beyond_the_limits_opens_no_question():
     assert begun == []
 
 
-async def test_a_page_that_only_looks_moves_and_sets_nothing():
+async def test_a_read_only_page_moves_and_sets_nothing():
     async with played(teleop=False) as (_user, tab, page, begun):
         tab._ask()
         tab._begin()
@@ -156,7 +156,7 @@ async def test_of_a_drive_with_several_axes_one_is_chosen_and_named():
         ({"new": state(latched=True)}, "STOP is latched: release it"),
     ],
 )
-async def test_a_run_that_would_be_refused_is_not_offered_and_why_is_said(how, why):
+async def test_a_run_that_would_be_refused_is_not_offered_and_why_is_reported(how, why):
     async with played(**how) as (user, tab, _page, _begun):
         assert not tab._run.enabled
         assert why in html(user)

@@ -29,7 +29,7 @@ async def test_what_is_sent_goes_out_in_one_message(monkeypatch):
     assert called == [("dispatch", ({"scene": {"angles": [1.0]}, "lost": False},)), ("dispatch", ({},))]
 
 
-async def test_a_held_button_says_so_and_a_foreign_word_is_nothing():
+async def test_a_held_button_reports_this_and_a_foreign_word_is_nothing():
     told, go = [], HoldButton("go", "Go")
     async with visited(lambda: HoldButtons([go], told.append, lambda: told.append("let go"))) as (user, _buttons):
         group = user.find(kind=HoldButtons)
@@ -39,7 +39,7 @@ async def test_a_held_button_says_so_and_a_foreign_word_is_nothing():
     assert told == ["go", "let go"]
 
 
-async def test_a_held_button_speaks_often_enough_for_the_dead_man():
+async def test_a_held_button_sends_often_enough_for_the_dead_man():
     from canopen_control.view.robot_connection import HOLD_TIMEOUT_NS
 
     async with visited(lambda: HoldButtons([], print, print)) as (_user, buttons):
@@ -57,7 +57,7 @@ async def test_every_line_is_a_row_that_is_sent():
     assert {line["row"] for chart in found for line in chart["lines"]} <= set(rows)
 
 
-async def test_a_page_says_that_it_is_there_while_it_is_to():
+async def test_a_page_reports_that_it_is_there_while_it_is_to():
     told = []
     async with visited(lambda: PresenceElement(lambda: told.append("here"))) as (user, presence):
         user.find(kind=PresenceElement).trigger("here")
@@ -83,7 +83,7 @@ class Heard:
         self.told.append(("write", address, text))
 
 
-async def test_a_tree_of_objects_tells_what_is_in_sight_sought_and_written_and_no_nonsense():
+async def test_a_tree_of_objects_reports_what_is_in_sight_sought_and_written_and_no_nonsense():
     heard = Heard()
     async with visited(lambda: ObjectTree([], "286-4F6", heard, writes=False)) as (user, tree):
         for event, args in (
@@ -121,7 +121,7 @@ async def test_a_tree_is_sent_values_matches_and_answers(monkeypatch):
 
 
 @pytest.mark.rest
-async def test_a_chosen_file_comes_to_who_waits_for_it_and_the_upload_goes_with_its_page():
+async def test_a_chosen_file_reaches_its_waiter_and_the_upload_ends_with_the_page():
     taken = []
 
     def build():

@@ -43,7 +43,7 @@ def field(label):
     return next(each for each in seen(ui.number) if each.props["label"] == label)
 
 
-async def test_what_a_person_asks_for_happens_and_stands_in_the_events():
+async def test_what_a_person_asks_for_happens_and_is_in_the_events():
     world = World()
     async with played(world) as (user, _panel, context):
         link = seen(ui.select)[0]
@@ -73,7 +73,7 @@ async def test_what_a_person_asks_for_happens_and_stands_in_the_events():
         ("y, N", None, "Push", "a field is empty"),
     ],
 )
-async def test_a_number_that_cannot_be_is_told_and_nothing_happens(label, value, button, said):
+async def test_a_number_that_cannot_be_is_reported_and_nothing_happens(label, value, button, said):
     world = World()
     async with played(world) as (user, _panel, context):
         field(label).value = value
@@ -82,7 +82,7 @@ async def test_a_number_that_cannot_be_is_told_and_nothing_happens(label, value,
     assert world.acts == context.asked == []
 
 
-async def test_what_the_world_refuses_is_told():
+async def test_what_the_world_refuses_is_reported():
     async with played(World(refusal="the robot has no link 'fork'")) as (user, _panel, context):
         user.find("Add payload").click()
         await settle(turns=10)

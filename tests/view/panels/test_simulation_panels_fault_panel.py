@@ -23,7 +23,7 @@ async def played(switch=None):
         yield user, switched
 
 
-async def test_drives_and_faults_are_offered_and_what_is_on_is_said():
+async def test_drives_and_faults_are_offered_and_what_is_on_is_reported():
     async with played() as (user, _switched):
         drive, fault = seen(ui.select)
         assert (drive.value, fault.value, fault.options) == ("left_drive", "silent", ["silent", "hot"])
@@ -41,7 +41,7 @@ async def test_a_fault_is_switched():
     assert sorted(switched) == [("left_drive", "silent", False), ("left_drive", "silent", True)]
 
 
-async def test_what_the_drive_refuses_is_told():
+async def test_what_the_drive_refuses_is_reported():
     def refuse(*_args, **_how):
         raise RemoteError("DriveError", "not while it moves")
 

@@ -21,7 +21,7 @@ async def test_what_was_is_not_shown_as_what_is():
     assert "No connection" in after
 
 
-async def test_the_joints_are_told_in_their_units_and_stay_when_the_robot_is_lost():
+async def test_the_joints_are_reported_in_their_units_and_stay_when_the_robot_is_lost():
     context = FakeContext()
     async with visited(lambda: JointsPanel(context)) as (user, panel):
         panel.show(context.content())
@@ -59,20 +59,20 @@ async def shown(new=None, lost="", press=False, refusal=None):
         return html(user), labels, context.asked
 
 
-async def test_a_latched_stop_has_its_way_out():
+async def test_a_latched_stop_has_its_remedy():
     text, labels, asked = await shown(state(latched=True, latched_by="view"), press=True)
     assert "STOP is latched" in text
     assert labels == ["Release STOP"]
     assert asked == [Release(source="view")]
 
 
-async def test_a_fault_says_its_cause_and_is_reset_from_here():
+async def test_a_fault_reports_its_cause_and_is_reset_from_here():
     new = drive_state({"cia402_state": "FAULT", "error": "too hot"})
     text, labels, _ = await shown(msgspec.structs.replace(new, state="fault"))
     assert "left_drive: too hot" in text
     assert labels == ["Reset fault"]
 
 
-async def test_what_the_robot_refuses_is_told():
+async def test_what_the_robot_refuses_is_reported():
     *_, asked = await shown(state(latched=True), press=True, refusal="somebody else has latched it")
     assert len(asked) == 1

@@ -8,7 +8,7 @@ from canopen_control.view.elements.nicegui_elements import RobotScene, StripChar
 from canopen_control.view.panels.state_panels import PlotsPanel, ScenePanel
 
 
-async def test_the_robot_is_there_and_the_camera_lets_go_of_it(monkeypatch):
+async def test_the_robot_is_there_and_the_camera_releases_it(monkeypatch):
     context, called = FakeContext(), []
     monkeypatch.setattr(RobotScene, "run_method", lambda self, name, *args: called.append((name, args)))
     async with visited(lambda: ScenePanel(context)) as (_user, _panel):
@@ -17,7 +17,7 @@ async def test_the_robot_is_there_and_the_camera_lets_go_of_it(monkeypatch):
     assert called == [("setFollow", (False,))]
 
 
-async def test_every_chart_stands_in_its_tab():
+async def test_every_chart_is_in_its_tab():
     context = FakeContext()
     async with visited(lambda: PlotsPanel(context)) as (user, _panel):
         found = [[chart["key"] for chart in each.props["charts"]] for each in user.find(kind=StripCharts).elements]

@@ -34,7 +34,7 @@ async def test_several_drives_have_a_row_for_all():
         assert [label.text for label in seen(ui.label)] == ["all drives", "left_drive", "lift_drive"]
 
 
-async def test_what_is_refused_is_told():
+async def test_what_is_refused_is_reported():
     assert len(await pressed("Disable", "the drive does not answer")) == 1
 
 
@@ -92,7 +92,7 @@ async def test_a_position_begins_where_the_drive_is_and_rests_there():
     assert (motion.moving.values, motion.resting.values, motion.moving.interface) == ([-1.5], [1.0], "position")
 
 
-async def test_nothing_is_sent_while_nobody_knows_where_the_drive_is():
+async def test_nothing_is_sent_while_the_position_of_the_drive_is_unknown():
     context = of_drive({"mode": "PP"})
     context.robot.state.joints.clear()
     async with played(context) as (user, _panel):
@@ -121,7 +121,7 @@ async def test_the_end_of_the_slider_is_chosen():
 
 
 @pytest.mark.parametrize(("label", "action"), [("Enable left", "enable"), ("Stop left", "disable")])
-async def test_each_drive_is_enabled_and_stopped_by_itself_and_a_refusal_is_told(label, action):
+async def test_each_drive_is_enabled_and_stopped_by_itself_and_a_refusal_is_reported(label, action):
     context = of_drive()
     context.refusal = "no RPDO carries its target"
     async with played(context) as (user, _panel):
@@ -143,7 +143,7 @@ async def test_a_mode_is_asked_for_and_that_of_the_drive_is_shown():
     assert context.asked == [AxisRequest(action="mode", node="left_drive", joint="left", mode="CSP", source="view")]
 
 
-async def test_a_page_that_only_looks_may_stop_and_nothing_else():
+async def test_a_read_only_page_may_stop_and_nothing_else():
     async with played(of_drive(teleop=False)) as (user, _panel):
         able = {each.text: each.enabled for each in seen(ui.button)}
         buttons, choice, said = seen(HoldButtons), seen(ui.select)[0].enabled, html(user)
@@ -152,7 +152,7 @@ async def test_a_page_that_only_looks_may_stop_and_nothing_else():
     assert "--teleop" in said
 
 
-async def test_a_drive_that_is_off_does_not_look_ready_and_a_robot_without_such_drives_has_no_panel():
+async def test_a_disabled_drive_is_not_shown_as_ready_and_a_robot_without_such_drives_has_no_panel():
     context = of_drive({"cia402_state": "SWITCH_ON_DISABLED"})
     async with played(context) as (_user, panel):
         off = "cc-off" in panel._rows["left"]._body._classes

@@ -64,7 +64,7 @@ async def test_a_base_that_drives_sideways_has_two_more_buttons():
     assert all(each.resting.lateral == 0.0 for each in context.held)
 
 
-async def test_joints_are_driven_by_what_their_sliders_say_and_rest_at_zero():
+async def test_joints_are_driven_by_what_their_sliders_report_and_rest_at_zero():
     context = FakeContext()
     async with played(context) as (user, _panel):
         seen(ui.slider)[0].value = 3.0
@@ -93,7 +93,7 @@ async def test_a_position_slider_follows_its_joint():
         assert seen(ui.slider)[0].value == 0.3
 
 
-async def test_the_controller_is_chosen_and_a_refusal_told():
+async def test_the_controller_is_chosen_and_a_refusal_reported():
     context = FakeContext(controllers=(FORWARD, BASE))
     context.refusal = "the joint is claimed"
     async with played(context) as (user, _panel):
@@ -122,7 +122,7 @@ async def test_where_drives_take_targets_by_themselves_it_leaves_the_page_to_the
         assert panel._frame.visible is visible
 
 
-async def test_while_the_drives_are_off_the_buttons_do_not_look_ready():
+async def test_while_the_drives_are_disabled_the_buttons_are_not_shown_as_ready():
     context = FakeContext()
     async with played(context) as (_user, panel):
         ready = "cc-off" in panel._whole._classes
@@ -130,7 +130,7 @@ async def test_while_the_drives_are_off_the_buttons_do_not_look_ready():
         assert (ready, "cc-off" in panel._whole._classes) == (False, True)
 
 
-async def test_who_may_not_drive_is_told():
+async def test_a_client_without_control_is_notified():
     context = FakeContext()
     context.refusal = "another page drives"
     async with played(context) as (user, _panel):
@@ -167,7 +167,7 @@ async def test_an_arm_of_which_a_joint_is_unknown_is_not_moved():
 
 
 @pytest.mark.rest
-async def test_without_any_controller_that_takes_commands_the_page_says_so():
+async def test_without_any_controller_that_takes_commands_the_page_reports_this():
     async with played(FakeContext(controllers=())) as (user, _panel):
         assert "No active controller accepts commands" in html(user)
     async with played(FakeContext(controllers=(ARM,))) as (user, _panel):

@@ -103,7 +103,7 @@ async def test_a_preview_that_is_closed_is_drawn_no_more():
     ("data", "words"),
     [(b"joint_name: [a]", "joint_name"), (b" " * (MOST_BYTES + 1), f"at most {MOST_BYTES} bytes")],
 )
-async def test_a_file_that_cannot_be_read_is_told(data, words):
+async def test_a_file_that_cannot_be_read_is_reported(data, words):
     async with played() as (user, _panel, context):
         await upload(user, data)
         await settle(lambda: words in html(user))
@@ -113,7 +113,7 @@ async def test_a_file_that_cannot_be_read_is_told(data, words):
     assert ghosts == []
 
 
-async def test_it_is_played_while_the_page_says_that_it_is_there():
+async def test_it_is_played_while_the_page_reports_that_it_is_there():
     async with played() as (user, panel, context):
         await upload(user)
         presence = user.find(kind=PresenceElement)
@@ -152,7 +152,7 @@ async def test_what_is_refused_is_the_robots_sentence_and_stays():
         assert "cc-bad'>joint &lt;1&gt; is disabled" in html(user)
 
 
-async def test_a_page_that_only_looks_previews_and_does_not_play():
+async def test_a_read_only_page_previews_and_does_not_play():
     async with played(teleop=False) as (user, _panel, _context):
         await upload(user)
         buttons, text = [each.text for each in seen(ui.button)], html(user)

@@ -19,7 +19,7 @@ def command(real="false", channel=""):
     ]
 
 
-def test_virtual_drives_are_on_the_embedded_bus_or_where_it_is_said():
+def test_virtual_drives_are_on_the_embedded_bus_or_where_it_is_reported():
     assert launched(NAME) == ([command()], [])
     assert launched(NAME, can_interface_name="vcan0") == ([command(channel="vcan0")], [])
 
