@@ -14,7 +14,7 @@ import math
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, TypeVar
 
 from canopen_control.errors import CanopenError
 from canopen_control.ros.endpoint import ActionClients, Endpoint, NewSamples, client_of, without_numbers
@@ -29,8 +29,10 @@ if TYPE_CHECKING:
     from canopen_control.ros.rcl import Node
     from canopen_control.rpc.client import ReactorClient
     from canopen_control.rpc.messages.declare import Done, Request
+    from canopen_control.rpc.messages.gripper import GripperResult, GripperVerdict
     from canopen_control.rpc.messages.samples import TrajectoryPoint
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
+    from canopen_control.rpc.messages.trajectory import TrajectoryResult, TrajectoryVerdict
 
     Points = list[TrajectoryPoint]
 
@@ -241,39 +243,8 @@ _WATCH_S: Final = 0.25
 _CLIENT_GONE: Final = "the action client that sent the goal has left the ROS graph"
 
 
-class GoalAnswer(Protocol):
-    """Reply of the robot to a goal: accepted or refused."""
-
-    @property
-    def accepted(self) -> bool: ...
-
-    @property
-    def text(self) -> str:
-        """Reason for the refusal of the goal."""
-        ...
-
-    @property
-    def feedback_rate(self) -> float:
-        """Maximum rate of feedback to the client in Hz."""
-        ...
-
-    @property
-    def outlives_client(self) -> bool:
-        """Whether the goal continues after its client has left the graph."""
-        ...
-
-
-class ActionResult(Protocol):
-    """Result of a goal that has ended, as reported by the robot."""
-
-    @property
-    def state(self) -> str:
-        """State in which the goal ended: "succeeded", "aborted" or "canceled"."""
-        ...
-
-
-V = TypeVar("V", bound=GoalAnswer)
-E = TypeVar("E", bound=ActionResult)
+V = TypeVar("V", bound="GripperVerdict | TrajectoryVerdict")
+E = TypeVar("E", bound="GripperResult | TrajectoryResult")
 S = TypeVar("S", GripperSample, TrajectorySample)
 
 
@@ -314,7 +285,8 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     """
 
     def __init__(self, ros: NodeContext, controller: ControllerReading, action: type, name: str, kind: type[S]) -> None:
-        self._ros, self._controller = ros, controller.name
+        super().__init__(ros)
+        self._controller = controller.name
         self._samples: NewSamples[S] = NewSamples(kind)
         self._topic = f"{controller.name}/{name}"
         self._goals: dict[bytes, FollowedGoal[V]] = {}
@@ -415,11 +387,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         if followed is None or followed.verdict is None or followed.is_cancelling:
             return
         followed.is_cancelling = True
-        followed.sender.client.ask(self.cancels(why), lambda _done, error: self._report(error))
-
-    def _report(self, error: str | None) -> None:
-        if error is not None:
-            self._ros.warn(self._topic, f"{self._topic}: {error}")
+        followed.sender.client.ask(self.cancels(why), lambda _done, error: self.report(self._topic, error))
 
     def close(self) -> None:
         """Abort the active goals, send their results to the clients, and destroy the action server."""

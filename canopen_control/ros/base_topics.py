@@ -118,11 +118,12 @@ class TwistCommands(Endpoint):
     """Subscriptions of a base controller's twist topic, and of the same topic with the suffix `_unstamped`."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller = ros, controller
+        super().__init__(ros)
+        self._controller = controller
         topic, quality = f"{controller.name}/{controller.topic}", _QUALITIES.get(controller.topic, SYSTEM_DEFAULT)
         receive, unstamped = partial(self._send, topic), f"{topic}_unstamped"
         self._main = TwistSubscription(ros, topic, receive, first="TwistStamped", quality=quality)
-        self._unstamped = ros.subscribe(Twist, unstamped, partial(self._send, unstamped), quality)
+        self.subscribe(Twist, unstamped, partial(self._send, unstamped), quality)
 
     def on_controller(self, controller: ControllerReading) -> None:
         self._controller = controller
@@ -132,7 +133,7 @@ class TwistCommands(Endpoint):
 
     def close(self) -> None:
         self._main.close()
-        self._ros.unsubscribe(self._unstamped)
+        super().close()
 
     def _send(self, topic: str, message: Twist | TwistStamped) -> None:
         send_twist(self._ros, self._controller, topic, message)
@@ -142,12 +143,9 @@ class OdometrySetting(Endpoint):
     """Service `~/set_odometry` of a base controller."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller = ros, controller.name
-        name = f"{controller.name}/set_odometry"
-        self._service = ros.serve("control_msgs/srv/SetOdometry", name, self._answer)
-
-    def close(self) -> None:
-        self._ros.unserve(self._service)
+        super().__init__(ros)
+        self._controller = controller.name
+        self.serve("control_msgs/srv/SetOdometry", f"{controller.name}/set_odometry", self._answer)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         fill = success_of(response, reply)
@@ -163,16 +161,13 @@ class OdometryReset(Endpoint):
     """Service `~/reset_odometry` of the tricycle controller; it sets the pose to 0."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller, self._name = ros, controller.name, f"{controller.name}/reset_odometry"
-        self._service = ros.serve("std_srvs/srv/Empty", self._name, self._answer)
-
-    def close(self) -> None:
-        self._ros.unserve(self._service)
+        super().__init__(ros)
+        self._controller, self._name = controller.name, f"{controller.name}/reset_odometry"
+        self.serve("std_srvs/srv/Empty", self._name, self._answer)
 
     def _answer(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         def fill(_done: object, error: str | None) -> None:
-            if error is not None:  # the response of std_srvs/Empty has no field for the reason
-                self._ros.warn(self._name, f"{self._name}: {error}")
+            self.report(self._name, error)  # the response of std_srvs/Empty has no field for the reason
             reply(response)
 
         self._ros.ask(SetOdometry(controller=self._controller, x=0.0, y=0.0, heading=0.0), fill)
@@ -222,7 +217,8 @@ class SharedTwist(Endpoint):
     """Subscription of the shared `cmd_vel` topic of one robot; `kind` is "Twist", "TwistStamped" or "auto"."""
 
     def __init__(self, ros: NodeContext, topic: str, kind: str) -> None:
-        self._ros, self._topic = ros, topic
+        super().__init__(ros)
+        self._topic = topic
         self._subscription = TwistSubscription(ros, topic, self._on_message, kind)
 
     def on_state(self, state: StateSample) -> None:
@@ -239,7 +235,7 @@ class SharedTwist(Endpoint):
             return
         names = ", ".join(base.name for base in active)
         several = f"several base controllers ({names}); publish to the twist topic of one of them"
-        self._ros.warn(self._topic, f"{self._topic}: {several if names else 'no base controller is loaded'}")
+        self.report(self._topic, several if names else "no base controller is loaded")
 
 
 # Topics of steering and mecanum controllers in addition to odometry: `~/tf_odometry` and `~/controller_state`.
@@ -252,24 +248,22 @@ class TfOdometry(Endpoint):
     """Publisher of the odometry transform on `~/tf_odometry` while the controller's `enable_odom_tf` is true."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._name, self._samples = ros, controller.name, NewSamples(OdometrySample)
+        super().__init__(ros)
+        self._name, self._samples = controller.name, NewSamples(OdometrySample)
         self._kind: Any = interface("tf2_msgs/msg/TFMessage")
-        self._publisher = ros.node.create_publisher(self._kind, f"{self._name}/tf_odometry", SYSTEM_DEFAULT)
+        self._publisher = self.publisher(self._kind, f"{self._name}/tf_odometry", SYSTEM_DEFAULT)
 
     def on_state(self, state: StateSample) -> None:
         sample = self._samples.of(state).get(self._name)
         if sample is not None and sample.enable_odom_tf:
             self._publisher.publish(self._kind(transforms=[odometry_transform(self._ros, sample)]))
 
-    def close(self) -> None:
-        self._ros.node.destroy_publisher(self._publisher)
-
 
 class Frames(Endpoint):
     """Publisher of the transforms of one robot; `urdf` is the URDF text."""
 
     def __init__(self, ros: NodeContext, urdf: str) -> None:
-        self._ros = ros
+        super().__init__(ros)
         self._tf_message = interface("tf2_msgs/msg/TFMessage")
         joints = read_model(urdf).joints.values()
         self._moving = [joint for joint in joints if not joint.fixed]
@@ -277,8 +271,8 @@ class Frames(Endpoint):
         self._based: frozenset[str] = frozenset()  # frames whose transform comes from odometry or a pose sample
         self._joint_states = NewSamples(JointStatesSample)
         self._odometry, self._poses = NewSamples(OdometrySample), NewSamples(PoseSample)
-        self._publisher = ros.node.create_publisher(self._tf_message, "/tf", TF)
-        self._static = ros.node.create_publisher(self._tf_message, "/tf_static", TF_STATIC)
+        self._publisher = self.publisher(self._tf_message, "/tf", TF)
+        self._static = self.publisher(self._tf_message, "/tf_static", TF_STATIC)
         self._publish_fixed(0.0)
 
     def on_state(self, state: StateSample) -> None:
@@ -298,10 +292,6 @@ class Frames(Endpoint):
         ]
         if transforms:
             self._publisher.publish(self._tf_message(transforms=transforms))
-
-    def close(self) -> None:
-        for publisher in (self._publisher, self._static):
-            self._ros.node.destroy_publisher(publisher)
 
     def _publish_fixed(self, time: float) -> None:
         transforms = [self._message(transform, time) for transform in self._of(self._fixed, {})]

@@ -31,14 +31,12 @@ class ForwardCommands(Endpoint):
     """Subscription of `~/commands` of one forward command controller."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller, topic = ros, controller, f"{controller.name}/commands"
-        self._subscription = ros.subscribe(Float64MultiArray, topic, self._on_message, SYSTEM_DEFAULT)
+        super().__init__(ros)
+        self._controller = controller
+        self.subscribe(Float64MultiArray, f"{controller.name}/commands", self._on_message, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
         self._controller = controller
-
-    def close(self) -> None:
-        self._ros.unsubscribe(self._subscription)
 
     def _on_message(self, message: Float64MultiArray) -> None:
         values, topic = list(message.data), f"{self._controller.name}/commands"
@@ -65,12 +63,13 @@ class GpioCommands(Endpoint):
     """Subscription of `~/commands` of one GPIO command controller."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/commands"
+        super().__init__(ros)
+        self._controller, self._topic = controller, f"{controller.name}/commands"
         self._lock = threading.Lock()
         self._pending: dict[str, float] = {}
         self._is_waiting = False
         message: Any = interface("control_msgs/msg/DynamicInterfaceGroupValues")
-        self._subscription = ros.subscribe(message, self._topic, self._on_message, SYSTEM_DEFAULT)
+        self.subscribe(message, self._topic, self._on_message, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
         self._controller = controller
@@ -78,14 +77,11 @@ class GpioCommands(Endpoint):
             with self._lock:
                 self._pending.clear()
 
-    def close(self) -> None:
-        self._ros.unsubscribe(self._subscription)
-
     def _on_message(self, message: RosMessage) -> None:
         try:
             values = outputs_of(message, self._controller)
         except ValueError as error:
-            self._ros.warn(self._topic, f"{self._topic}: {error}; the message was dropped")
+            self.report(self._topic, f"{error}; the message was dropped")
             return
         with self._lock:
             wake = not self._pending and bool(values)
@@ -106,8 +102,7 @@ class GpioCommands(Endpoint):
 
     def _on_answer(self, _done: object, error: str | None) -> None:
         self._is_waiting = False
-        if error is not None:
-            self._ros.warn(self._topic, f"{self._topic}: {error}")
+        self.report(self._topic, error)
         self._send()
 
 
@@ -152,7 +147,8 @@ class PidReferences(Endpoint):
     topic = "reference"
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/{self.topic}"
+        super().__init__(ros)
+        self._topic = f"{controller.name}/{self.topic}"
         self._subscription: object = None
         self.on_controller(controller)
 
@@ -160,11 +156,7 @@ class PidReferences(Endpoint):
         self._controller = controller
         if self._subscription is None and self.is_needed(controller):
             message: Any = interface("control_msgs/msg/MultiDOFCommand")
-            self._subscription = self._ros.subscribe(message, self._topic, self._on_message, REFERENCE)
-
-    def close(self) -> None:
-        if self._subscription is not None:
-            self._ros.unsubscribe(self._subscription)
+            self._subscription = self.subscribe(message, self._topic, self._on_message, REFERENCE)
 
     @staticmethod
     def is_needed(controller: ControllerReading) -> bool:
@@ -176,7 +168,7 @@ class PidReferences(Endpoint):
         try:
             values = self._values_of(message)
         except ValueError as error:
-            self._ros.warn(self._topic, f"{self._topic}: {error}; the message was dropped")
+            self.report(self._topic, f"{error}; the message was dropped")
             return
         self._ros.watch_publishers(self._topic, self._topic, values)
         self._hand_over(values)
@@ -214,11 +206,7 @@ class PidMeasuredStates(PidReferences):
 
     def _hand_over(self, values: list[float]) -> None:
         request = SetMeasuredStates(controller=self._controller.name, values=values)
-        self._ros.ask(request, lambda _done, error: self._refused(error))
-
-    def _refused(self, error: str | None) -> None:
-        if error is not None:
-            self._ros.warn(self._topic, f"{self._topic}: {error}")
+        self._ros.ask(request, lambda _done, error: self.report(self._topic, error))
 
     @staticmethod
     def is_needed(controller: ControllerReading) -> bool:
@@ -230,12 +218,9 @@ class FeedForwardSwitch(Endpoint):
     """Service `~/set_feedforward_control` of a PID controller."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller = ros, controller.name
-        name = f"{controller.name}/set_feedforward_control"
-        self._service = ros.serve("std_srvs/srv/SetBool", name, self._answer)
-
-    def close(self) -> None:
-        self._ros.unserve(self._service)
+        super().__init__(ros)
+        self._controller = controller.name
+        self.serve("std_srvs/srv/SetBool", f"{controller.name}/set_feedforward_control", self._answer)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         command = SetFeedForward(controller=self._controller, enabled=request.data)

@@ -205,7 +205,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         """Return the result for the client; it has no field for the reason of a failure, which is logged."""
         del by_others
         if result.state != "succeeded":
-            self._ros.warn(self._topic, f"{self._topic}: {result.text}")
+            self.report(self._topic, result.text)
         return self.result(result, self._action.Result())
 
     def _request_for(self, position: float, effort: float, velocity: float = 0.0) -> SendGripper:

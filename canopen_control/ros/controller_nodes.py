@@ -122,7 +122,8 @@ class ParameterServices(Endpoint):
     """Parameter services of the node `name`, which is a controller or "controller_manager"."""
 
     def __init__(self, ros: NodeContext, name: str) -> None:
-        self._ros, self._name = ros, name
+        super().__init__(ros)
+        self._name = name
         self._result = interface("rcl_interfaces/msg/SetParametersResult")
         self._events: Any = None  # a publisher, from the first change on
         table = (
@@ -131,15 +132,8 @@ class ParameterServices(Endpoint):
             ("set_parameters", "SetParameters", self._set),
             ("set_parameters_atomically", "SetParametersAtomically", self._set_together),
         )
-        self._services = [
-            ros.serve(f"rcl_interfaces/srv/{kind}", f"{name}/{service}", handler) for service, kind, handler in table
-        ]
-
-    def close(self) -> None:
-        for service in self._services:
-            self._ros.unserve(service)
-        if self._events is not None:
-            self._ros.node.destroy_publisher(self._events)
+        for service, kind, handler in table:
+            self.serve(f"rcl_interfaces/srv/{kind}", f"{name}/{service}", handler)
 
     # ----------------------------------------------------------------------------------------------------- reading
 
@@ -231,7 +225,7 @@ class ParameterServices(Endpoint):
         """Publish changed parameters on `/parameter_events`."""
         event = interface("rcl_interfaces/msg/ParameterEvent")
         if self._events is None:
-            self._events = self._ros.node.create_publisher(event, "/parameter_events", EVENTS)
+            self._events = self.publisher(event, "/parameter_events", EVENTS)
         node = self._ros.node
         message = event(node=f"{node.get_namespace().rstrip('/')}/{self._name}", changed_parameters=parameters)
         message.stamp = time_message(time.time())

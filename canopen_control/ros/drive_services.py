@@ -91,34 +91,24 @@ class DriveServices(Endpoint):
     """Services of one node; if `joint` is given, the services of a drive act only on the axis of this joint."""
 
     def __init__(self, ros: NodeContext, node: RosNode, targets: DriveTargets, joint: str | None = None) -> None:
-        self._ros, self._node, self._targets, self._own = ros, node, targets, joint
+        super().__init__(ros)
+        self._node, self._targets, self._own = node, targets, joint
         self._state: StateSample | None = None
         trigger = "std_srvs/srv/Trigger"
-        self._services = [
-            ros.serve(trigger, node.path(name), self._trigger(make_request(node.name, joint)))
-            for name, make_request in (TRIGGERS if node.joints else PROXY_TRIGGERS).items()
-        ]
-        self._services += [
-            ros.serve(trigger, node.path(name, channel), self._trigger(request))
-            for channel in node.channels
-            for name, make_request in TRIGGERS.items()
-            if isinstance(request := make_request(node.name, channel.joint), AxisRequest)
-        ]
-        self._services += [
-            ros.serve(kind, node.path(name), handler) for name, kind, handler in NodeSdo(ros, node.name).handlers()
-        ]
-        target = "canopen_interfaces/srv/COTargetDouble"
-        self._services += [
-            ros.serve(target, node.path("target", channel), self._target(channel))
-            for channel in node.channels or ((None,) if node.joints else ())
-        ]
+        for name, make_request in (TRIGGERS if node.joints else PROXY_TRIGGERS).items():
+            self.serve(trigger, node.path(name), self._trigger(make_request(node.name, joint)))
+        for channel in node.channels:
+            for name, make_request in TRIGGERS.items():
+                request = make_request(node.name, channel.joint)
+                if isinstance(request, AxisRequest):
+                    self.serve(trigger, node.path(name, channel), self._trigger(request))
+        for name, kind, handler in NodeSdo(ros, node.name).handlers():
+            self.serve(kind, node.path(name), handler)
+        for aimed in node.channels or ((None,) if node.joints else ()):
+            self.serve("canopen_interfaces/srv/COTargetDouble", node.path("target", aimed), self._target(aimed))
 
     def on_state(self, state: StateSample) -> None:
         self._state = state
-
-    def close(self) -> None:
-        for service in self._services:
-            self._ros.unserve(service)
 
     def _trigger(self, request: Request[Any]) -> Handler:
         def handler(_request: RosMessage, response: RosMessage, reply: Reply) -> None:
@@ -181,12 +171,9 @@ class MasterServices(Endpoint):
     """Services `/master/sdo_read` and `/master/sdo_write`, which access a node by its node-ID."""
 
     def __init__(self, ros: NodeContext) -> None:
-        self._ros = ros
-        self._services = [ros.serve(kind, f"master/{name}", handler) for name, kind, handler in master_handlers(ros)]
-
-    def close(self) -> None:
-        for service in self._services:
-            self._ros.unserve(service)
+        super().__init__(ros)
+        for name, kind, handler in master_handlers(ros):
+            self.serve(kind, f"master/{name}", handler)
 
 
 def _held(joint: JointReading | None, name: str | None) -> float:

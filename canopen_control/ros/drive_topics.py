@@ -46,14 +46,14 @@ class DriveTopics(Endpoint):
     """Topics of one node, below the node's name or a controller's name."""
 
     def __init__(self, ros: NodeContext, node: RosNode) -> None:
-        self._ros, self._view = ros, node
+        super().__init__(ros)
+        self._view = node
         self._object = interface("canopen_interfaces/msg/COData")
-        make = ros.node.create_publisher
-        self._nmt = make(String, node.path("nmt_state"), LATCHED)
-        self._joint_states = make(JointState, node.path("joint_states"), LATEST) if node.joints else None
-        self._emcy = make(DiagnosticArray, node.path("emcy"), EVENTS)
-        self._rpdo = make(self._object, node.path("rpdo"), EVENTS)
-        self._tpdo = ros.subscribe(self._object, node.path("tpdo"), self._on_tpdo, EVENTS)
+        self._nmt = self.publisher(String, node.path("nmt_state"), LATCHED)
+        self._joint_states = self.publisher(JointState, node.path("joint_states"), LATEST) if node.joints else None
+        self._emcy = self.publisher(DiagnosticArray, node.path("emcy"), EVENTS)
+        self._rpdo = self.publisher(self._object, node.path("rpdo"), EVENTS)
+        self.subscribe(self._object, node.path("tpdo"), self._on_tpdo, EVENTS)
         self._published: str | None = None
         self._listeners = 0
         self._objects: dict[tuple[int, int], int] = {}
@@ -80,12 +80,6 @@ class DriveTopics(Endpoint):
                 continue  # larger than 32 bits, the size of COData
             value = self._objects[mapped.index, mapped.subindex] = as_uint32(mapped.data)
             self._rpdo.publish(self._object(index=mapped.index, subindex=mapped.subindex, data=value))
-
-    def close(self) -> None:
-        self._ros.unsubscribe(self._tpdo)
-        for publisher in (self._nmt, self._joint_states, self._emcy, self._rpdo):
-            if publisher is not None:
-                self._ros.node.destroy_publisher(publisher)
 
     def _count_listeners(self) -> None:
         """Request process data while `rpdo` has subscribers, and send all known objects to a new subscriber."""
@@ -144,8 +138,7 @@ class DriveTopics(Endpoint):
         self._ros.ask(request, lambda _result, error: self._report(error))
 
     def _report(self, error: str | None) -> None:
-        if error is not None:
-            self._ros.warn(f"{self._view.name}/tpdo", f"{self._view.name}/tpdo: {error}")
+        self.report(f"{self._view.name}/tpdo", error)
 
 
 # `~/tpdo`, `~/rpdo`, `~/nmt_state` and services of ros2_canopen's device controllers, for the node of one joint.
@@ -160,7 +153,8 @@ class ProxyNode(Endpoint):
     """Topics and services of one node, below the name of its CanopenProxyController."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller = ros, controller
+        super().__init__(ros)
+        self._controller = controller
         self._parts: list[Endpoint] = []
         self._requested = self._closed = False
 

@@ -11,6 +11,7 @@ process, so that a participant on the same host can be checked at once.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import re
@@ -22,7 +23,17 @@ from canopen_control.ros.interfaces import MissingInterface, interface
 from canopen_control.rpc.messages.samples import Sample
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
     from canopen_control.ros.rcl import Node
+    from canopen_control.rpc.client import ReactorClient
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.robot import CommandController, MappedValue, TwistController
+    from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
+
+    Reply = Callable[[Any], object]
+    #: called with a request, a response to be filled, and the callable that sends the response, to be called once
+    Handler = Callable[[Any, Any, Reply], object]
 
 
 _PREFIX: Final = 12
@@ -61,22 +72,13 @@ class ActionClients:
 
     def runs_here(self, participant: bytes) -> bool:
         """Whether a participant belongs to a running process on this host; False for one in another container."""
-        host = self._host()
+        host = _host_of(self._node.get_publishers_info_by_topic(f"rt{self._action}/_action/status", no_mangle=True))
         return host is not None and participant[:4] == _VENDOR + host and runs(_process(participant))
-
-    def _host(self) -> bytes | None:
-        """Return the two bytes that identify this host in a participant, or None if unknown."""
-        own = self._node.get_publishers_info_by_topic(f"rt{self._action}/_action/status", no_mangle=True)
-        for participant in map(_participant, own):
-            if participant[:2] == _VENDOR and _process(participant) == os.getpid() % 65536:
-                return participant[2:4]
-        return None
 
 
 def folder_of(node: Node, participant: bytes | None) -> Path | None:
     """Return the working directory of a participant's process; None if unreadable or on another host."""
-    own = map(_participant, node.get_publishers_info_by_topic("/rosout"))
-    host = next((gid[2:4] for gid in own if gid[:2] == _VENDOR and _process(gid) == os.getpid() % 65536), None)
+    host = _host_of(node.get_publishers_info_by_topic("/rosout"))
     if participant is None or host is None or participant[:4] != _VENDOR + host:
         return None
     numbers = range(_process(participant), _PIDS, 65536)
@@ -87,6 +89,12 @@ def folder_of(node: Node, participant: bytes | None) -> Path | None:
         return (_PROCFS / str(pids[0]) / "cwd").readlink()
     except OSError:  # the process belongs to another user, or has ended
         return None
+
+
+def _host_of(publishers: Iterable[RosMessage]) -> bytes | None:
+    """Return the two bytes that identify this host in a participant, from the publisher of this process, or None."""
+    own = map(_participant, publishers)
+    return next((gid[2:4] for gid in own if gid[:2] == _VENDOR and _process(gid) == os.getpid() % 65536), None)
 
 
 def _participant(endpoint: RosMessage) -> bytes:
@@ -107,20 +115,6 @@ def runs(lowest: int, procfs: Path = _PROCFS) -> bool:
         if text.rpartition(")")[2].split()[:1] != ["Z"]:
             return True
     return False
-
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from canopen_control.ros.rcl import Node
-    from canopen_control.rpc.client import ReactorClient
-    from canopen_control.rpc.messages.declare import Request
-    from canopen_control.rpc.messages.robot import CommandController, MappedValue, TwistController
-    from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
-
-    Reply = Callable[[Any], object]
-    #: called with a request, a response to be filled, and the callable that sends the response, to be called once
-    Handler = Callable[[Any, Any, Reply], object]
 
 
 A = TypeVar("A")
@@ -201,7 +195,35 @@ class NewSamples(Generic[S]):
 
 
 class Endpoint:
-    """Base class of the topics, services and actions of a controller, a node or the robot; handlers are optional."""
+    """Base class of the topics, services and actions of a controller, a node or the robot; handlers are optional.
+
+    `close` destroys what `publisher`, `subscribe` and `serve` have created.
+    """
+
+    def __init__(self, ros: NodeContext) -> None:
+        self._ros = ros
+        self._created = contextlib.ExitStack()
+
+    def publisher(self, kind: type, topic: str, qos: object) -> RosMessage:
+        """Create a publisher."""
+        publisher = self._ros.node.create_publisher(kind, topic, qos)
+        self._created.callback(self._ros.node.destroy_publisher, publisher)
+        return publisher
+
+    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
+        """Create a subscription; an exception in the callback is logged as a warning."""
+        subscription = self._ros.subscribe(kind, topic, callback, qos)
+        self._created.callback(self._ros.unsubscribe, subscription)
+        return subscription
+
+    def serve(self, kind: str, name: str, handler: Handler) -> None:
+        """Create a service of the interface `kind`; see `NodeContext.serve`."""
+        self._created.callback(self._ros.unserve, self._ros.serve(kind, name, handler))
+
+    def report(self, name: str, error: str | None) -> None:
+        """Log the error of the topic or service `name` as a warning; None is not an error."""
+        if error is not None:
+            self._ros.warn(name, f"{name}: {error}")
 
     def on_controller(self, controller: ControllerReading) -> None:
         """Handle a new reading of the endpoint's controller; called when this or another controller has changed."""
@@ -217,6 +239,7 @@ class Endpoint:
 
     def close(self) -> None:
         """Destroy the publishers, subscriptions, services and action servers."""
+        self._created.close()
 
 
 _RETURN: Final = 0.2  # share of a change that the next message has to take back

@@ -51,16 +51,10 @@ class ControllerManagerServices(Endpoint):
     """Services of one robot's controller manager, below `controller_manager` in the namespace."""
 
     def __init__(self, ros: NodeContext) -> None:
-        self._ros = ros
+        super().__init__(ros)
         self._state_class = interface("lifecycle_msgs/msg/State")
-        self._services = [
-            ros.serve(f"controller_manager_msgs/srv/{kind}", f"controller_manager/{name}", handler)
-            for name, kind, handler in self._table()
-        ]
-
-    def close(self) -> None:
-        for service in self._services:
-            self._ros.unserve(service)
+        for name, kind, handler in self._table():
+            self.serve(f"controller_manager_msgs/srv/{kind}", f"controller_manager/{name}", handler)
 
     def _table(self) -> list[tuple[str, str, Callable[[Any, Any, Reply], object]]]:
         return [
@@ -283,7 +277,8 @@ class LifecycleServices(Endpoint):
     def __init__(
         self, ros: NodeContext, path: str, node: str | None = None, members: Sequence[LifecycleServices] = ()
     ) -> None:
-        self._ros, self._path, self._node, self._members = ros, path, node, members
+        super().__init__(ros)
+        self._path, self._node, self._members = path, node, members
         self._nodes: dict[str, NodeReading] = {}
         self.state = "unconfigured"
         self._state_class = interface("lifecycle_msgs/msg/State")
@@ -293,17 +288,12 @@ class LifecycleServices(Endpoint):
             ("get_available_states", "GetAvailableStates", self._states),
             ("get_available_transitions", "GetAvailableTransitions", self._transitions),
         )
-        self._services = [
-            ros.serve(f"lifecycle_msgs/srv/{kind}", f"{path}/{name}", handler) for name, kind, handler in table
-        ]
+        for name, kind, handler in table:
+            self.serve(f"lifecycle_msgs/srv/{kind}", f"{path}/{name}", handler)
         self._actions = {"activate": self._activate, "deactivate": self._deactivate, "shutdown": self._deactivate}
 
     def on_state(self, state: StateSample) -> None:
         self._nodes = state.nodes
-
-    def close(self) -> None:
-        for service in self._services:
-            self._ros.unserve(service)
 
     def _change(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         requested = request.transition
@@ -319,8 +309,7 @@ class LifecycleServices(Endpoint):
                 self.state = transitions[0].target
                 for member in self._members:
                     member.state = _OF_MEMBERS.get(transitions[0].label, member.state)
-            else:
-                self._ros.warn(self._path, f"{self._path}: {error}")
+            self.report(self._path, error)
             response.success = error is None
             reply(response)
 

@@ -51,7 +51,8 @@ class SamplePublisher(Endpoint):
     """Publisher of one `row` of `SAMPLE_TOPICS`; an optional topic is created with its first message."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading, row: SampleTopic) -> None:
-        self._ros, self._row, self._controller, self._samples = ros, row, controller, NewSamples(row.kind)
+        super().__init__(ros)
+        self._row, self._controller, self._samples = row, controller, NewSamples(row.kind)
         self._messages = RosMessages(ros)
         self._message: Any = None
         self._publisher: Any = None
@@ -61,7 +62,7 @@ class SamplePublisher(Endpoint):
     def _open(self) -> None:
         self._message = self._messages.empty(self._row.message)
         topic = self._row.name(self._controller)
-        self._publisher = self._ros.node.create_publisher(type(self._message), topic, SYSTEM_DEFAULT)
+        self._publisher = self.publisher(type(self._message), topic, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
         self._controller = controller
@@ -75,7 +76,3 @@ class SamplePublisher(Endpoint):
         if self._row.latched or self._publisher.get_subscription_count():
             fill(self._messages, self._message, self._row, sample, self._controller.frame_id)
             self._publisher.publish(self._message)
-
-    def close(self) -> None:
-        if self._publisher is not None:
-            self._ros.node.destroy_publisher(self._publisher)

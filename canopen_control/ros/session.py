@@ -11,10 +11,7 @@ import contextlib
 import threading
 import time
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
-
-from rosgraph_msgs.msg import Clock
-from std_msgs.msg import String
+from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 from canopen_control.client.robot_client import outpaced, stream_rate
 from canopen_control.errors import RemoteError, UnreadableMessage
@@ -22,16 +19,25 @@ from canopen_control.host.sockets import socket_path
 from canopen_control.ros.base_topics import Frames, SharedTwist
 from canopen_control.ros.controller_endpoints import endpoints_for
 from canopen_control.ros.controller_nodes import ControllerNodes
-from canopen_control.ros.diagnostics import Diagnostics, Events, Rosout
 from canopen_control.ros.drive_services import DriveServices, DriveTargets, MasterServices
 from canopen_control.ros.drive_topics import DriveTopics
 from canopen_control.ros.endpoint import Endpoint, NodeContext, PublisherWatch, Refusals, Throttle
-from canopen_control.ros.interfaces import MissingInterface, interface
-from canopen_control.ros.manager_services import STATES, ControllerManagerServices, LifecycleServices
+from canopen_control.ros.interfaces import MissingInterface
+from canopen_control.ros.manager_services import ControllerManagerServices, LifecycleServices
 from canopen_control.ros.nodes import RosNode, nodes_of
-from canopen_control.ros.rcl import LATCHED, SYSTEM_DEFAULT, Spinner, ros_seconds
-from canopen_control.ros.sample_publisher import time_message
-from canopen_control.ros.world_topics import GroundTruth, LaserScans, SimulationServices, TopicHardware
+from canopen_control.ros.rcl import Spinner, ros_seconds
+from canopen_control.ros.robot_topics import (
+    Activity,
+    Diagnostics,
+    Events,
+    GroundTruth,
+    LaserScans,
+    RobotDescription,
+    Rosout,
+    SimClock,
+    SimulationServices,
+    TopicHardware,
+)
 from canopen_control.rpc.client import ReactorClient
 from canopen_control.rpc.messages.parameters import MANAGER, GetParameters
 from canopen_control.rpc.messages.robot import (
@@ -41,7 +47,6 @@ from canopen_control.rpc.messages.robot import (
     GetNodes,
     GetStatus,
     ListControllers,
-    ListHardware,
     ProcessData,
     PublishEvent,
     Subscribe,
@@ -60,82 +65,12 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import (
         CommandController,
         CommandDone,
-        HardwareReading,
         RobotPush,
         TwistController,
     )
     from canopen_control.rpc.messages.state import ControllerReading
 
-    States = dict[str, str]
     Command = CommandController | TwistController
-
-
-# `/controller_manager/activity`: the lifecycle states of controllers and hardware components, after every change.
-#
-# Rules (controller_manager, Jazzy): reliable and transient local with a depth of one, so that later subscribers get the
-# present states at once. The state stream contains the states of the controllers; the states of the hardware are
-# requested after an event, one request at a time.
-
-
-_PERIOD_S: Final = 1.0  # period of requests for hardware states, which may change without an event
-
-
-class Activity(Endpoint):
-    """Publisher of `controller_manager/activity`, relative to the namespace."""
-
-    def __init__(self, ros: NodeContext) -> None:
-        self._ros = ros
-        self._message = interface("controller_manager_msgs/msg/ControllerManagerActivity")
-        self._named = interface("controller_manager_msgs/msg/NamedLifecycleState")
-        self._state = interface("lifecycle_msgs/msg/State")
-        self._publisher = ros.node.create_publisher(self._message, "controller_manager/activity", LATCHED)
-        self._controllers: States = {}
-        self._published: tuple[States, States] | None = None
-        self._is_waiting, self._changed = False, True
-        self._next = self._time = 0.0
-
-    def on_event(self, event: RobotEvent) -> None:
-        """Request the hardware states again with the next sample, since an event may change them."""
-        del event
-        self._changed = True
-
-    def on_state(self, state: StateSample) -> None:
-        self._time = state.time
-        controllers = dict(state.controllers)
-        # requests continue after the clock was set back
-        idle = (
-            controllers == self._controllers and not self._changed and self._time < self._next <= self._time + _PERIOD_S
-        )
-        if self._is_waiting or idle:
-            return
-        self._controllers, self._next = controllers, self._time + _PERIOD_S
-        self._is_waiting, self._changed = True, False
-        self._ros.ask(ListHardware(), self._on_hardware)
-
-    def _on_hardware(self, answer: list[HardwareReading] | None, error: str | None) -> None:
-        self._is_waiting = False
-        hardware = {component.name: component.state for component in answer or ()}
-        if error is not None:
-            self._ros.warn("activity", f"controller_manager/activity: {error}")
-        elif (self._controllers, hardware) != self._published:
-            self._published = (self._controllers, hardware)
-            self._publish(*self._published)
-
-    def _publish(self, controllers: States, hardware: States) -> None:
-        message = self._message(
-            controllers=self._lifecycles(controllers), hardware_components=self._lifecycles(hardware)
-        )
-        message.header.stamp = time_message(self._time)
-        self._publisher.publish(message)
-
-    def _lifecycles(self, states: States) -> list[Any]:
-        return [
-            self._named(name=name, state=self._state(id=STATES.get(label, 0), label=label))
-            for name, label in states.items()
-        ]
-
-    def close(self) -> None:
-        self._ros.node.destroy_publisher(self._publisher)
 
 
 # Transfer of commands from ROS to the robot: the newest command of each controller, at most one per cycle.
@@ -183,21 +118,6 @@ class Mailbox(Generic[T]):
 
     def _due_at(self, name: str) -> int:
         return self._sent[name] + self.interval_ns if name in self._sent else 0
-
-
-# `/robot_description` as in robot_state_publisher: the URDF, transient local for later subscribers.
-
-
-class RobotDescription(Endpoint):
-    """Publisher of the URDF on `robot_description`; it publishes once at the start, latched."""
-
-    def __init__(self, ros: NodeContext, urdf: str) -> None:
-        self._ros = ros
-        self._publisher = ros.node.create_publisher(String, "robot_description", LATCHED)
-        self._publisher.publish(String(data=urdf))
-
-    def close(self) -> None:
-        self._ros.node.destroy_publisher(self._publisher)
 
 
 # ROS time that differs from the system time: with `use_sim_time` of the bridge, stamps follow a `/clock` topic.
@@ -276,32 +196,6 @@ class RosTime:
     def _of(self, name: str, time: float, now: float) -> tuple[float, float]:
         endpoints = self._known.get(name)
         return endpoints if endpoints is not None and endpoints[0] == time else (time, now)
-
-
-# `/clock` of a simulated robot, for programs with `use_sim_time`.
-#
-# Published only if the robot reports simulated time; for a real robot there is not even a publisher of `/clock`,
-# because programs with simulated time would wait for its messages.
-
-
-class SimClock(Endpoint):
-    """Publisher of `/clock`, created with the first state sample that has simulated time."""
-
-    def __init__(self, ros: NodeContext) -> None:
-        self._ros = ros
-        self._publisher: Any = None  # rclpy has no types
-
-    def on_state(self, state: StateSample) -> None:
-        seconds = state.sim_time
-        if seconds is None:
-            return
-        if self._publisher is None:
-            self._publisher = self._ros.node.create_publisher(Clock, "/clock", SYSTEM_DEFAULT)
-        self._publisher.publish(Clock(clock=time_message(seconds)))
-
-    def close(self) -> None:
-        if self._publisher is not None:
-            self._ros.node.destroy_publisher(self._publisher)
 
 
 A = TypeVar("A")

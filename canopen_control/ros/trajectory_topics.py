@@ -146,17 +146,18 @@ class TrajectoryTopic(Endpoint):
     """Subscription of `~/joint_trajectory`; messages that arrive during a transfer replace each other."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller, self._topic = ros, controller.name, f"{controller.name}/joint_trajectory"
+        super().__init__(ros)
+        self._controller, self._topic = controller.name, f"{controller.name}/joint_trajectory"
         self._sending: JointTrajectory | None = None
         self._waiting: JointTrajectory | None = None
         self._followed = TrajectorySender(ros.connect)
-        self._subscription = ros.subscribe(
+        self.subscribe(
             JointTrajectory, self._topic, lambda message: ros.hand_over(lambda: self._take(message)), SYSTEM_DEFAULT
         )
 
     def close(self) -> None:
         """Destroy the subscription and end the trajectory received on the topic."""
-        self._ros.unsubscribe(self._subscription)
+        super().close()
         self._waiting = None
         self._followed.close()
 
@@ -199,12 +200,9 @@ class TrajectoryQuery(Endpoint):
     """Service `~/query_state` of a joint trajectory controller."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller = ros, controller.name
-        name = f"{controller.name}/query_state"
-        self._service = ros.serve("control_msgs/srv/QueryTrajectoryState", name, self._answer)
-
-    def close(self) -> None:
-        self._ros.unserve(self._service)
+        super().__init__(ros)
+        self._controller = controller.name
+        self.serve("control_msgs/srv/QueryTrajectoryState", f"{controller.name}/query_state", self._answer)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         def fill(answer: TrajectoryAt | None, error: str | None) -> None:
@@ -223,30 +221,20 @@ class SpeedScalingTopic(Endpoint):
     """Subscription of `~/speed_scaling_input`, created only if the controller commands positions."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
-        self._ros, self._controller = ros, controller.name
-        self._topic = f"{controller.name}/speed_scaling_input"
+        super().__init__(ros)
+        self._controller, self._topic = controller.name, f"{controller.name}/speed_scaling_input"
         self._message: Any = interface("control_msgs/msg/SpeedScalingFactor")
         self._subscription: object = None
         self.on_controller(controller)
 
     def on_controller(self, controller: ControllerReading) -> None:
         if self._subscription is None and controller.interface == "position":
-            self._subscription = self._ros.subscribe(self._message, self._topic, self._on_message, KEPT_DEFAULT)
-
-    def close(self) -> None:
-        if self._subscription is not None:
-            self._ros.unsubscribe(self._subscription)
+            self._subscription = self.subscribe(self._message, self._topic, self._on_message, KEPT_DEFAULT)
 
     def _on_message(self, message: RosMessage) -> None:
         factor = message.factor
         if not 0.0 <= factor < math.inf:
-            self._ros.warn(
-                self._topic, f"{self._topic}: a speed scaling of {factor:g} is invalid; give a finite number, 0 or more"
-            )
+            self.report(self._topic, f"a speed scaling of {factor:g} is invalid; give a finite number, 0 or more")
             return
         request = ScaleTrajectory(controller=self._controller, factor=factor)
-        self._ros.hand_over(lambda: self._ros.ask(request, self._on_answer))
-
-    def _on_answer(self, _done: object, error: str | None) -> None:
-        if error is not None:
-            self._ros.warn(self._topic, f"{self._topic}: {error}")
+        self._ros.hand_over(lambda: self._ros.ask(request, lambda _done, error: self.report(self._topic, error)))

@@ -14,7 +14,7 @@ def view(tells, topic, publishes):
     return ControllerReading(name="c", type="x/Y", state="active", tells=tells, topic=topic, publishes=publishes)
 class Ros:
     def subscribe(self, *args): pass
-    create_publisher = serve = frame = leave_out = subscribe
+    create_publisher = serve = frame = leave_out = unsubscribe = unserve = destroy_publisher = subscribe
     @property
     def node(self): return self
 def names(tells, topic, *publishes):

@@ -3,15 +3,35 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
+from support import endpoints
 from support.ros import domain, run_ros
 
 from canopen_control.ros.endpoint import Endpoint, success_of
 
 
 def test_an_endpoint_takes_everything_and_cares_for_nothing():
-    endpoint = Endpoint()
+    endpoint = Endpoint(None)
     assert endpoint.on_state({}) is endpoint.on_event({}) is endpoint.on_controller(None) is None
     assert endpoint.on_process_data({}) is endpoint.close() is None
+
+
+def test_an_endpoint_destroys_all_that_it_has_created_once():
+    ros = endpoints.Ros()
+    endpoint = Endpoint(ros)
+    publisher = endpoint.publisher(str, "told", None)
+    endpoint.subscribe(str, "heard", None, None)
+    endpoint.serve("std_srvs/srv/Empty", "asked", None)
+    endpoint.close()
+    assert ros.left == ["asked", "heard", publisher]
+    endpoint.close()
+    assert len(ros.left) == 3
+
+
+def test_an_error_of_a_topic_is_reported_and_no_error_is_not():
+    ros = endpoints.Ros()
+    Endpoint(ros).report("heard", "it is off")
+    Endpoint(ros).report("heard", None)
+    assert ros.told == ["heard: it is off"]
 
 
 pytestmark = pytest.mark.ros

@@ -5,10 +5,10 @@ import pytest
 from support import endpoints
 from support.ros import eventually
 
-from canopen_control.ros import diagnostics
-from canopen_control.ros.diagnostics import Rosout
+from canopen_control.ros import robot_topics
 from canopen_control.ros.nodes import RosNode
 from canopen_control.ros.rcl import ROSOUT
+from canopen_control.ros.robot_topics import Rosout
 from canopen_control.rpc.messages.state import RobotEvent
 
 pytestmark = pytest.mark.ros
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.ros
 
 @pytest.fixture
 def robot(monkeypatch):
-    monkeypatch.setattr(diagnostics, "interface", endpoints.interface)
+    monkeypatch.setattr(robot_topics, "interface", endpoints.interface)
     robot = endpoints.Ros()
     robot.robot = "robby"
     nodes = [RosNode("left drive", 3, "/robot"), RosNode("arm_drive", 4, "/arm/lower")]

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from canopen_control.ros.world_topics import LaserScans
+from canopen_control.ros.robot_topics import LaserScans
 from canopen_control.rpc.messages.simulation import LaserScanReading
 from canopen_control.rpc.messages.state import StateSample
 

@@ -60,7 +60,7 @@ def test_the_states_of_all_joints_are_there_for_best_effort_subscribers(matched,
 
 @given(st.lists(st.sampled_from(["a", "b", "c"])), st.lists(st.floats()), st.lists(st.floats()))
 def test_any_message_gives_finite_values_of_named_joints_or_a_sentence(names, one, other):
-    from canopen_control.ros.world_topics import commanded  # imports ROS messages
+    from canopen_control.ros.robot_topics import commanded  # imports ROS messages
 
     values = {}
     with contextlib.suppress(ValueError):
@@ -78,7 +78,7 @@ def upstream_message(case):
 
 @pytest.mark.parametrize("case", vectors("joint_state_topic_hardware_interface"), ids=lambda case: case["name"])
 def test_what_upstream_publishes_commands_what_it_means(case):
-    from canopen_control.ros.world_topics import commanded  # imports ROS messages
+    from canopen_control.ros.robot_topics import commanded  # imports ROS messages
 
     message, wheels = upstream_message(case), ["left_wheel_joint", "right_wheel_joint"]
     if message is None:
