@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 from canopen_control.errors import CanopenError
 from canopen_control.ros.interfaces.cdr import Codecs
 from canopen_control.ros.interfaces.classes import action_class, message_class, service_class
-from canopen_control.ros.interfaces.definition import DEFINITIONS, owner_of, parts_of
-from canopen_control.ros.interfaces.support import Registry, hash_text
+from canopen_control.ros.interfaces.definition import DEFINITIONS, Registry, hash_text, owner_of, parts_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -1,4 +1,4 @@
-"""Parser of .msg, .srv and .action files into structures, for interfaces created at run time.
+"""Structures of .msg, .srv and .action files and their descriptions, for interfaces created at run time.
 
 Rules (rosidl): a line is `type name [default]` or `type NAME=value`; `---` separates the parts of a service or action;
 `Header` is std_msgs/msg/Header, and a type without a package belongs to the same package. An empty structure has one
@@ -10,11 +10,16 @@ and a structure of all six.
 from __future__ import annotations
 
 import enum
+import hashlib
 import json
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final, TypedDict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
 
 DEFINITIONS: Final[dict[str, list[str]]] = json.loads(
     Path(__file__).with_name("definitions.json").read_text(encoding="utf-8")
@@ -231,3 +236,135 @@ def _value(text: str, kind: str) -> object:
     if kind == "bool":
         return text.lower() in ("true", "1")
     return float(text) if kind.startswith("float") else int(text, 0)
+
+
+# Type descriptions and their hashes, which two ROS programs compare before they communicate.
+#
+# Rules (REP 2011, rosidl's RIHS01): the hash is the SHA-256 of the description as JSON with the separators ", " and ":
+# ", without default values, with all directly and indirectly referenced types sorted by name. Descriptions of installed
+# packages are read from the JSON files that these packages install.
+
+
+class DescribedFieldType(TypedDict):
+    """Fields of type_description_interfaces/msg/FieldType."""
+
+    type_id: int
+    capacity: int
+    string_capacity: int
+    nested_type_name: str
+
+
+class DescribedField(TypedDict):
+    """Fields of type_description_interfaces/msg/Field, without the default value."""
+
+    name: str
+    type: DescribedFieldType
+
+
+class DescribedStructure(TypedDict):
+    """Fields of type_description_interfaces/msg/IndividualTypeDescription."""
+
+    type_name: str
+    fields: list[DescribedField]
+
+
+class TypeDescription(TypedDict):
+    """Fields of type_description_interfaces/msg/TypeDescription; their order matters for the hash of the JSON."""
+
+    type_description: DescribedStructure
+    referenced_type_descriptions: list[DescribedStructure]
+
+
+class Registry:
+    """Structures by full name, from added definitions and from the packages installed in the folders `shares`."""
+
+    def __init__(self, shares: Iterable[Path] = ()) -> None:
+        self._shares = list(shares)
+        self._structures: dict[str, Structure] = {}
+        self._texts: dict[str, list[str]] = {}
+
+    def add(self, definitions: Mapping[str, list[str]]) -> None:
+        """Add interfaces as {"package/msg/Name": lines of the definition}, parsed on first use."""
+        for name, lines in definitions.items():
+            self._texts[name] = lines
+            for structure_name in [structure for structure in self._structures if owner_of(structure) == name]:
+                del self._structures[structure_name]
+
+    def get(self, name: str) -> Structure:
+        """Return a structure by full name; raise LookupError if neither a definition nor an installed package has it.
+
+        Raise ValueError with the reason if the definition is invalid.
+        """
+        if name not in self._structures:
+            owner = owner_of(name)
+            if owner in self._texts:
+                self._structures |= {structure.name: structure for structure in parse(owner, self._texts[owner])}
+            if name not in self._structures:
+                self._load(name)
+        return self._structures[name]
+
+    def referenced(self, name: str) -> list[Structure]:
+        """Return all structures that are nested in a structure, directly or indirectly, sorted by name."""
+        names: set[str] = set()
+        todo = [name]
+        while todo:
+            nested = {field.type.nested for field in self.get(todo.pop()).fields if field.type.nested}
+            todo += nested - names
+            names |= nested
+        return [self.get(dependency) for dependency in sorted(names)]
+
+    def describe(self, name: str) -> TypeDescription:
+        """Return the type description of a structure and all nested structures."""
+        return {
+            "type_description": _describe(self.get(name)),
+            "referenced_type_descriptions": [_describe(structure) for structure in self.referenced(name)],
+        }
+
+    def _load(self, name: str) -> None:
+        package, kind, short = parts_of(name)
+        paths = [share / package / kind / f"{short}.json" for share in self._shares]
+        path_found = next((path for path in paths if path.exists()), None)
+        if path_found is None:
+            raise LookupError(f"no type description of {name}; install the package {package}")
+        described = json.loads(path_found.read_text(encoding="utf-8"))["type_description_msg"]
+        for structure in (described["type_description"], *described["referenced_type_descriptions"]):
+            self._structures.setdefault(structure["type_name"], _structure_of(structure))
+
+
+def hash_of(description: TypeDescription) -> bytes:
+    """Return the 32 bytes of the RIHS01 hash of a type description."""
+    return hashlib.sha256(json.dumps(description, separators=(", ", ": ")).encode()).digest()
+
+
+def hash_text(description: TypeDescription) -> str:
+    """Return the hash of a type description as printed by `ros2 topic info -v`."""
+    return f"RIHS01_{hash_of(description).hex()}"
+
+
+def _describe(structure: Structure) -> DescribedStructure:
+    return {
+        "type_name": structure.name,
+        "fields": [
+            {
+                "name": field.name,
+                "type": {
+                    "type_id": field.type.type_id,
+                    "capacity": field.type.capacity,
+                    "string_capacity": field.type.string_capacity,
+                    "nested_type_name": field.type.nested,
+                },
+            }
+            for field in structure.fields
+        ],
+    }
+
+
+def _structure_of(described: DescribedStructure) -> Structure:
+    fields = []
+    for described_field in described["fields"]:
+        kind = described_field["type"]
+        field_type = FieldType.of_id(
+            kind["type_id"], kind["capacity"], kind["string_capacity"], kind["nested_type_name"]
+        )
+        fields.append(Field(described_field["name"], field_type))
+    return Structure(described["type_name"], tuple(fields))

@@ -12,35 +12,250 @@ error.
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import importlib
-import json
 import platform
 import sys
-from ctypes import c_bool, c_char_p, c_int, c_size_t, c_uint, c_uint32, c_void_p
+from ctypes import (
+    CFUNCTYPE,
+    POINTER,
+    PYFUNCTYPE,
+    Structure,
+    c_bool,
+    c_char_p,
+    c_int,
+    c_int32,
+    c_int64,
+    c_size_t,
+    c_uint,
+    c_uint8,
+    c_uint32,
+    c_uint64,
+    c_void_p,
+    py_object,
+)
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
-from canopen_control.ros.interfaces import abi
-from canopen_control.ros.interfaces.abi import SLOTS, Bytes, CallbackSettings, address, keep
 from canopen_control.ros.interfaces.cdr import size_of
 from canopen_control.ros.interfaces.definition import (
     BOUNDED_STRING,
     NESTED,
     STRING,
-    Field,
-    FieldType,
     Shape,
-    Structure,
-    owner_of,
-    parse,
+    hash_of,
     parts_of,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Sequence
 
     from canopen_control.ros.interfaces.cdr import Codecs
+    from canopen_control.ros.interfaces.definition import DescribedStructure, FieldType, Registry, TypeDescription
+
+
+# ctypes structures of rosidl's type supports.
+#
+# Rules (rosidl_runtime_c, rosidl_typesupport_introspection_c, rosidl_typesupport_fastrtps_cpp of Jazzy): the order and
+# sizes of the fields are those of the C headers; objects that are created here are never freed, because C keeps
+# pointers to them. The fields of a type support in its C header are followed by the values that the functions of
+# `callbacks.c` return for this support.
+
+
+T = TypeVar("T")
+_referenced: Final[list[object]] = []
+
+SLOTS: Final = 512
+"""Maximum number of message types in `callbacks.c`."""
+
+CREATE = CFUNCTYPE(c_void_p)
+DESTROY = CFUNCTYPE(None, c_void_p)
+CONVERT_FROM_PY = PYFUNCTYPE(c_bool, py_object, c_void_p)
+CONVERT_TO_PY = PYFUNCTYPE(c_void_p, c_void_p)
+
+
+def keep(value: T) -> T:
+    """Keep a reference to an object that C points to, and return the object."""
+    _referenced.append(value)
+    return value
+
+
+def address(value: Any) -> int:  # noqa: ANN401 - any ctypes object
+    """Return the address of a ctypes object, and keep a reference to it."""
+    return ctypes.addressof(keep(value))
+
+
+class Bytes(Structure):
+    """C structure rosidl_runtime_c__String, which has the same layout as every rosidl sequence."""
+
+    _fields_ = (("data", c_void_p), ("size", c_size_t), ("capacity", c_size_t))
+
+
+class FieldTypeDescription(Structure):
+    """C structure of type_description_interfaces/msg/FieldType."""
+
+    _fields_ = (("type_id", c_uint8), ("capacity", c_uint64), ("string_capacity", c_uint64), ("nested", Bytes))
+
+
+class FieldDescription(Structure):
+    """C structure of type_description_interfaces/msg/Field."""
+
+    _fields_ = (("name", Bytes), ("type", FieldTypeDescription), ("default_value", Bytes))
+
+
+class IndividualDescription(Structure):
+    """C structure of type_description_interfaces/msg/IndividualTypeDescription."""
+
+    _fields_ = (("type_name", Bytes), ("fields", Bytes))
+
+
+class TypeDescriptionStruct(Structure):
+    """C structure of type_description_interfaces/msg/TypeDescription."""
+
+    _fields_ = (("type_description", IndividualDescription), ("referenced", Bytes))
+
+
+class TypeSource(Structure):
+    """C structure of type_description_interfaces/msg/TypeSource."""
+
+    _fields_ = (("type_name", Bytes), ("encoding", Bytes), ("raw", Bytes))
+
+
+class Hash(Structure):
+    """C structure rosidl_type_hash_t."""
+
+    _fields_ = (("version", c_uint8), ("value", c_uint8 * 32))
+
+
+def _pointers(*names: str) -> tuple[tuple[str, type[c_void_p]], ...]:
+    return tuple((name, c_void_p) for name in names)
+
+
+_HASHED: Final = _pointers("get_hash", "get_description", "get_sources", "hash", "description", "sources")
+_KINDS: Final = ("kinds", c_void_p * 3)
+_NAMED: Final = (("namespace", c_char_p), ("name", c_char_p))
+
+
+class MessageSupport(Structure):
+    """C structure rosidl_message_type_support_t."""
+
+    _fields_ = (*_pointers("identifier", "data", "handle"), *_HASHED, _KINDS)
+
+
+class ServiceSupport(Structure):
+    """C structure rosidl_service_type_support_t."""
+
+    _fields_ = (
+        *_pointers("identifier", "data", "handle", "request", "response", "event", "make_event", "remove_event"),
+        *_HASHED,
+        _KINDS,
+    )
+
+
+class ActionSupport(Structure):
+    """C structure rosidl_action_type_support_t; rcl_action reads this one without identifier and handle."""
+
+    _fields_ = (*_pointers("send_goal", "get_result", "cancel", "feedback", "status"), *_HASHED)
+
+
+class FastCallbacks(Structure):
+    """C structure message_type_support_callbacks_t of rosidl_typesupport_fastrtps_cpp."""
+
+    _fields_ = (
+        *_NAMED,
+        *_pointers("serialize", "deserialize", "size", "max_size", "key_callbacks"),
+    )
+
+
+class FastService(Structure):
+    """C structure service_type_support_callbacks_t of rosidl_typesupport_fastrtps_cpp."""
+
+    _fields_ = (*_NAMED, *_pointers("request", "response"))
+
+
+class MessageMember(Structure):
+    """C structure rosidl_typesupport_introspection_c__MessageMember; rmw_fastrtps does not use its functions."""
+
+    _fields_ = (
+        ("name", c_char_p),
+        ("type_id", c_uint8),
+        ("string_upper_bound", c_size_t),
+        ("members", c_void_p),
+        ("is_key", c_bool),
+        ("is_array", c_bool),
+        ("array_size", c_size_t),
+        ("is_upper_bound", c_bool),
+        ("offset", c_uint32),
+        ("default_value", c_void_p),
+        ("functions", c_void_p * 6),
+    )
+
+
+class Members(Structure):
+    """C structure rosidl_typesupport_introspection_c__MessageMembers."""
+
+    _fields_ = (
+        *_NAMED,
+        ("count", c_uint32),
+        ("size_of", c_size_t),
+        ("has_any_key", c_bool),
+        *_pointers("members", "init", "fini"),
+    )
+
+
+class ServiceMembers(Structure):
+    """C structure rosidl_typesupport_introspection_c__ServiceMembers."""
+
+    _fields_ = (*_NAMED, *_pointers("request", "response", "event"))
+
+
+class EventInfo(Structure):
+    """C structure rosidl_service_introspection_info_t."""
+
+    _fields_ = (
+        ("event_type", c_uint8),
+        ("sec", c_int32),
+        ("nanosec", c_uint32),
+        ("gid", c_uint8 * 16),
+        ("sequence_number", c_int64),
+    )
+
+
+class LayoutField(Structure):
+    """C structure `field` of `callbacks.c`."""
+
+    _fields_ = (("kind", c_uint8), ("shape", c_uint8), ("size", c_uint8), ("count", c_uint32), ("nested", c_void_p))
+
+
+class StructLayout(Structure):
+    """C structure `layout` of `callbacks.c`."""
+
+    _fields_ = (("count", c_size_t), ("fields", c_void_p))
+
+
+class CallbackSettings(Structure):
+    """C structure of the variable `settings` of `callbacks.c`."""
+
+    _fields_ = (
+        *_pointers("put", "position", "assign"),
+        ("end_offset", c_size_t),
+        ("layouts", c_void_p * SLOTS),
+    )
+
+
+MAKE_EVENT = CFUNCTYPE(c_void_p, POINTER(EventInfo), c_void_p, c_void_p, c_void_p)
+REMOVE_EVENT = CFUNCTYPE(c_bool, c_void_p, c_void_p)
+
+
+def string(text: str) -> Bytes:
+    """Return a rosidl string in UTF-8; the memory is never freed."""
+    buffer = ctypes.create_string_buffer(text.encode())
+    return Bytes(address(buffer), len(buffer) - 1, len(buffer))
+
+
+def sequence(kind: type[Structure], items: list[Any]) -> Bytes:
+    """Return a rosidl sequence of structures of the type `kind`; the memory is never freed."""
+    array = (kind * max(1, len(items)))(*items)
+    return Bytes(address(array), len(items), len(items))
 
 
 # Functions and names of ROS's C libraries that a type support created at run time uses.
@@ -175,138 +390,6 @@ def _find_end(cdr: ctypes.CDLL, position: Any) -> int:  # noqa: ANN401 - as abov
     return 8 * memory.index(end)
 
 
-# Type descriptions and their hashes, which two ROS programs compare before they communicate.
-#
-# Rules (REP 2011, rosidl's RIHS01): the hash is the SHA-256 of the description as JSON with the separators ", " and ":
-# ", without default values, with all directly and indirectly referenced types sorted by name. Descriptions of installed
-# packages are read from the JSON files that these packages install.
-
-
-class DescribedFieldType(TypedDict):
-    """Fields of type_description_interfaces/msg/FieldType."""
-
-    type_id: int
-    capacity: int
-    string_capacity: int
-    nested_type_name: str
-
-
-class DescribedField(TypedDict):
-    """Fields of type_description_interfaces/msg/Field, without the default value."""
-
-    name: str
-    type: DescribedFieldType
-
-
-class DescribedStructure(TypedDict):
-    """Fields of type_description_interfaces/msg/IndividualTypeDescription."""
-
-    type_name: str
-    fields: list[DescribedField]
-
-
-class TypeDescription(TypedDict):
-    """Fields of type_description_interfaces/msg/TypeDescription; their order matters for the hash of the JSON."""
-
-    type_description: DescribedStructure
-    referenced_type_descriptions: list[DescribedStructure]
-
-
-class Registry:
-    """Structures by full name, from added definitions and from the packages installed in the folders `shares`."""
-
-    def __init__(self, shares: Iterable[Path] = ()) -> None:
-        self._shares = list(shares)
-        self._structures: dict[str, Structure] = {}
-        self._texts: dict[str, list[str]] = {}
-
-    def add(self, definitions: Mapping[str, list[str]]) -> None:
-        """Add interfaces as {"package/msg/Name": lines of the definition}, parsed on first use."""
-        for name, lines in definitions.items():
-            self._texts[name] = lines
-            for structure_name in [structure for structure in self._structures if owner_of(structure) == name]:
-                del self._structures[structure_name]
-
-    def get(self, name: str) -> Structure:
-        """Return a structure by full name; raise LookupError if neither a definition nor an installed package has it.
-
-        Raise ValueError with the reason if the definition is invalid.
-        """
-        if name not in self._structures:
-            owner = owner_of(name)
-            if owner in self._texts:
-                self._structures |= {structure.name: structure for structure in parse(owner, self._texts[owner])}
-            if name not in self._structures:
-                self._load(name)
-        return self._structures[name]
-
-    def referenced(self, name: str) -> list[Structure]:
-        """Return all structures that are nested in a structure, directly or indirectly, sorted by name."""
-        names: set[str] = set()
-        todo = [name]
-        while todo:
-            nested = {field.type.nested for field in self.get(todo.pop()).fields if field.type.nested}
-            todo += nested - names
-            names |= nested
-        return [self.get(dependency) for dependency in sorted(names)]
-
-    def describe(self, name: str) -> TypeDescription:
-        """Return the type description of a structure and all nested structures."""
-        return {
-            "type_description": _describe(self.get(name)),
-            "referenced_type_descriptions": [_describe(structure) for structure in self.referenced(name)],
-        }
-
-    def _load(self, name: str) -> None:
-        package, kind, short = parts_of(name)
-        paths = [share / package / kind / f"{short}.json" for share in self._shares]
-        path_found = next((path for path in paths if path.exists()), None)
-        if path_found is None:
-            raise LookupError(f"no type description of {name}; install the package {package}")
-        described = json.loads(path_found.read_text(encoding="utf-8"))["type_description_msg"]
-        for structure in (described["type_description"], *described["referenced_type_descriptions"]):
-            self._structures.setdefault(structure["type_name"], _structure(structure))
-
-
-def hash_of(description: TypeDescription) -> bytes:
-    """Return the 32 bytes of the RIHS01 hash of a type description."""
-    return hashlib.sha256(json.dumps(description, separators=(", ", ": ")).encode()).digest()
-
-
-def hash_text(description: TypeDescription) -> str:
-    """Return the hash of a type description as printed by `ros2 topic info -v`."""
-    return f"RIHS01_{hash_of(description).hex()}"
-
-
-def _describe(structure: Structure) -> DescribedStructure:
-    return {
-        "type_name": structure.name,
-        "fields": [
-            {
-                "name": field.name,
-                "type": {
-                    "type_id": field.type.type_id,
-                    "capacity": field.type.capacity,
-                    "string_capacity": field.type.string_capacity,
-                    "nested_type_name": field.type.nested,
-                },
-            }
-            for field in structure.fields
-        ],
-    }
-
-
-def _structure(described: DescribedStructure) -> Structure:
-    fields = []
-    for field in described["fields"]:
-        kind = field["type"]
-        field_type = FieldType.of_id(
-            kind["type_id"], kind["capacity"], kind["string_capacity"], kind["nested_type_name"]
-        )
-        fields.append(Field(field["name"], field_type))
-    return Structure(described["type_name"], tuple(fields))
-
-
 _GETTERS: Final = ("hash", "description", "sources")
 _NUMBER, _TEXT, _NESTED = range(3)  # enum kind of `callbacks.c`
 #: enum shape of `callbacks.c`; a bounded sequence is serialised like any other sequence
@@ -341,7 +424,7 @@ class Supports:
     def __init__(self, libraries: Libraries, registry: Registry, codecs: Codecs) -> None:
         self._libraries, self._registry, self._codecs = libraries, registry, codecs
         self._messages: dict[str, _Message] = {}
-        self._members: dict[str, tuple[int, abi.MessageSupport]] = {}
+        self._members: dict[str, tuple[int, MessageSupport]] = {}
         self._layouts: dict[str, int] = {}
 
     def message(self, name: str) -> Capsules:
@@ -369,8 +452,8 @@ class Supports:
         return Capsules(
             _capsule(libraries.create),
             _capsule(libraries.destroy),
-            _capsule(_address_of(abi.CONVERT_FROM_PY(from_py))),
-            _capsule(_address_of(abi.CONVERT_TO_PY(to_py))),
+            _capsule(_address_of(CONVERT_FROM_PY(from_py))),
+            _capsule(_address_of(CONVERT_TO_PY(to_py))),
             _capsule(support.dispatch),
         )
 
@@ -380,13 +463,13 @@ class Supports:
         parts = [self._message(f"{name}_{part}") for part in ("Request", "Response", "Event")]
         request, response, event = parts
         package, kind, short = parts_of(name)
-        fast = abi.FastService(f"{package}::{kind}".encode(), short.encode(), request.fast, response.fast)
-        members = abi.ServiceMembers(
+        fast = FastService(f"{package}::{kind}".encode(), short.encode(), request.fast, response.fast)
+        members = ServiceMembers(
             f"{package}__{kind}".encode(), short.encode(), request.members, response.members, event.members
         )
         events = self._event_functions(name)
         supports = [
-            abi.ServiceSupport(identifier, data, callbacks["service_of_kind"], *of_parts, *events)
+            ServiceSupport(identifier, data, callbacks["service_of_kind"], *of_parts, *events)
             for identifier, data, of_parts in (
                 (libraries.dispatch_id, None, [part.dispatch for part in parts]),
                 (libraries.fast_id, address(fast), [part.fast for part in parts]),
@@ -399,7 +482,7 @@ class Supports:
         """Create the type support of an action and return its capsule."""
         send, get = (_pointer(self.service(f"{name}_{part}")) for part in ("SendGoal", "GetResult"))
         feedback = self._message(f"{name}_FeedbackMessage").dispatch
-        support = abi.ActionSupport(send, get, _pointer(cancel), feedback, _pointer(status))
+        support = ActionSupport(send, get, _pointer(cancel), feedback, _pointer(status))
         return _capsule(self._described("action_support", name, [support])[0])
 
     # ------------------------------------------------------------------------------------------------- messages
@@ -412,7 +495,7 @@ class Supports:
     def _make_message(self, name: str) -> _Message:
         libraries, callbacks = self._libraries, self._libraries.callbacks
         package, kind, short = parts_of(name)
-        functions = abi.FastCallbacks(
+        functions = FastCallbacks(
             f"{package}::{kind}".encode(),
             short.encode(),
             callbacks["serialize"],
@@ -424,36 +507,36 @@ class Supports:
         members, introspection = self._introspection(name)
         of_kind = callbacks["message_of_kind"]
         supports = [
-            abi.MessageSupport(libraries.dispatch_id, None, of_kind),
-            abi.MessageSupport(libraries.fast_id, address(functions), of_kind),
+            MessageSupport(libraries.dispatch_id, None, of_kind),
+            MessageSupport(libraries.fast_id, address(functions), of_kind),
             introspection,
         ]
         dispatch, fast, introspected = self._described("message_support", name, supports)
         return _Message(dispatch, fast, introspected, members)
 
-    def _introspection(self, name: str) -> tuple[int, abi.MessageSupport]:
+    def _introspection(self, name: str) -> tuple[int, MessageSupport]:
         """Return the address of a structure's members, and its introspection support."""
         if name not in self._members:
             package, kind, short = parts_of(name)
             fields = [self._member(field.name, field.type) for field in self._registry.get(name).fields]
-            array = (abi.MessageMember * max(1, len(fields)))(*fields)
-            size = ctypes.sizeof(abi.Bytes)
+            array = (MessageMember * max(1, len(fields)))(*fields)
+            size = ctypes.sizeof(Bytes)
             members = address(
-                abi.Members(
+                Members(
                     f"{package}__{kind}".encode(), short.encode(), len(fields), size, False, address(array), None, None
                 )
             )
             of_kind = self._libraries.callbacks["message_of_kind"]
-            support = abi.MessageSupport(self._libraries.introspection_id, members, of_kind)
+            support = MessageSupport(self._libraries.introspection_id, members, of_kind)
             support.kinds[0] = address(support)
             self._members[name] = (members, support)
         return self._members[name]
 
-    def _member(self, name: str, kind: FieldType) -> abi.MessageMember:
+    def _member(self, name: str, kind: FieldType) -> MessageMember:
         nested = address(self._introspection(kind.nested)[1]) if kind.nested else None
         many, bounded = kind.shape is not Shape.SCALAR, kind.shape is Shape.BOUNDED_SEQUENCE
         count = kind.capacity if bounded or kind.shape is Shape.ARRAY else 0
-        return abi.MessageMember(
+        return MessageMember(
             name.encode(), _INTROSPECTION[kind.base], kind.string_capacity, nested, False, many, count, bounded, 0, None
         )
 
@@ -461,17 +544,17 @@ class Supports:
         """Return the address of the layout of a structure, with which `callbacks.c` checks received messages."""
         if name not in self._layouts:
             fields = [self._layout_field(field.type) for field in self._registry.get(name).fields]
-            array = (abi.LayoutField * max(1, len(fields)))(*fields)
-            self._layouts[name] = address(abi.StructLayout(len(fields), address(array)))
+            array = (LayoutField * max(1, len(fields)))(*fields)
+            self._layouts[name] = address(StructLayout(len(fields), address(array)))
         return self._layouts[name]
 
-    def _layout_field(self, kind: FieldType) -> abi.LayoutField:
+    def _layout_field(self, kind: FieldType) -> LayoutField:
         shape = _LAYOUT_SHAPES[kind.shape]
         if kind.base == NESTED:
-            return abi.LayoutField(_NESTED, shape, 0, kind.capacity, self._layout(kind.nested))
+            return LayoutField(_NESTED, shape, 0, kind.capacity, self._layout(kind.nested))
         if kind.base in (STRING, BOUNDED_STRING):
-            return abi.LayoutField(_TEXT, shape, 0, kind.capacity)
-        return abi.LayoutField(_NUMBER, shape, size_of(kind.base), kind.capacity)
+            return LayoutField(_TEXT, shape, 0, kind.capacity)
+        return LayoutField(_NUMBER, shape, size_of(kind.base), kind.capacity)
 
     def _report_dropped(self) -> None:
         for name in self._libraries.callbacks.newly_dropped():
@@ -488,10 +571,9 @@ class Supports:
         value = (ctypes.c_uint8 * 32)(*hash_of(description))
         descriptions = [description["type_description"], *description["referenced_type_descriptions"]]
         sources = [
-            abi.TypeSource(abi.string(structure["type_name"]), abi.string("implicit"), abi.string(""))
-            for structure in descriptions
+            TypeSource(string(structure["type_name"]), string("implicit"), string("")) for structure in descriptions
         ]
-        answers = (abi.Hash(1, value), _c_description(description), abi.sequence(abi.TypeSource, sources))
+        answers = (Hash(1, value), _c_description(description), sequence(TypeSource, sources))
         data = [address(answer) for answer in answers]
         addresses = [address(support) for support in supports]
         callbacks = self._libraries.callbacks
@@ -509,7 +591,7 @@ class Supports:
     def _event_functions(self, name: str) -> tuple[Any, Any]:
         """Return the C functions that create and destroy service events; rcl crashes without them."""
         libraries, codecs = self._libraries, self._codecs
-        create, destroy = abi.CREATE(libraries.create), abi.DESTROY(libraries.destroy)
+        create, destroy = CREATE(libraries.create), DESTROY(libraries.destroy)
 
         def make(info: Any, _allocator: int, request: int, response: int) -> int | None:  # noqa: ANN401 - a pointer
             try:
@@ -530,10 +612,10 @@ class Supports:
                 destroy(message)
             return bool(message)
 
-        return _address_of(abi.MAKE_EVENT(make)), _address_of(abi.REMOVE_EVENT(remove))
+        return _address_of(MAKE_EVENT(make)), _address_of(REMOVE_EVENT(remove))
 
 
-def _event_of(codecs: Codecs, name: str, info: abi.EventInfo) -> Any:  # noqa: ANN401 - an event message of that service
+def _event_of(codecs: Codecs, name: str, info: EventInfo) -> Any:  # noqa: ANN401 - an event message of that service
     event = codecs.class_of(f"{name}_Event")()
     event.info.event_type, event.info.sequence_number = info.event_type, info.sequence_number
     event.info.stamp.sec, event.info.stamp.nanosec = info.sec, info.nanosec
@@ -541,21 +623,21 @@ def _event_of(codecs: Codecs, name: str, info: abi.EventInfo) -> Any:  # noqa: A
     return event
 
 
-def _c_description(description: TypeDescription) -> abi.TypeDescriptionStruct:
+def _c_description(description: TypeDescription) -> TypeDescriptionStruct:
     referenced = [_c_individual(referenced_type) for referenced_type in description["referenced_type_descriptions"]]
-    return abi.TypeDescriptionStruct(
-        _c_individual(description["type_description"]), abi.sequence(abi.IndividualDescription, referenced)
+    return TypeDescriptionStruct(
+        _c_individual(description["type_description"]), sequence(IndividualDescription, referenced)
     )
 
 
-def _c_individual(described: DescribedStructure) -> abi.IndividualDescription:
+def _c_individual(described: DescribedStructure) -> IndividualDescription:
     fields = []
     for field in described["fields"]:
         kind = field["type"]
-        nested = abi.string(kind["nested_type_name"])
-        field_type = abi.FieldTypeDescription(kind["type_id"], kind["capacity"], kind["string_capacity"], nested)
-        fields.append(abi.FieldDescription(abi.string(field["name"]), field_type, abi.string("")))
-    return abi.IndividualDescription(abi.string(described["type_name"]), abi.sequence(abi.FieldDescription, fields))
+        nested = string(kind["nested_type_name"])
+        field_type = FieldTypeDescription(kind["type_id"], kind["capacity"], kind["string_capacity"], nested)
+        fields.append(FieldDescription(string(field["name"]), field_type, string("")))
+    return IndividualDescription(string(described["type_name"]), sequence(FieldDescription, fields))
 
 
 def _capsule(pointer: int) -> object:

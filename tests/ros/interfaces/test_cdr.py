@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.ros.interfaces.cdr import Codecs
-from canopen_control.ros.interfaces.support import Registry
+from canopen_control.ros.interfaces.definition import Registry
 
 DEFINITIONS = {
     "p/msg/Empty": [],

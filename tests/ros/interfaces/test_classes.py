@@ -6,7 +6,7 @@ import pytest
 from support.ros import run_ros
 
 from canopen_control.ros.interfaces.classes import MadeMessage, action_class, message_class, service_class
-from canopen_control.ros.interfaces.support import Registry
+from canopen_control.ros.interfaces.definition import Registry
 
 
 @pytest.fixture
@@ -155,7 +155,7 @@ SLOTS = """
 import importlib, json, sys
 from pathlib import Path
 from canopen_control.ros.interfaces.classes import message_class
-from canopen_control.ros.interfaces.support import Registry
+from canopen_control.ros.interfaces.definition import Registry
 share, count = Path(sys.prefix, "share"), 0
 registry = Registry([share])
 def class_of(name):

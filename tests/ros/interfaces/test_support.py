@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-import json
 import platform
 import subprocess
 import sys
@@ -14,69 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.ros import Peer, domain, ros_environment, run_ros
 
-from canopen_control.ros.interfaces import abi, support
+from canopen_control.ros.interfaces import support
 from canopen_control.ros.interfaces.cdr import Codecs
-from canopen_control.ros.interfaces.support import Callbacks, Registry, Supports, hash_of, hash_text
-
-GOLDEN = json.loads((Path(__file__).parents[2] / "data/ros_interfaces.json").read_text())
-SHARE = Path(sys.prefix, "share")
-
-
-@pytest.fixture(scope="module")
-def registry():
-    registry = Registry([SHARE])
-    registry.add({name: each["definition"] for name, each in GOLDEN.items()})
-    return registry
-
-
-@pytest.mark.ros
-@pytest.mark.parametrize("name", GOLDEN)
-def test_the_hash_is_the_published_one(registry, name):
-    assert hash_text(registry.describe(name)) == GOLDEN[name]["type_hash"]
-
-
-@pytest.mark.ros
-def test_the_hashes_of_every_installed_message_and_service_are_the_installed_ones():
-    registry, checked = Registry([SHARE]), 0
-    for path in SHARE.glob("*_msgs/[ms][sr][gv]/*.json"):
-        told = json.loads(path.read_text())["type_hashes"][0]
-        assert hash_text(registry.describe(told["type_name"])) == told["hash_string"], told["type_name"]
-        checked += 1
-    assert checked > 100
-
-
-@pytest.mark.ros
-def test_an_installed_message_is_the_same_from_its_text():
-    name = "geometry_msgs/msg/TransformStamped"
-    registry = Registry([SHARE])
-    expected = registry.describe(name)
-    registry.add({name: (SHARE / "geometry_msgs/msg/TransformStamped.msg").read_text().splitlines()})
-    assert registry.describe(name) == expected
-
-
-def test_an_unknown_structure_is_reported():
-    with pytest.raises(LookupError, match="no type description of x/msg/Y; install the package x"):
-        Registry([]).describe("x/msg/Y")
-
-
-def test_the_hash_depends_on_every_name():
-    registry = Registry()
-    registry.add({"p/msg/A": ["uint8 a"], "p/msg/B": ["uint8 b"]})
-    one, other = registry.describe("p/msg/A"), registry.describe("p/msg/B")
-    assert hash_of(one) != hash_of(other)
-    other["type_description"]["type_name"] = "p/msg/A"
-    assert hash_of(one) != hash_of(other)
-
-
-def test_a_definition_is_read_when_it_is_asked_for_and_a_later_one_counts():
-    registry = Registry()
-    registry.add({"p/msg/A": ["no-field"], "p/srv/S": ["uint8 a", "---"]})
-    assert [each.name for each in registry.get("p/srv/S_Request").fields] == ["a"]
-    with pytest.raises(ValueError, match="cannot read the line"):
-        registry.get("p/msg/A")
-    registry.add({"p/srv/S": ["uint8 b", "---"]})
-    assert [each.name for each in registry.get("p/srv/S_Request").fields] == ["b"]
-
+from canopen_control.ros.interfaces.definition import Registry
+from canopen_control.ros.interfaces.support import Callbacks, Supports
 
 FOLDER = Path(support.__file__).parent
 
@@ -116,7 +56,7 @@ def test_the_number_of_types_is_limited_and_one_more_is_refused():
 def test_a_support_of_a_kind_is_found_by_its_name():
     callbacks = support.Callbacks(0, 0, 0, 0)
     names = [ctypes.create_string_buffer(each) for each in (b"one", b"another", b"anoth")]
-    supports = [abi.MessageSupport(ctypes.addressof(each)) for each in names]
+    supports = [support.MessageSupport(ctypes.addressof(each)) for each in names]
     where = [ctypes.addressof(each) for each in supports]
     supports[0].kinds[:] = where
     find = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)(callbacks["message_of_kind"])
@@ -251,7 +191,7 @@ from pathlib import Path
 import importlib, numpy
 from rclpy.serialization import serialize_message, deserialize_message
 from canopen_control.ros.interfaces.cdr import Codecs
-from canopen_control.ros.interfaces.support import Registry
+from canopen_control.ros.interfaces.definition import Registry
 from canopen_control.ros.interfaces.definition import parts_of
 share = Path(sys.prefix, "share")
 registry = Registry([share])
