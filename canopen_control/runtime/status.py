@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from canopen_control.controllers.base import finite
 from canopen_control.master.pdo_layout import layout_of
@@ -13,7 +13,7 @@ from canopen_control.rpc.messages.state import (
     BusTraffic,
     CycleTimes,
     JointReading,
-    NodeReading,
+    Snapshot,
     StateSample,
     Status,
     TrackingReading,
@@ -28,41 +28,29 @@ if TYPE_CHECKING:
     from canopen_control.runtime.core import RobotCore
 
 
-class Readings(NamedTuple):
-    """Snapshot of the robot's state for the status and the state samples."""
-
-    state: str
-    hint: str | None
-    cycle: CycleTimes
-    nodes: dict[str, NodeReading]
-    joints: dict[str, JointReading]
-    controllers: dict[str, str]
-
-
-def readings_of(robot: RobotCore) -> Readings:
-    """Return the robot's current state: cycle times, nodes, joints and controllers."""
+def snapshot_of(robot: RobotCore) -> Snapshot:
+    """Return the robot's current state, which the status and the state samples contain."""
     state, hint = robot.state_and_hint
-    hint = robot.cycle.clock.hint or hint
-    nodes = robot.node_readings.at(robot.reactor.now())
-    return Readings(state.value, hint, _cycle(robot), nodes, _joints(robot), robot.manager.states)
+    return Snapshot(
+        state=state.value,
+        hint=robot.cycle.clock.hint or hint,
+        latched=robot.latch.held,
+        latched_by=robot.latch.by,
+        cycle=_cycle(robot),
+        nodes=robot.node_readings.at(robot.reactor.now()),
+        joints=_joints(robot),
+        controllers=robot.manager.states,
+        true_pose=robot.truth.reading,
+    )
 
 
-def status_message(robot: RobotCore, readings: Readings | None = None) -> Status:
-    """Return the status of a robot, as in `status --json`; `readings` is an existing snapshot, if any."""
-    read = readings_of(robot) if readings is None else readings
-    return Status(
+def status_message(robot: RobotCore, snapshot: Snapshot | None = None) -> Status:
+    """Return the status of a robot, as in `status --json`; `snapshot` is an existing one, if any."""
+    return (snapshot or snapshot_of(robot)).grown(
+        Status,
         robot=robot.setup.name,
         version=__version__,
         build=build(),
-        state=read.state,
-        hint=read.hint,
-        latched=robot.latch.held,
-        latched_by=robot.latch.by,
-        cycle=read.cycle,
-        nodes=read.nodes,
-        joints=read.joints,
-        controllers=read.controllers,
-        true_pose=robot.truth.reading,
         late_edges_s=[edge / 1e9 for edge in LATE_EDGES_NS],
         buses=_buses(robot),
         boot=[
@@ -77,20 +65,11 @@ def status_message(robot: RobotCore, readings: Readings | None = None) -> Status
     )
 
 
-def state_sample(robot: RobotCore, readings: Readings | None = None) -> StateSample:
-    """Return a sample of the state stream; `readings` is an existing snapshot, if any."""
-    read = readings_of(robot) if readings is None else readings
-    return StateSample(
+def state_sample(robot: RobotCore, snapshot: Snapshot | None = None) -> StateSample:
+    """Return a sample of the state stream; `snapshot` is an existing one, if any."""
+    return (snapshot or snapshot_of(robot)).grown(
+        StateSample,
         time=(robot.reactor.now() + robot.wall_offset_ns) / 1e9,
-        state=read.state,
-        hint=read.hint,
-        latched=robot.latch.held,
-        latched_by=robot.latch.by,
-        cycle=read.cycle,
-        nodes=read.nodes,
-        joints=read.joints,
-        controllers=read.controllers,
-        true_pose=robot.truth.reading,
         load={name: bus.load for name, bus in robot.buses.items()},
         sim_time=simulated_seconds(robot),
         sim_epoch=simulated_epoch(robot),

@@ -15,7 +15,7 @@ from canopen_control.cia402.modes import mode_name
 from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.rpc.messages.samples import JointStatesSample
-from canopen_control.runtime.status import readings_of, state_sample, status_message
+from canopen_control.runtime.status import snapshot_of, state_sample, status_message
 from canopen_control.simulation.wire_view import watched_joints
 from canopen_control.virtual.axis_motion import wrap32
 
@@ -169,8 +169,8 @@ class StatusInvariants:
             self._lost.clear()
             return
         self._first_start = self._first_start or robot.started_ns
-        readings = readings_of(robot.core)
-        status, sample = status_message(robot.core, readings), state_sample(robot.core, readings)
+        snapshot = snapshot_of(robot.core)
+        status, sample = status_message(robot.core, snapshot), state_sample(robot.core, snapshot)
         self._calm = {
             view.node_id: self._disturbed.is_calm(view, now) and robot.drives[view.node_id].device is not None
             for view in self._nodes.values()

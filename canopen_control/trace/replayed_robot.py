@@ -122,17 +122,9 @@ class ReplayedRobot:
 
     def _status(self) -> Status:
         sample, status = self._samples[self._at], self._meta.status
-        return Status(
+        return sample.grown(
+            Status,
             robot=self.name,
-            state=sample.state,
-            hint=sample.hint,
-            latched=sample.latched,
-            latched_by=sample.latched_by,
-            cycle=sample.cycle,
-            nodes=sample.nodes,
-            joints=sample.joints,
-            controllers=sample.controllers,
-            true_pose=sample.true_pose,
             buses={} if status is None else status.buses,
             boot=[] if status is None else status.boot,
             events=list(self._past_events),

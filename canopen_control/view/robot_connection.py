@@ -76,17 +76,7 @@ class RobotInfo:
 
 def read_robot_info(robot: str, description: Description, listing: NodeListing, status: Status) -> RobotInfo:
     """Combine the robot's replies to the requests `description`, `nodes` and `status`."""
-    state = StateSample(
-        state=status.state,
-        hint=status.hint,
-        latched=status.latched,
-        latched_by=status.latched_by,
-        cycle=status.cycle,
-        nodes=status.nodes,
-        joints=status.joints,
-        controllers=status.controllers,
-        load={name: bus.load for name, bus in status.buses.items()},
-    )
+    state = status.grown(StateSample, load={name: bus.load for name, bus in status.buses.items()})
     return RobotInfo(
         robot,
         description.urdf,

@@ -7,7 +7,7 @@ description. Keys of messages may be added, but are never renamed.
 from __future__ import annotations
 
 import math
-from typing import Final, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 import msgspec
 
@@ -18,6 +18,7 @@ from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
 
 S = TypeVar("S", bound=Sample)
+N = TypeVar("N", bound="Snapshot")
 Planar: TypeAlias = tuple[float, float, float]
 """x and y in m, heading in rad."""
 
@@ -236,6 +237,10 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     def active(self) -> list[str]:
         """Names of the active controllers."""
         return [name for name, state in self.controllers.items() if state == "active"]
+
+    def grown(self, kind: type[N], **more: Any) -> N:  # noqa: ANN401 - fields of any type
+        """Return a snapshot of the derived type `kind`, with the common fields of this one and the fields `more`."""
+        return kind(**{name: getattr(self, name) for name in Snapshot.__struct_fields__}, **more)
 
 
 class TimedSnapshot(Snapshot, frozen=True, kw_only=True):

@@ -1,3 +1,5 @@
+from msgspec.structs import asdict
+
 from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.state import (
     AxisReading,
@@ -5,6 +7,7 @@ from canopen_control.rpc.messages.state import (
     JointReading,
     NodeReading,
     RobotEvent,
+    Snapshot,
     StateSample,
     Status,
 )
@@ -52,3 +55,10 @@ def test_a_controller_is_known_by_its_width_topics_and_state():
 def test_a_sample_and_a_status_share_what_both_report():
     document = {"state": "running", "controllers": {"a": "active", "b": "inactive"}, "time": 1, "unknown": 1}
     assert convert(document, StateSample).active == convert(document, Status).active == ["a"]
+
+
+def test_a_snapshot_grows_into_a_message_with_all_its_fields():
+    snapshot = Snapshot(state="running", hint="why", latched=True, latched_by="me", controllers={"base": "active"})
+    status = snapshot.grown(Status, robot="robby")
+    assert {name: getattr(status, name) for name in Snapshot.__struct_fields__} == asdict(snapshot)
+    assert (status.robot, status.build) == ("robby", "")
