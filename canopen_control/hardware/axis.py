@@ -200,6 +200,7 @@ class ModeBySdo:
 
 TORQUE_MAX: Final = (1 << 15) - 1
 HELD: Final = 1.01  # a speed above the limit by less than this factor is due to rounding and not reported
+REST: Final = 0.002  # rad (m): a position that is farther outside the limits is not due to noise at the limit
 _POSITIONS: Final = (objects.TARGET_POSITION, objects.INTERPOLATION_DATA)
 _WIDTHS: Final = (
     ((objects.CONTROLWORD, 0), 16),
@@ -287,6 +288,10 @@ class AxisObjectLimits:
     def of_position(self, raw: int) -> int:
         """Clamp a position target to the software position limits (0x607D)."""
         return max(self.low, min(self.high, raw))
+
+    def excludes(self, raw: int, scale: Scale) -> bool:
+        """Whether a position is outside the software position limits by more than `REST`."""
+        return abs(raw - self.of_position(raw)) > REST * abs(scale.pos_to_dev)
 
 
 class AxisProcessData:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.events import FaultEntered, ModeTimedOut
 from canopen_control.cia402.modes import OperationMode, mode_of, require_mode
+from canopen_control.cia402.objects import POSITION_ACTUAL
 from canopen_control.cia402.setpoint import SetPointDeferred, SetPointReached, SetPointTaken
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import DriveError, RobotConfigError
@@ -78,6 +79,7 @@ class JointStatus:
         self.tracking = self.targets.tracking
         unknown = StateInterface(description.name, POSITION)  # always nan
         self._measured = {name: self.states.get(name, unknown) for name in (POSITION, VELOCITY)}
+        self._mode_when_off: int | None = None  # mode to request when the drive has no power
         self._blind_stop_ns = BLIND_STOP_NS
         self._events: list[JointEvent] = []
         self.faults = FaultWatch(self.axis, self._events)
@@ -134,7 +136,15 @@ class JointStatus:
     def is_enabled_or_ready(self) -> bool:
         """Whether the joint is enabled, or could be enabled as soon as its group permits."""
         machine = self.machine
-        return machine.enabled or (machine.waiting and self.parameters.loaded)
+        if machine.enabled or not (machine.waiting and self.parameters.loaded):
+            return machine.enabled
+        return self.uncommanded_motion is None and not self.targets.awaits_position(self.targets.mode)
+
+    @property
+    def uncommanded_motion(self) -> str | None:
+        """Reason why the axis would move without a command as soon as it is enabled, or None."""
+        mode = self.targets.mode if self._mode_when_off is None else self._mode_when_off
+        return None if self.homing is not None else self.targets.uncommanded_motion(mode)
 
     @property
     def at_standstill(self) -> bool:
@@ -186,6 +196,8 @@ _INFO_EVENTS = (SetPointTaken, SetPointReached, SetPointDeferred)
 _FOLLOWING: Final = AxisPhase.FOLLOWING  # faster than the enum member, see `hardware.interfaces.OK`
 
 _MAY_HOME: Final = (AxisPhase.READY, AxisPhase.HOMING)
+_POSITION_NS: Final = 1_000_000_000  # time for the TPDO with the position of a drive that is being enabled
+_ZERO_NS: Final = 500_000_000  # time for the TPDO with the position after homing
 _OVERDUE_TEXTS: Final = {
     AxisPhase.FORCED_QUICK_STOP: "has not stopped in time; quick stop commanded",
     AxisPhase.VOLTAGE_DISABLED: "its quick stop did not end in time; voltage is disabled, so a turning motor coasts",
@@ -259,12 +271,15 @@ class JointDrive(JointStatus):
             )
         if self.axis.is_stale:
             raise DriveError(f"{self.axis.label}: cannot be enabled because a TPDO with its feedback is overdue")
+        if (reason := self.uncommanded_motion) is not None:
+            raise DriveError(f"{self.axis.label}: {reason}")
         self.machine.check_enable()
 
     def enable(self) -> None:
         """Request OPERATION_ENABLED, in which the joint follows commands; raise DriveError if impossible."""
         self.check_enable()
         self.resume, self.stopped_by = False, ""
+        self._take_mode_when_off()
         self.targets.feed_forward.zero()
         self.tracking.begin()
         self._fire(PhaseTrigger.ENABLE)
@@ -453,6 +468,8 @@ class JointDrive(JointStatus):
         """Fire a trigger of the statechart and mark the group for its checks; return whether the state has changed."""
         changed = self.statechart.fire(trigger, self._now)
         self.group.busy |= changed
+        if changed and self.statechart.state is AxisPhase.OFF:
+            self._take_mode_when_off()
         return changed
 
     def _check_transitions(self, now: int) -> None:
@@ -463,6 +480,8 @@ class JointDrive(JointStatus):
                 self._settled_at = now + self._settle_ns
                 if machine.halted:
                     self._fire(PhaseTrigger.HALT)
+            elif machine.waiting:
+                self._check_position(now)
             return
         state = machine.state
         if not self.node.ready:
@@ -474,6 +493,22 @@ class JointDrive(JointStatus):
             self._fire(PhaseTrigger.AT_STANDSTILL)
         if not (statechart.falling and self.has_settled(now)) and statechart.overdue(now):
             self._events.append(JointEvent("stop_overdue", _OVERDUE_TEXTS[statechart.state], Level.ERROR))
+
+    def _check_position(self, now: int) -> None:
+        """Report a drive that is not enabled because its position is unknown or outside its limits."""
+        reason = self.uncommanded_motion
+        if self.targets.awaits_position(self.targets.mode) and now - self.statechart.since > _POSITION_NS:
+            reason = (
+                f"its position (0x{self.axis.index(POSITION_ACTUAL):04X}) has not arrived since the boot, so it would "
+                "move as soon as it is enabled; set `transmission: 1` for the TPDO that carries it"
+            )
+        if reason is not None:
+            self._events.append(JointEvent("not_enabled", reason, Level.ERROR, stops=True))
+
+    def _take_mode_when_off(self) -> None:
+        mode, self._mode_when_off = self._mode_when_off, None
+        if mode is not None:
+            self.targets.take_mode(mode)
 
     def _brake(self, period: float) -> None:
         """Run one cycle of a controlled stop.
@@ -539,7 +574,7 @@ class JointDrive(JointStatus):
         self.machine.mode_bits = run.step(self.enable_requested, ready, now, standing=standing)
         if run.phase is HomingPhase.RUN:
             self._fire(PhaseTrigger.HOMING_STARTED)
-        if run.over:
+        if run.over and not (run.homed and run.ended_within(now, _ZERO_NS) and self._motion_after(run)):
             self._leave_homing(run)
 
     def _abort_homing(self, reason: str) -> None:
@@ -547,8 +582,15 @@ class JointDrive(JointStatus):
             self.homing.abort(reason)
             self._leave_homing(self.homing)
 
+    def _motion_after(self, run: JointHoming) -> str | None:
+        """Return why an enabled axis would move in the mode before the homing, or None."""
+        if run.mode_before is None or self.machine.state is not State.OPERATION_ENABLED:
+            return None
+        return self.targets.uncommanded_motion(mode_of(run.mode_before))
+
     def _leave_homing(self, run: JointHoming) -> None:
         """Restore the mode and the power state after homing; after a success, positions count from the new zero."""
+        moves = self._motion_after(run)
         self.home_position.end(run)
         self._fire(PhaseTrigger.HOMING_ENDED)
         if run.homed:
@@ -556,7 +598,10 @@ class JointDrive(JointStatus):
             self._events.append(JointEvent("homed", "homed", Level.INFO))
         else:
             self._events.append(JointEvent("homing_failed", run.result or ""))
-        if run.mode_before is not None:
+        if moves is not None and run.mode_before is not None:
+            self._mode_when_off = mode_of(run.mode_before)
+            self._events.append(JointEvent("not_enabled", moves, Level.ERROR, stops=True))
+        elif run.mode_before is not None:
             self.targets.take_mode(mode_of(run.mode_before))
         if not run.was_enabled and self.enable_requested:
             self.stop(self._now)

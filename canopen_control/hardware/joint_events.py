@@ -379,6 +379,7 @@ class JointHoming:
         self._machine = machine
         self._method, self._bound = method, bound
         self._sequence = HomingSequence(timeout_ns=timeout_ns)
+        self._ended_at: int | None = None
         index = axis.index(objects.HOMING_METHOD)
         if method is None:
             axis.node.read(index, 0, self._method_known)
@@ -393,6 +394,12 @@ class JointHoming:
     @property
     def homed(self) -> bool:
         return self.phase is HomingPhase.HOMED
+
+    def ended_within(self, now: int, limit_ns: int) -> bool:
+        """Whether at most `limit_ns` have passed since the first call after the end."""
+        if self._ended_at is None:
+            self._ended_at = now
+        return now - self._ended_at < limit_ns
 
     def abort(self, reason: str) -> None:
         """End the homing as failed, unless it has already ended; bit 4 is 0 from the next cycle on."""

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 UINT32_MAX: Final = (1 << 32) - 1
 _NAN: Final = math.nan
 _PROFILE: Final = (objects.PROFILE_VELOCITY, objects.PROFILE_ACCELERATION)
+_LIMITS: Final = objects.SOFTWARE_POSITION_LIMIT
 _DEFAULT_STOP_S: Final = 0.5  # duration of a stop if the drive has no deceleration
 _VL_RUN: Final = 0x70  # CiA 402-2, 0x6040 in mode VL: bits 4, 5 and 6 enable, unlock and use the ramp's reference
 _INTERPOLATE: Final = 0x10  # CiA 402-2, 0x6040 in mode IP: bit 4 enables interpolation
@@ -127,12 +128,55 @@ class JointTargets:
                 f"{mode_name(mode)} does not serve; deactivate that controller first"
             )
 
+    def uncommanded_motion(self, mode: int | None) -> str | None:
+        """Return why an enabled axis would move in a position mode without a command, or None.
+
+        In these modes the target at standstill is the actual position, which must be known and within 0x607D. In PP
+        the drive moves only to new set-points, such as those of a controller that holds a position.
+        """
+        axis, name = self._axis, self._axis.node.name
+        if mode is None or not self._holds_position(mode):
+            return None
+        if axis.position is None:
+            index = axis.index(objects.POSITION_ACTUAL)
+            return (
+                f"no TPDO carries its position (0x{index:04X}), so in {mode_name(mode)} it would move as soon as it is "
+                f"enabled; map 0x{index:04X} in a TPDO of {name} in bus.yml"
+            )
+        limits, raw = axis.limits, axis.raw_position
+        # CiA 402-2, 0x607D: the drive limits every position demand, also one that equals the actual position
+        if not self._parameters.loaded or not axis.position.fresh or not limits.excludes(raw, axis.scale):
+            return None
+        listed = listed_modes(axis, self._parameters)
+        home = f"home it (canopen-control axis home {name}), or " if not listed or OperationMode.HM in listed else ""
+        return (
+            f"its position {raw} is outside its software position limits (0x{axis.index(_LIMITS):04X}: {limits.low} "
+            f"to {limits.high}), so in {mode_name(mode)} it would move to the limit as soon as it is enabled; {home}"
+            f"end the robot and move it back with canopen-control jog {axis.node.node_id} --can CHANNEL --eds FILE"
+        )
+
+    def awaits_position(self, mode: int | None) -> bool:
+        """Whether a position mode needs the actual position, whose TPDO has not arrived since the boot."""
+        position = self._axis.position
+        return position is not None and not position.fresh and mode is not None and self._holds_position(mode)
+
+    def check_mode(self, mode: int) -> None:
+        """Raise DriveError if an enabled axis would move without a command after a change to this mode."""
+        if self._machine.enabled and (reason := self.uncommanded_motion(mode)) is not None:
+            raise DriveError(f"{self._axis.label}: {reason}")
+
+    def _holds_position(self, mode: int) -> bool:
+        """Whether the drive gets its actual position as a target at standstill, or the controller sends it."""
+        kind = TARGET_CLASSES.get(mode) or _OWN_CLASSES.get(self._axis.own_modes.get(mode, ""))
+        return kind in _HOLDING or (kind is SetPointTarget and self.claimed == POSITION)
+
     def set_mode(self, mode: int) -> None:
         """Request a mode, which an enabled drive enters after one cycle at standstill.
 
-        Raise UnsupportedMode if the drive does not list the mode.
+        Raise UnsupportedMode if the drive does not list the mode, or DriveError if an enabled axis would move.
         """
         require_mode(mode, listed_modes(self._axis, self._parameters))
+        self.check_mode(mode)
         self.mode = mode
         # the new mode uses its target object as soon as 0x6061 shows the mode
         if self._machine.enabled and self._machine.mode not in (None, mode):
@@ -682,6 +726,9 @@ _OWN_CLASSES: Final[Mapping[str, Callable[[AxisProcessData, Output, DriveMachine
     {POSITION: PositionTarget, VELOCITY: RampedVelocityTarget, EFFORT: EffortTarget}
 )
 """Class of the target of a manufacturer-specific mode, by command interface; the master computes the ramp."""
+
+_HOLDING: Final = (PositionTarget, InterpolatedTarget)
+"""Classes whose target at standstill is the actual position, to which the drive moves as soon as it is enabled."""
 
 
 def make_target(mode: int, axis: AxisProcessData, machine: DriveMachine) -> ModeTarget | None:

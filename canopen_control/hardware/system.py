@@ -171,7 +171,7 @@ class CanopenSystem(ComponentLifecycle):
                 )
             primary = leading_interface(joint.axis, joint.parameters, interfaces)
             if primary != TARGET:
-                joint.targets.mode_for(primary)
+                joint.targets.check_mode(joint.targets.mode_for(primary))
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Stop released joints; set the modes of claimed joints and enable these joints.
