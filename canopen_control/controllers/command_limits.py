@@ -5,8 +5,9 @@ Rules (ros2_control jazzy): a URDF <limit>, tightened by `min` and `max` of the 
 name="acceleration"> and "jerk". Nothing is limited for an interface with `<limits enable="false"/>`. A command that is
 nan stays nan.
 
-Safer than upstream: a joint outside its range returns at no more than the velocity limit, instead of in one step, and a
-velocity command may also move it back; a joint without a velocity state is taken to start from standstill; no
+Safer than upstream: a joint outside its range stays there until a command leads into the range, so that it does not
+move without a command; it returns at no more than the velocity limit, instead of in one step, and a velocity command
+may also move it back; a joint without a velocity state is taken to start from standstill; no
 velocity changes by more than the acceleration limit allows.
 
 A limited command is reported once per occasion, with the desired value and the limit of the description. An occasion
@@ -127,9 +128,13 @@ class JointCommands(Limited):
             value, target = desired[at], command.value
             if math.isnan(value):
                 continue
+            if at == POS:
+                value = self._outside(target, value)
             value = self._bounded(at, command, value) if at > VEL else self._changed(at, value, period)
             limiter.before[at] = command.value = value
-            if value != target and (text := self._limit_text(at, command, target, value, period, clock)) is not None:
+            if value == target and not (at == POS and self._holds_outside(value)):
+                continue
+            if (text := self._limit_text(at, command, target, value, period, clock)) is not None:
                 sentence = text if sentence is None else f"{sentence}; {text}"
         return sentence
 
@@ -142,6 +147,26 @@ class JointCommands(Limited):
         if math.isnan(before[VEL]):
             before[VEL] = actual[VEL] if math.isfinite(actual[VEL]) else 0.0
         self._starts[VEL] = before[VEL]
+
+    def _ends(self) -> tuple[float, float]:
+        """Return the range of positions, narrowed by the soft limits."""
+        soft, limits = self._joint.soft, self._limits
+        if soft is None or soft.lower >= soft.upper:
+            return limits.min_position, limits.max_position
+        return max(limits.min_position, soft.lower), min(limits.max_position, soft.upper)
+
+    def _outside(self, target: float, value: float) -> float:
+        """Return the limited position: that of a joint outside its range stays for a command that is outside too."""
+        start, (low, high) = self._starts[POS], self._ends()
+        if start > high and target > high:
+            return min(start, target)
+        if start < low and target < low:
+            return max(start, target)
+        return value
+
+    def _holds_outside(self, value: float) -> bool:
+        low, high = self._ends()
+        return self._starts[POS] == value and not low <= value <= high
 
     def _changed(self, at: int, value: float, period: float) -> float:
         """Clamp a position or velocity command to one rate-limited step from the start value."""
@@ -158,6 +183,12 @@ class JointCommands(Limited):
         begins, self._limited_at[at] = clock - self._limited_at[at] > QUIET_S, clock
         if not begins:
             return None
+        if at == POS and self._holds_outside(value):
+            low, high = self._ends()
+            return (
+                f"{command.name}: the joint is at {self._quantity(POS, value)}, outside its range from {low:g} to "
+                f"{self._quantity(POS, high)}, and is held there; a position within the range moves it back"
+            )
         short = self._stopped_short(target, period) if at == VEL else target
         bounded = self._bounded(at, command, short)
         reasons, soft = [], self._joint.soft

@@ -491,7 +491,9 @@ class PointLimiter:
 
     def _clamp_position(self, joint: int, here: float, period: float) -> None:
         limits, desired = self.limits[joint], self._positions[joint]
-        position = min(max(desired, limits.min_position), limits.max_position)
+        # a joint outside its range is held there, and returns only if the desired point leads into the range
+        low, high = min(limits.min_position, here), max(limits.max_position, here)
+        position = min(max(desired, low), high)
         if position != desired and limits.has_ends:
             self._positions[joint] = position
             self._note(joint)

@@ -468,7 +468,7 @@ class JointDrive(JointStatus):
         """Fire a trigger of the statechart and mark the group for its checks; return whether the state has changed."""
         changed = self.statechart.fire(trigger, self._now)
         self.group.busy |= changed
-        if changed and self.statechart.state is AxisPhase.OFF:
+        if changed and self.statechart.state is AxisPhase.DISABLED:
             self._take_mode_when_off()
         return changed
 

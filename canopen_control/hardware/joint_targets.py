@@ -240,10 +240,8 @@ class JointTargets:
         value = _NAN
         if command is not None:
             value = command.value
-            if value < command.minimum:
-                value = command.minimum
-            elif value > command.maximum:
-                value = command.maximum
+            if value < command.minimum or value > command.maximum:
+                value = current.within(value, command.minimum, command.maximum)
             if self.feed_forward.fed and self.mode is OperationMode.CSP:
                 self.feed_forward.follow(command, period)
         if not current.steady or value != current.value or self._axis.limits.blocked != current.blocked:
@@ -323,6 +321,10 @@ class ModeTarget(metaclass=ABCMeta):
     @abstractmethod
     def follow(self, value: float, now: int, period: float) -> None:
         """Send a target in SI units (nan: no target); `now` is in ns, `period` in s."""
+
+    def within(self, value: float, low: float, high: float) -> float:
+        """Clamp a target to the range of its command interface."""
+        return max(low, min(high, value))
 
     def ramp(self, velocity: float, slope: float) -> None:
         """Set the maximum speed and acceleration in device units, if the master computes a position profile."""
@@ -514,6 +516,16 @@ class _PositionTarget(ModeTarget):
         ends = [(here + way - scale.offset_pos_to_dev) / scale.pos_to_dev for way in (INT32_MIN + 1, INT32_MAX)]
         return min(ends), max(ends)
 
+    def within(self, value: float, low: float, high: float) -> float:
+        """Clamp a target to the range; an axis outside the range stays there for a target that is outside too."""
+        scale = self._axis.scale
+        here = (self._start() - scale.offset_pos_to_dev) / scale.pos_to_dev
+        return super().within(value, min(low, here), max(high, here))
+
+    def _start(self) -> int:
+        """Return the count from which a target leads on, with the turns of the counter."""
+        return self._axis.raw_position + self._axis.unwrap.offset
+
     def _count_of(self, value: float, none: int) -> int:
         """Return the count of a target; `none` for nan or a target out of range, which is stored in `out_of_range`."""
         axis = self._axis
@@ -576,6 +588,9 @@ class PositionTarget(_PositionTarget):
         self._send_position(here, here + round(speed * period), period)
         self._speed = speed
         return remaining == 0.0
+
+    def _start(self) -> int:
+        return super()._start() if self._count is None else self._count
 
     def _here(self) -> int:
         if self._count is None:

@@ -320,10 +320,33 @@ def test_no_limit_is_exceeded_whatever_is_commanded(commands, period):
 SAFETY = '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="1.5" k_position="5" k_velocity="10"/>'
 
 
-def test_a_joint_that_is_outside_is_led_back_by_its_velocity_limit_and_not_at_once():
-    bench = Bench(POSITION, "revolute")
+@pytest.mark.parametrize(("safety", "low", "high"), [("", "-1", "2"), (SAFETY, "-0.5", "1.5")])
+def test_a_joint_that_is_outside_moves_only_by_a_command_into_its_range_and_not_at_once(safety, low, high):
+    """A controller that holds the position commands the actual position, which is no command to move."""
+    bench = Bench(POSITION, "revolute", safety)
     bench.at(2.5)
-    assert [bench.send("position", 2.5) for _ in range(3)] == pytest.approx([2.2, 2.0, 2.0])
+    assert [bench.send("position", 2.5) for _ in range(3)] == [2.5, 2.5, 2.5]
+    assert bench.told is None  # once
+    assert bench.send("position", 9.0) == 2.5
+    bench = Bench(POSITION, "revolute", safety)
+    bench.at(2.5)
+    bench.send("position", 2.5)
+    assert bench.told == (
+        f"j/position: the joint is at 2.5 rad, outside its range from {low} to {high} rad, and is held there; "
+        "a position within the range moves it back"
+    )
+    assert bench.send("position", 2.4) == 2.4
+    assert bench.send("position", 2.5) == 2.4  # no farther out again
+    sent = [bench.send("position", 1.0) for _ in range(600)]
+    assert sent[0] > 2.09
+    assert sent == sorted(sent, reverse=True)
+    assert sent[-1] == pytest.approx(1.0)
+
+
+def test_a_joint_that_is_outside_at_the_lower_end_is_held_too():
+    bench = Bench(POSITION, "revolute")
+    bench.at(-1.5)
+    assert [bench.send("position", value) for value in (-1.5, -9.0, -1.4, -1.0)] == pytest.approx([-1.5, -1.5, -1.4, -1.1])
 
 
 def test_soft_limits_come_from_the_safety_controller():

@@ -46,3 +46,16 @@ def test_no_point_is_beyond_what_the_limits_allow_in_a_period(joints, period):
         assert abs(velocity) <= 2.0 + 1e-9
         assert abs(velocity - speeds[index]) <= 4.0 * period + 1e-9
         assert math.isfinite(desired.positions[index])
+
+
+@pytest.mark.parametrize("slope", [math.inf, 5.0])
+def test_a_joint_outside_its_range_is_held_until_a_point_leads_into_the_range(slope):
+    limiter = PointLimiter([HardLimits(-1.0, 2.0, 3.0, max_acceleration=slope, max_deceleration=slope)])
+    actual = Point([2.5], [0.0])
+    for wanted in (2.5, 9.0, 2.5):
+        desired = Point([wanted], [0.0])
+        limiter.enforce(actual, desired, 0.01)
+        assert desired.positions == [2.5]
+    desired = Point([1.0], [0.0])
+    limiter.enforce(actual, desired, 0.01)
+    assert 2.4 < desired.positions[0] < 2.5

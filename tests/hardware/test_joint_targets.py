@@ -66,6 +66,16 @@ def test_the_limits_of_the_description_hold(robby):
         assert joint.axis.output(0x60FF).value == pytest.approx(expected * 65536 / math.tau, abs=1)
 
 
+def test_a_joint_outside_its_range_is_held_where_it_is(servo):
+    """A controller that holds the position commands the actual position, which is no command to move."""
+    robby = servo("position")
+    joint = robby.joint(2)
+    joint.commands["position"].minimum, joint.commands["position"].maximum = 0.5, 1.0
+    for value, expected in ((0.0, 0.0), (-1.0, 0.0), (0.1, 0.1), (0.0, 0.1), (0.7, 0.7), (0.0, 0.5)):
+        command(robby, "position", value, 600)
+        assert robby.drives[2].get(0x6064) == pytest.approx(expected * K, abs=2)
+
+
 def test_a_mode_that_does_not_serve_the_claim_follows_nothing(robby):
     joint = robby.joint(2)
     joint.targets.take_mode(OperationMode.PP)

@@ -45,7 +45,7 @@ def _axis(robby, action, name="all", ms=3000, **how):
 def test_an_axis_outside_its_limits_is_not_enabled_in_a_position_mode(outside, modes):
     robby = outside(modes=modes)
     assert _positions(robby) == [0, 0]
-    assert {joint.statechart.state for joint in robby.robot.joints.values()} == {AxisPhase.OFF}
+    assert {joint.statechart.state for joint in robby.robot.joints.values()} == {AxisPhase.DISABLED}
     assert robby.robot.state.value == "disabled"
     text = robby.texts("not_enabled")[0]
     assert "its position 0 is outside its software position limits (0x607D: 30000 to 90000)" in text
