@@ -12,7 +12,7 @@ from canopen_control.conformance.checked_node import ABORT, CheckFailed
 from canopen_control.errors import SdoAbort
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from canopen_control.conformance.checked_node import CheckedNode
 
@@ -101,6 +101,11 @@ def expect_abort(node: CheckedNode, request: bytes, *codes: int) -> None:
     expect(code in (*codes, GENERAL_ERROR), f"abort 0x{code:08X} ({abort_text(code)})", expected)
 
 
+def aborts(request: bytes, *codes: int) -> Callable[[CheckedNode], None]:
+    """Return a check of which `expect_abort` of a request is all."""
+    return lambda node: expect_abort(node, request, *codes)
+
+
 def expect_refused(node: CheckedNode, index: int, subindex: int, data: bytes, *codes: int) -> None:
     """Download a value; raise CheckFailed unless the device aborts with one of `codes` or the general error."""
     expected = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
@@ -131,6 +136,12 @@ def answer_text(answer: bytes | None) -> str:
 def expect_silence(answer: bytes | None, expected: str = "silence") -> None:
     """Raise CheckFailed if a response was received."""
     expect(answer is None, answer_text(answer), expected)
+
+
+def expect_emergency(codes: Collection[int], expected: int) -> None:
+    """Raise CheckFailed unless one of the EMCY messages with `codes` has the expected error code."""
+    observed = ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY"
+    expect(expected in codes, observed, f"EMCY 0x{expected:04X}")
 
 
 def mux(index: int, subindex: int = 0) -> bytes:

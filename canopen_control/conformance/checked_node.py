@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.host.reactor import Reactor
     from canopen_control.od.eds import EdsFile
+    from canopen_control.od.model import Entry
 
 
 REQUEST, ANSWER, EMERGENCY, SYNC = 0x600, 0x580, 0x80, 0x80  # CiA 301, 7.3.3
@@ -120,6 +121,10 @@ class CheckedNode:
         self._check_bus()
         return list(self._frames)
 
+    def frames(self, can_id: int, seconds: float) -> list[tuple[int, CanFrame]]:
+        """Return the frames with an identifier received in the next `seconds`, each with its time in ns."""
+        return [item for item in self.listen(seconds) if item[1].can_id == can_id]
+
     def wait_for(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
         """Return the first frame with an identifier, even if received before the call, or None after `seconds`."""
         limit = round((self.timeout_s if seconds is None else seconds) * 1e9)
@@ -169,10 +174,14 @@ class CheckedNode:
 
     # -- SDO
 
-    def answers(self, seconds: float) -> int:
-        """Return the number of responses to a single SDO request within `seconds`."""
-        self.send(REQUEST + self.node_id, bytes((0x40, 0x00, 0x10, 0, 0, 0, 0, 0)))
-        return sum(frame.can_id == ANSWER + self.node_id for _, frame in self.listen(seconds))
+    def request(self, data: bytes) -> None:
+        """Send a raw request to the SDO server, without waiting for its response."""
+        self.send(REQUEST + self.node_id, data)
+
+    def answers(self, data: bytes, seconds: float) -> list[bytes]:
+        """Send a raw request to the SDO server; return the data of all responses received within `seconds`."""
+        self.request(data)
+        return [frame.data for _, frame in self.frames(ANSWER + self.node_id, seconds)]
 
     def ask(self, request: bytes) -> bytes | None:
         """Send eight raw bytes to the SDO server and return its response, or None after the timeout."""
@@ -185,6 +194,10 @@ class CheckedNode:
     def write(self, index: int, subindex: int, data: bytes, *, block: bool = False) -> None:
         """Download an object; raise the same errors as `read`."""
         self._transfer(self._client.write(index, subindex, data, block=block, now=self.reactor.now()))
+
+    def described(self, index: int, subindex: int = 0) -> Entry | None:
+        """Return an entry of the EDS, or None if there is no EDS or it does not list the entry."""
+        return None if self.eds is None else self.eds.od.get(index, subindex)
 
     def optional(self, index: int, subindex: int = 0) -> bytes:
         """Upload an optional object; raise NotApplicable if the device refuses the upload."""
@@ -216,7 +229,7 @@ class CheckedNode:
         NotApplicable is also raised for an object that the EDS calls read-only. A value that cannot be restored is
         reported by the comparison at the end of the run.
         """
-        entry = None if self.eds is None else self.eds.od.get(index, subindex)
+        entry = self.described(index, subindex)
         if entry is not None and not entry.writable:
             raise NotApplicable(f"0x{index:04X}:{subindex:02X} is read-only in the EDS")
         data = self.optional(index, subindex)

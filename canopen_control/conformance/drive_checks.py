@@ -39,7 +39,7 @@ from canopen_control.conformance.drive_steps import (
     statusword,
     stays,
 )
-from canopen_control.conformance.nmt_checks import boot, other_node_id
+from canopen_control.conformance.nmt_checks import boot, emergencies, other_node_id
 from canopen_control.conformance.pdo_checks import CountedSync, first_pdo, present_values
 from canopen_control.errors import SdoAbort
 
@@ -113,14 +113,12 @@ def _positive(node: CheckedNode, index: int) -> None:
     expect(value > 0, f"0x{index:04X} = 0", "above 0")
 
 
-@_add("D05", "402-2, object 0x6085", "0x6085, the ramp of a quick stop, is above 0", _SHOULD)
-def _quick_stop_ramp(node: CheckedNode) -> None:
-    _positive(node, o.QUICK_STOP_DECELERATION)
-
-
-@_add("D05a", "402-2, object 0x6083", "0x6083, the ramp of the profile modes, is above 0", _SHOULD)
-def _profile_ramp(node: CheckedNode) -> None:
-    _positive(node, o.PROFILE_ACCELERATION)
+for _id, _index, _name in (
+    ("D05", o.QUICK_STOP_DECELERATION, "the ramp of a quick stop"),
+    ("D05a", o.PROFILE_ACCELERATION, "the ramp of the profile modes"),
+):
+    _title = f"0x{_index:04X}, {_name}, is above 0"
+    _add(_id, f"402-2, object 0x{_index:04X}", _title, _SHOULD)(partial(_positive, index=_index))
 
 
 @_add("D05l", "402-2, object 0x607D", "0x607D:01 is not above 0x607D:02", _SHOULD)
@@ -132,7 +130,7 @@ def _position_limits(node: CheckedNode) -> None:
 
 def _of_the_eds(node: CheckedNode, index: int) -> None:
     is_drive(node)
-    if node.eds is None or node.eds.od.get(index) is None:
+    if node.described(index) is None:
         raise NotApplicable(f"the EDS does not list 0x{index:04X}")
     node.read(index)
 
@@ -202,14 +200,11 @@ def _each_mode(node: CheckedNode, seconds: float) -> None:
             expect(shown == mode, f"0x6061 = {shown} after {seconds:g} s", f"{mode}, which 0x6502 lists")
 
 
-@_add("D11", "402-2, objects 0x6060 and 0x6061", "each mode of 0x6502 is shown in 0x6061 within 1 s", touch=_CONFIGURE)
-def _mode_shown(node: CheckedNode) -> None:
-    _each_mode(node, 1.0)
-
-
-@_add("D11t", "402-2, objects 0x6060 and 0x6061", "each mode is shown within 0.1 s", _SHOULD, _CONFIGURE)
-def _mode_at_once(node: CheckedNode) -> None:
-    _each_mode(node, 0.1)
+for _id, _title, _level, _seconds in (
+    ("D11", "each mode of 0x6502 is shown in 0x6061 within 1 s", _MUST, 1.0),
+    ("D11t", "each mode is shown within 0.1 s", _SHOULD, 0.1),
+):
+    _add(_id, "402-2, objects 0x6060 and 0x6061", _title, _level, _CONFIGURE)(partial(_each_mode, seconds=_seconds))
 
 
 def _accepted_modes(node: CheckedNode, modes: range) -> list[int]:
@@ -261,22 +256,21 @@ def _period(node: CheckedNode) -> None:
         _read_back(node, o.INTERPOLATION_TIME_PERIOD, 1, 10, 1)
 
 
-@_add("D13", "402-2, object 0x6083", "an acceleration is stored unchanged, or refused", touch=_CONFIGURE)
-def _acceleration(node: CheckedNode) -> None:
+def _ramp_stored(node: CheckedNode, index: int) -> None:
     is_drive(node)
-    value = node.number(o.PROFILE_ACCELERATION)
-    _read_back(node, o.PROFILE_ACCELERATION, 0, max(2 * value, 5000), 4)
+    _read_back(node, index, 0, max(2 * node.number(index), 5000), 4)
 
 
-@_add("D13d", "402-2, object 0x6084", "a deceleration is stored unchanged, or refused", touch=_CONFIGURE)
-def _deceleration(node: CheckedNode) -> None:
-    is_drive(node)
-    _read_back(node, o.PROFILE_DECELERATION, 0, max(2 * node.number(o.PROFILE_DECELERATION), 5000), 4)
-
-
-@_add("D65m", "402-2, object 0x6098", "homing method 0 (none) is accepted", _SHOULD, _CONFIGURE)
-def _no_homing(node: CheckedNode) -> None:
-    _read_back(node, o.HOMING_METHOD, 0, 0, 1)
+for _id, _index, _name in (
+    ("D13", o.PROFILE_ACCELERATION, "an acceleration"),
+    ("D13d", o.PROFILE_DECELERATION, "a deceleration"),
+):
+    _add(_id, f"402-2, object 0x{_index:04X}", f"{_name} is stored unchanged, or refused", touch=_CONFIGURE)(
+        partial(_ramp_stored, index=_index)
+    )
+_add("D65m", "402-2, object 0x6098", "homing method 0 (none) is accepted", _SHOULD, _CONFIGURE)(
+    partial(_read_back, index=o.HOMING_METHOD, subindex=0, value=0, size=1)
+)
 
 
 @_add("D42", _POWER, "OPERATION ENABLED is not entered in PRE-OPERATIONAL", _SHOULD, _MOTION)
@@ -295,18 +289,18 @@ def _enabled_in_preop(node: CheckedNode) -> None:
             node.listen(0.1)
 
 
-@_add("D20", _POWER, "after a reset the drive is in SWITCH ON DISABLED", touch=_CONFIGURE)
-def _after_reset(node: CheckedNode) -> None:
+def _state_after_reset(node: CheckedNode, seconds: float) -> None:
     is_drive(node)
     boot(node)
-    reaches(node, SOD)
+    reaches(node, SOD, seconds)
 
 
-@_add("D20t", _POWER, "after a reset SWITCH ON DISABLED is reached within 1 s", _SHOULD, _CONFIGURE)
-def _soon_after_reset(node: CheckedNode) -> None:
-    is_drive(node)
-    boot(node)
-    reaches(node, SOD, 1.0)
+_add("D20", _POWER, "after a reset the drive is in SWITCH ON DISABLED", touch=_CONFIGURE)(
+    partial(_state_after_reset, seconds=LIMIT_S)
+)
+_add("D20t", _POWER, "after a reset SWITCH ON DISABLED is reached within 1 s", _SHOULD, _CONFIGURE)(
+    partial(_state_after_reset, seconds=1.0)
+)
 
 
 # -- the power state machine: every transition by every command, by SDO and by RPDO
@@ -469,11 +463,11 @@ def _faulted(node: CheckedNode, word: int = 0x0F) -> Iterator[list[int]]:
             for _ in range(3):
                 node.send(ERROR_CONTROL_COB_ID + other, b"\5")
                 node.listen(0.05)
-            frames = [frame for _, frame in node.listen(0.4) if frame.can_id == can_id]
+            codes = emergencies(node, can_id, 0.4)
         node.nmt(NmtCommand.START)
         node.listen(0.02)
         reaches(node, FAULT, 5.0)
-        yield [int.from_bytes(frame.data[:2], "little") for frame in frames]
+        yield codes
 
 
 @_add("D35", _POWER, "a lost heartbeat with 0x6007 = 1 leads to FAULT, with an EMCY", touch=_MOTION)
@@ -489,18 +483,17 @@ def _fault_code(node: CheckedNode) -> None:
         expect(code in codes, f"0x603F = 0x{code:04X}", ", ".join(f"0x{code:04X}" for code in codes) or "an EMCY")
 
 
-@_add("D36", _POWER, "transition 15: the edge of bit 7 leads from FAULT to SWITCH ON DISABLED", touch=_MOTION)
-def _fault_reset(node: CheckedNode) -> None:
+def _reset_leads_on(node: CheckedNode, seconds: float) -> None:
     with _faulted(node):
         reset_fault(node)
-        reaches(node, SOD)
+        reaches(node, SOD, seconds)
 
 
-@_add("D36t", _POWER, f"FAULT is left within {_QUICK_S:g} s of the edge of bit 7", _SHOULD, _MOTION)
-def _quick_reset(node: CheckedNode) -> None:
-    with _faulted(node):
-        reset_fault(node)
-        reaches(node, SOD, _QUICK_S)
+for _id, _title, _level, _seconds in (
+    ("D36", "transition 15: the edge of bit 7 leads from FAULT to SWITCH ON DISABLED", _MUST, LIMIT_S),
+    ("D36t", f"FAULT is left within {_QUICK_S:g} s of the edge of bit 7", _SHOULD, _QUICK_S),
+):
+    _add(_id, _POWER, _title, _level, _MOTION)(partial(_reset_leads_on, seconds=_seconds))
 
 
 @_add("D36l", _POWER, "a constant bit 7 = 1 does not reset a fault", touch=_MOTION)
@@ -563,14 +556,11 @@ def _mode_change(node: CheckedNode, word: int) -> None:
         expect(shown == OperationMode.PP, f"0x6061 = {shown}", "1 (PP)")
 
 
-@_add("D68e", "402-2, object 0x6060", "the mode changes in OPERATION ENABLED at standstill", _SHOULD, _MOTION)
-def _mode_enabled(node: CheckedNode) -> None:
-    _mode_change(node, 0x0F)
-
-
-@_add("D68h", "402-2, object 0x6060", "the mode changes while the halt bit is set", _SHOULD, _MOTION)
-def _mode_halted(node: CheckedNode) -> None:
-    _mode_change(node, 0x0F | HALT_BIT)
+for _id, _title, _word in (
+    ("D68e", "the mode changes in OPERATION ENABLED at standstill", 0x0F),
+    ("D68h", "the mode changes while the halt bit is set", 0x0F | HALT_BIT),
+):
+    _add(_id, "402-2, object 0x6060", _title, _SHOULD, _MOTION)(partial(_mode_change, word=_word))
 
 
 @_add("D65w", "402-2, object 0x6098", "the homing method can be written in OPERATION ENABLED", _SHOULD, _MOTION)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import AbortCode, abort_text
@@ -15,17 +16,16 @@ from canopen_control.conformance.check import (
     CheckList,
     CheckTouch,
     expect,
+    expect_emergency,
     expect_refused,
 )
 from canopen_control.conformance.checked_node import EMERGENCY, CheckFailed, NotApplicable
 from canopen_control.conformance.nmt_checks import boot, emergencies, emergency_id
-from canopen_control.conformance.pdo_checks import SYNC_PERIOD_S, first_pdo, present_values
+from canopen_control.conformance.pdo_checks import RPDO, SYNC_PERIOD_S, TPDO, first_pdo, present_values
 from canopen_control.errors import SdoAbort
 from canopen_control.frame import EXTENDED_BIT, is_restricted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from canopen_control.conformance.checked_node import CheckedNode
 
 
@@ -59,10 +59,10 @@ def _sync_producer(node: CheckedNode) -> None:
             node.put(0x1005, 0, value | 1 << 30, 4)
         except SdoAbort as error:
             raise NotApplicable(f"the device cannot produce SYNC: 0x{error.code:08X}") from None
-        count = sum(frame.can_id == value & 0x7FF for _, frame in node.listen(1.0))
+        count = len(node.frames(value & 0x7FF, 1.0))
         node.put(0x1005, 0, value, 4)
         expect(9 <= count <= 11, f"{count} SYNC in 1 s", "9 to 11")
-        count = sum(frame.can_id == value & 0x7FF for _, frame in node.listen(0.3))
+        count = len(node.frames(value & 0x7FF, 0.3))
         expect(not count, f"{count} SYNC after bit 30 of 0x1005 was cleared", "none")
 
 
@@ -74,7 +74,7 @@ def _sync_period(node: CheckedNode) -> None:
         expect(value == 20_000, f"{value}", "20000")
 
 
-def _overflow_refused(node: CheckedNode, *values: int) -> None:
+def _overflow_refused(node: CheckedNode, values: tuple[int, ...]) -> None:
     with node.kept(0x1019), node.kept(0x1006):
         node.put(0x1006, 0, 0, 4)
         for value in values:
@@ -82,14 +82,11 @@ def _overflow_refused(node: CheckedNode, *values: int) -> None:
             expect_refused(node, 0x1019, 0, bytes((value,)), *codes)
 
 
-@_add("Y04", "7.5.2.22 (object 0x1019)", "0x1019 refuses 1, which is reserved", touch=_CONFIGURE)  # T 6.5
-def _overflow_one(node: CheckedNode) -> None:
-    _overflow_refused(node, 1)
-
-
-@_add("Y04h", "7.5.2.22 (object 0x1019)", "0x1019 refuses 241 and 255, which are reserved", touch=_CONFIGURE)  # T 6.5
-def _overflow_high(node: CheckedNode) -> None:
-    _overflow_refused(node, 241, 255)
+for _id, _title, _values in (  # T 6.5
+    ("Y04", "0x1019 refuses 1, which is reserved", (1,)),
+    ("Y04h", "0x1019 refuses 241 and 255, which are reserved", (241, 255)),
+):
+    _add(_id, "7.5.2.22 (object 0x1019)", _title, touch=_CONFIGURE)(partial(_overflow_refused, values=_values))
 
 
 @_add("Y05", "7.5.2.22 (object 0x1019)", "0x1019 accepts 0, 2 and 240", touch=_CONFIGURE)  # T 6.6
@@ -104,7 +101,7 @@ def _overflow_legal(node: CheckedNode) -> None:
 
 @_add("Y05e", "7.5.2.22 (object 0x1019)", "0x1019 exists if the EDS lists it")
 def _overflow_present(node: CheckedNode) -> None:
-    if node.eds is None or node.eds.od.get(0x1019) is None:
+    if node.described(0x1019) is None:
         raise NotApplicable("the EDS does not list 0x1019")
     node.read(0x1019)
 
@@ -129,8 +126,7 @@ def _sync_length(node: CheckedNode) -> None:
             codes = emergencies(node, can_id, 0.1)
             node.send(sync, b"\2")
             node.listen(SYNC_PERIOD_S)
-    observed = ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY"
-    expect(0x8240 in codes, observed, "EMCY 0x8240")
+    expect_emergency(codes, 0x8240)
 
 
 # -- EMCY
@@ -172,15 +168,14 @@ def _provoked(node: CheckedNode) -> list[bytes]:
     with node.operational():
         node.listen(0.02)
         node.send(rpdo.can_id, data[:-1])
-        frames = [frame.data for _, frame in node.listen(0.1) if frame.can_id == can_id]
-        frames = [data for data in frames if any(data)]
+        frames = [frame.data for _, frame in node.frames(can_id, 0.1) if any(frame.data)]
         if not frames:
             raise NotApplicable("a short RPDO raises no EMCY, and no other error can be provoked")
         register = node.number(0x1001)
         node.notes.append(f"0x1001 = 0x{register:02X} after EMCY {frames[-1].hex(' ').upper()}")
-        history = node.read(0x1003, 1) if node.eds is not None and node.eds.od.get(0x1003, 1) is not None else b""
+        history = node.read(0x1003, 1) if node.described(0x1003, 1) is not None else b""
         node.send(rpdo.can_id, data)
-        after = [frame.data for _, frame in node.listen(0.1) if frame.can_id == can_id]
+        after = [frame.data for _, frame in node.frames(can_id, 0.1)]
     return [frames[-1], bytes((register,)), history, *after]
 
 
@@ -257,14 +252,12 @@ def _signature_refused(node: CheckedNode, index: int) -> None:
     expect_refused(node, index, 1, _WRONG, *codes)
 
 
-@_add("R01", "7.5.2.13 (object 0x1010)", "0x1010:01 refuses a wrong signature")  # T 8.1
-def _wrong_save(node: CheckedNode) -> None:
-    _signature_refused(node, 0x1010)
-
-
-@_add("R01l", "7.5.2.14 (object 0x1011)", "0x1011:01 refuses a wrong signature")  # T 8.3
-def _wrong_load(node: CheckedNode) -> None:
-    _signature_refused(node, 0x1011)
+_add("R01", "7.5.2.13 (object 0x1010)", "0x1010:01 refuses a wrong signature")(  # T 8.1
+    partial(_signature_refused, index=0x1010)
+)
+_add("R01l", "7.5.2.14 (object 0x1011)", "0x1011:01 refuses a wrong signature")(  # T 8.3
+    partial(_signature_refused, index=0x1011)
+)
 
 
 @_add("R01b", "7.5.2.13 (object 0x1010)", "0x1010:01 indicates how the device stores", _SHOULD)
@@ -273,19 +266,24 @@ def _storing(node: CheckedNode) -> None:
     expect(value & ~3 == 0, f"0x{value:08X}", "only bits 0 and 1")
 
 
+def _value_after_saving(node: CheckedNode, index: int, subindex: int, old: int, new: int, size: int) -> int:
+    """Return the value of an object after a new value was saved and the device was reset; save the old value again."""
+    try:
+        node.put(index, subindex, new, size)
+        node.write(0x1010, 1, _SAVE)
+        boot(node)
+        return node.number(index, subindex)
+    finally:
+        node.put(index, subindex, old, size)
+        node.write(0x1010, 1, _SAVE)
+
+
 @_add("R02", "7.5.2.13 (object 0x1010)", "a saved value persists after a reset", touch=_STORE)  # T 8.2
 def _saved(node: CheckedNode) -> None:
     node.optional(0x1010, 1)
     with node.kept(0x1017) as value:
-        try:
-            node.put(0x1017, 0, value ^ 0x0102, 2)
-            node.write(0x1010, 1, _SAVE)
-            boot(node)
-            shown = node.number(0x1017)
-            expect(shown == value ^ 0x0102, f"0x1017 = {shown}", f"{value ^ 0x0102}")
-        finally:
-            node.put(0x1017, 0, value, 2)
-            node.write(0x1010, 1, _SAVE)
+        shown = _value_after_saving(node, 0x1017, 0, value, value ^ 0x0102, 2)
+        expect(shown == value ^ 0x0102, f"0x1017 = {shown}", f"{value ^ 0x0102}")
 
 
 @_add("R02c", "7.5.2.13 (object 0x1010)", "a saved COB-ID of an RPDO persists after a reset", touch=_STORE)
@@ -294,15 +292,8 @@ def _saved_cob_id(node: CheckedNode) -> None:
     record = first_pdo(node)
     changed = record.cob_id | _OFF
     with node.kept(record.index, 1):
-        try:
-            node.put(record.index, 1, changed, 4)
-            node.write(0x1010, 1, _SAVE)
-            boot(node)
-            shown = node.number(record.index, 1)
-            expect(shown == changed, f"0x{record.index:04X}:01 = 0x{shown:08X}", f"0x{changed:08X}")
-        finally:
-            node.put(record.index, 1, record.cob_id, 4)
-            node.write(0x1010, 1, _SAVE)
+        shown = _value_after_saving(node, record.index, 1, record.cob_id, changed, 4)
+        expect(shown == changed, f"0x{record.index:04X}:01 = 0x{shown:08X}", f"0x{changed:08X}")
 
 
 @_add("R02t", "7.5.2.13 (object 0x1010)", "SDO requests are answered after saving", _SHOULD, _STORE)
@@ -315,7 +306,7 @@ def _answers_after_saving(node: CheckedNode) -> None:
 @_add("R03", "7.5.2.14 (object 0x1011)", "restored defaults take effect after a reset", touch=_STORE)  # T 8.4
 def _restored(node: CheckedNode) -> None:
     node.optional(0x1011, 1)
-    entry = None if node.eds is None else node.eds.od.get(0x1017)
+    entry = node.described(0x1017)
     if entry is None or not isinstance(entry.default, int):
         raise NotApplicable("the EDS has no default for 0x1017")
     with node.kept(0x1017) as value:
@@ -354,11 +345,11 @@ def _not_saved(node: CheckedNode) -> None:
 # -- identifiers
 
 
-def _identifiers_refused(node: CheckedNode, index: int, subindex: int, identifiers: Iterable[int]) -> None:
-    """Check that the device refuses each of `identifiers`; restore the old value after each accepted download."""
+def _restricted_refused(node: CheckedNode, index: int, subindex: int) -> None:
+    """Check that the device refuses restricted identifiers; restore the old value after each accepted download."""
     accepted = []
     with node.kept(index, subindex) as value:
-        for can_id in identifiers:
+        for can_id in _RESTRICTED:
             try:
                 node.put(index, subindex, value & ~_IDS & ~(1 << 31) | can_id, 4)
             except SdoAbort as error:
@@ -370,29 +361,16 @@ def _identifiers_refused(node: CheckedNode, index: int, subindex: int, identifie
     expect(not accepted, f"{', '.join(accepted)} accepted by 0x{index:04X}:{subindex:02X}", "abort 0x06090030")
 
 
-@_add("R05s", "7.3.5 (object 0x1005)", "0x1005 refuses restricted identifiers", _SHOULD, _CONFIGURE)  # T 8.10
-def _sync_restricted(node: CheckedNode) -> None:
-    _identifiers_refused(node, 0x1005, 0, _RESTRICTED)
-
-
-@_add("R05t", "7.3.5 (object 0x1012)", "0x1012 refuses restricted identifiers", _SHOULD, _CONFIGURE)  # T 8.10
-def _time_restricted(node: CheckedNode) -> None:
-    _identifiers_refused(node, 0x1012, 0, _RESTRICTED)
-
-
-@_add("R05e", "7.3.5 (object 0x1014)", "0x1014 refuses restricted identifiers", _SHOULD, _CONFIGURE)  # T 8.10
-def _emergency_restricted(node: CheckedNode) -> None:
-    _identifiers_refused(node, 0x1014, 0, _RESTRICTED)
-
-
-@_add("R05r", "7.3.5 (object 0x1400)", "RPDO 1 refuses restricted identifiers", _SHOULD, _CONFIGURE)  # T 8.10
-def _rpdo_restricted(node: CheckedNode) -> None:
-    _identifiers_refused(node, 0x1400, 1, _RESTRICTED)
-
-
-@_add("R05p", "7.3.5 (object 0x1800)", "TPDO 1 refuses restricted identifiers", _SHOULD, _CONFIGURE)  # T 8.10
-def _tpdo_restricted(node: CheckedNode) -> None:
-    _identifiers_refused(node, 0x1800, 1, _RESTRICTED)
+for _id, _index, _subindex, _name in (  # T 8.10
+    ("R05s", 0x1005, 0, "0x1005"),
+    ("R05t", 0x1012, 0, "0x1012"),
+    ("R05e", 0x1014, 0, "0x1014"),
+    ("R05r", RPDO, 1, "RPDO 1"),
+    ("R05p", TPDO, 1, "TPDO 1"),
+):
+    _add(_id, f"7.3.5 (object 0x{_index:04X})", f"{_name} refuses restricted identifiers", _SHOULD, _CONFIGURE)(
+        partial(_restricted_refused, index=_index, subindex=_subindex)
+    )
 
 
 @_add("R05d", "7.5.2.33 (object 0x1200)", "0x1200 refuses other identifiers of the default SDO", touch=_CONFIGURE)

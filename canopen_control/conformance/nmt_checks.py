@@ -10,6 +10,7 @@ id 0, because that would reach every node on the bus.
 from __future__ import annotations
 
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import AbortCode
@@ -21,11 +22,12 @@ from canopen_control.conformance.check import (
     CheckTouch,
     answer_text,
     expect,
+    expect_emergency,
     expect_refused,
     expect_silence,
     upload_request,
 )
-from canopen_control.conformance.checked_node import ANSWER, REQUEST, CheckFailed, NotApplicable
+from canopen_control.conformance.checked_node import ANSWER, CheckFailed, NotApplicable
 from canopen_control.errors import SdoAbort
 from canopen_control.od.dcf import decode_concise
 
@@ -69,7 +71,7 @@ def _expect_state(node: CheckedNode, expected: NmtState) -> None:
 
 
 def _heartbeats(node: CheckedNode, seconds: float) -> list[tuple[int, CanFrame]]:
-    return [item for item in node.listen(seconds) if item[1].can_id == ERROR_CONTROL_COB_ID + node.node_id]
+    return node.frames(ERROR_CONTROL_COB_ID + node.node_id, seconds)
 
 
 def emergency_id(node: CheckedNode) -> int:
@@ -82,8 +84,7 @@ def emergency_id(node: CheckedNode) -> int:
 
 def emergencies(node: CheckedNode, can_id: int, seconds: float) -> list[int]:
     """Return the error codes of the EMCY messages received in the next `seconds`."""
-    frames = [frame for _, frame in node.listen(seconds) if frame.can_id == can_id]
-    return [int.from_bytes(frame.data[:2], "little") for frame in frames]
+    return [int.from_bytes(frame.data[:2], "little") for _, frame in node.frames(can_id, seconds)]
 
 
 def boot(node: CheckedNode, command: NmtCommand = NmtCommand.RESET_NODE) -> float:
@@ -153,11 +154,11 @@ def _start_after_boot(node: CheckedNode) -> None:
 def _old_request(node: CheckedNode) -> None:
     node.read(0x1000)
     node.nmt(NmtCommand.RESET_NODE)
-    node.send(REQUEST + node.node_id, upload_request(0x1018, 1))
+    node.request(upload_request(0x1018, 1))
     if node.wait_for(ERROR_CONTROL_COB_ID + node.node_id, 10.0) is None:
         raise CheckFailed("no boot-up message within 10 s", "boot-up")
-    late = [frame for _, frame in node.listen(0.3) if frame.can_id == ANSWER + node.node_id]
-    expect(not late, late[0].data.hex(" ").upper() if late else "", "silence: the transfer ended with the reset")
+    late = node.frames(ANSWER + node.node_id, 0.3)
+    expect(not late, late[0][1].data.hex(" ").upper() if late else "", "silence: the transfer ended with the reset")
 
 
 @_add("N03", "7.3.2.2.2", "in PRE-OPERATIONAL the heartbeat is 7F, and SDO is answered", touch=_CONFIGURE)  # T 9.2
@@ -203,29 +204,22 @@ def _from_stopped(node: CheckedNode) -> None:
                 node.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
 
 
-def _unchanged(node: CheckedNode, data: bytes) -> None:
-    """Send an NMT frame and check that the node stays in PRE-OPERATIONAL."""
+def _unchanged(node: CheckedNode, command: int, length: int) -> None:
+    """Send an NMT frame of `length` bytes and check that the node stays in PRE-OPERATIONAL."""
     with beating(node):
-        node.send(NMT_COB_ID, data)
+        node.send(NMT_COB_ID, bytes((command, node.node_id, 0))[:length])
         try:
             _expect_state(node, NmtState.PRE_OPERATIONAL)
         finally:
             node.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
 
 
-@_add("N06", "7.2.8.2", "an unknown NMT command has no effect", touch=_CONFIGURE)
-def _unknown_command(node: CheckedNode) -> None:
-    _unchanged(node, bytes((0x03, node.node_id)))
-
-
-@_add("N06s", "7.2.8.2", "an NMT frame of one byte has no effect", touch=_CONFIGURE)
-def _short_command(node: CheckedNode) -> None:
-    _unchanged(node, bytes((NmtCommand.START,)))
-
-
-@_add("N06l", "7.2.8.2", "an NMT frame of three bytes has no effect", _SHOULD, _CONFIGURE)
-def _long_command(node: CheckedNode) -> None:
-    _unchanged(node, bytes((NmtCommand.START, node.node_id, 0)))
+for _id, _title, _level, _command, _length in (
+    ("N06", "an unknown NMT command has no effect", CheckLevel.MUST, 0x03, 2),
+    ("N06s", "an NMT frame of one byte has no effect", CheckLevel.MUST, NmtCommand.START, 1),
+    ("N06l", "an NMT frame of three bytes has no effect", _SHOULD, NmtCommand.START, 3),
+):
+    _add(_id, "7.2.8.2", _title, _level, _CONFIGURE)(partial(_unchanged, command=_command, length=_length))
 
 
 # -- heartbeat
@@ -258,7 +252,7 @@ def _no_heartbeat(node: CheckedNode) -> None:
 
 @_add("H02d", "7.5.2.20 (object 0x1017)", "0x1017 after a reset is the default of the EDS", _SHOULD, _CONFIGURE)
 def _default_period(node: CheckedNode) -> None:
-    entry = None if node.eds is None else node.eds.od.get(0x1017)
+    entry = node.described(0x1017)
     if entry is None or not isinstance(entry.default, int):
         raise NotApplicable("the EDS has no default for 0x1017")
     boot(node)
@@ -329,8 +323,7 @@ def _heartbeat_lost(node: CheckedNode) -> None:
     with _watching(node) as other:
         _beat(node, other, 2)
         codes = emergencies(node, can_id, 0.5)
-    observed = ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY"
-    expect(HEARTBEAT_LOST in codes, observed, f"EMCY 0x{HEARTBEAT_LOST:04X}")
+    expect_emergency(codes, HEARTBEAT_LOST)
 
 
 @_add("H06", "7.2.8.2", "the monitoring of a node starts with its first heartbeat", touch=_CONFIGURE)
@@ -394,8 +387,7 @@ def _life_guarding(node: CheckedNode) -> None:
             _guard(node)
             node.listen(_LIFE_S / 2)
         codes = emergencies(node, can_id, 5 * _LIFE_S)
-    observed = ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY"
-    expect(HEARTBEAT_LOST in codes, observed, f"EMCY 0x{HEARTBEAT_LOST:04X}")
+    expect_emergency(codes, HEARTBEAT_LOST)
 
 
 @_add("H08", "7.2.8.2", "the heartbeat continues during node guarding", touch=_CONFIGURE)  # T 7.201

@@ -6,15 +6,25 @@ that nothing moves. `T` in a comment is the number of the case in CiA's conforma
 
 from __future__ import annotations
 
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia301.pdo import DUMMY_TYPES, parse_mapping_entry
-from canopen_control.conformance.check import CheckLevel, CheckList, CheckTouch, expect, expect_refused
+from canopen_control.cia402.objects import CONTROLWORD, MODES_OF_OPERATION
+from canopen_control.cia402.state import HALT_BIT
+from canopen_control.conformance.check import (
+    CheckLevel,
+    CheckList,
+    CheckTouch,
+    expect,
+    expect_emergency,
+    expect_refused,
+)
 from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
 from canopen_control.errors import RemoteProtocolError, SdoAbort
 from canopen_control.frame import EXTENDED_BIT, can_id_of, is_restricted
@@ -42,7 +52,7 @@ _REFUSALS = (
     AbortCode.SUB0_NOT_ZERO,
     AbortCode.DEVICE_STATE,
 )
-_CONTROLWORD, _HALT, _MODE = 0x6040, 0x0100, 0x6060
+_COMMUNICATION, _MAPPING = "7.5.2.35 and 7.5.2.37", "7.5.2.36 and 7.5.2.38"
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,15 +160,20 @@ def _all_entries(node: CheckedNode, mapping: int) -> list[int]:
     return entries
 
 
-def _mappable(node: CheckedNode, record: PdoRecord) -> None:
-    """Raise NotApplicable if the EDS declares the mapping as not writable."""
-    entry = None if node.eds is None else node.eds.od.get(record.mapping, 0)
+def _mappable(node: CheckedNode, base: int = TPDO) -> PdoRecord:
+    """Return the first PDO of a direction; raise NotApplicable if the EDS declares its mapping as not writable."""
+    record = first_pdo(node, base)
+    entry = node.described(record.mapping)
     if entry is not None and not entry.writable:
         raise NotApplicable(f"the mapping 0x{record.mapping:04X} is constant in the EDS")
+    return record
 
 
-def _frames(node: CheckedNode, can_id: int, seconds: float) -> list[tuple[int, CanFrame]]:
-    return [item for item in node.listen(seconds) if item[1].can_id == can_id]
+def _map_one(node: CheckedNode, record: PdoRecord, entry: int) -> None:
+    """Map one object into a PDO that is invalid."""
+    node.put(record.mapping, 0, 0, 1)
+    node.put(record.mapping, 1, entry, 4)
+    node.put(record.mapping, 0, 1, 1)
 
 
 class CountedSync:
@@ -182,7 +197,7 @@ def _syncs(node: CheckedNode, count: int, can_id: int) -> list[tuple[int, int]]:
     turns = []
     for number in range(1, count + 1):
         sync.send()
-        frames = _frames(node, can_id, SYNC_PERIOD_S)
+        frames = node.frames(can_id, SYNC_PERIOD_S)
         if frames:
             turns.append((number, len(frames)))
     return turns
@@ -191,7 +206,7 @@ def _syncs(node: CheckedNode, count: int, can_id: int) -> list[tuple[int, int]]:
 # -- records
 
 
-@_add("P01", "7.5.2.35 and 7.5.2.37", "the COB-IDs of the PDOs are legal and unique")  # T 3.1
+@_add("P01", _COMMUNICATION, "the COB-IDs of the PDOs are legal and unique")  # T 3.1
 def _cob_ids(node: CheckedNode) -> None:
     records = [record for base in (RPDO, TPDO) for record in pdo_records(node, base)]
     if not records:
@@ -205,7 +220,7 @@ def _cob_ids(node: CheckedNode) -> None:
     expect(not twice, ", ".join(f"0x{can_id:X}" for can_id in twice), "one PDO per identifier")
 
 
-@_add("P01d", "7.5.2.35 and 7.5.2.37", "the COB-IDs of PDOs 1 to 4 are the defaults of the node-ID", _SHOULD)  # T 3.2
+@_add("P01d", _COMMUNICATION, "the COB-IDs of PDOs 1 to 4 are the defaults of the node-ID", _SHOULD)  # T 3.2
 def _default_ids(node: CheckedNode) -> None:
     wrong = []
     for base, first in ((RPDO, 0x200), (TPDO, 0x180)):
@@ -217,7 +232,7 @@ def _default_ids(node: CheckedNode) -> None:
     expect(not wrong, "; ".join(wrong), "the identifiers of the pre-defined connection set")
 
 
-@_add("P02", "7.5.2.36 and 7.5.2.38", "each mapped object exists, and a PDO has at most 64 bits")  # T 3.21
+@_add("P02", _MAPPING, "each mapped object exists, and a PDO has at most 64 bits")  # T 3.21
 def _mapped_objects(node: CheckedNode) -> None:
     for base in (RPDO, TPDO):
         for record in pdo_records(node, base):
@@ -229,7 +244,7 @@ def _mapped_objects(node: CheckedNode) -> None:
                 expect(mappable, f"0x{index:04X}:{subindex:02X} in 0x{record.mapping:04X}", "an object of the EDS")
 
 
-@_add("P02d", "7.5.2.36 and 7.5.2.38", "the mappings are the defaults of the EDS", _SHOULD)
+@_add("P02d", _MAPPING, "the mappings are the defaults of the EDS", _SHOULD)
 def _default_mapping(node: CheckedNode) -> None:
     if node.eds is None:
         raise NotApplicable("no EDS to compare with; give one with --eds")
@@ -259,7 +274,7 @@ def _event_driven(node: CheckedNode, record: PdoRecord) -> dict[int, int]:
 def _event_at_start(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     with reconfigured(node, record, _event_driven(node, record)), node.operational():
-        frames = _frames(node, record.can_id, 0.2)
+        frames = node.frames(record.can_id, 0.2)
     _expect_length(record, frames)
     expect(bool(frames), "no frame in 0.2 s", "a frame")
 
@@ -275,7 +290,7 @@ def _event_timer(node: CheckedNode) -> None:
     node.optional(record.index, 5)
     with node.kept(record.index, 2), reconfigured(node, record, {2: 255, 5: 100}), node.operational():
         node.listen(0.05)
-        frames = _frames(node, record.can_id, 1.0)
+        frames = node.frames(record.can_id, 1.0)
     _expect_length(record, frames)
     expect(len(frames) >= 9, f"{len(frames)} frames in 1 s", "at least 9")
     gaps = [second[0] - first[0] for first, second in pairwise(frames)]
@@ -313,7 +328,7 @@ def _every_240th(node: CheckedNode) -> None:
         count = 0
         for _ in range(480):
             node.send(sync)
-            count += len(_frames(node, record.can_id, 0.001))
+            count += len(node.frames(record.can_id, 0.001))
     expect(count == 2, f"{count} frames after 480 SYNC", "2")
 
 
@@ -321,7 +336,7 @@ def _every_240th(node: CheckedNode) -> None:
 def _acyclic(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     with reconfigured(node, record, {2: 0}), node.operational():
-        alone = _frames(node, record.can_id, 0.2)
+        alone = node.frames(record.can_id, 0.2)
         expect(not alone, f"{len(alone)} frames without a SYNC", "none")
         turns = _syncs(node, 5, record.can_id)
     expect(all(number == 1 for _, number in turns), "several frames after one SYNC", "at most one")
@@ -372,7 +387,7 @@ def _silent_stopped(node: CheckedNode) -> None:
         count = 0
         for _ in range(3):
             sync.send()
-            count += len(_frames(node, record.can_id, SYNC_PERIOD_S))
+            count += len(node.frames(record.can_id, SYNC_PERIOD_S))
         node.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         node.listen(SYNC_PERIOD_S)
     expect(not count, f"{count} frames", "none")
@@ -384,7 +399,7 @@ def _inhibit(node: CheckedNode) -> None:
     for subindex in (3, 5):
         node.optional(record.index, subindex)
     with reconfigured(node, record, {2: 255, 3: 1000, 5: 20}), node.operational():
-        frames = _frames(node, record.can_id, 0.55)
+        frames = node.frames(record.can_id, 0.55)
     gaps = [second[0] - first[0] for first, second in pairwise(frames)]
     shortest = min(gaps, default=100_000_000)
     expect(shortest >= 98_000_000, f"{shortest / 1e6:.1f} ms between two frames", "at least 100 ms")
@@ -397,11 +412,11 @@ def _no_inhibit(node: CheckedNode) -> None:
         node.optional(record.index, subindex)
     with reconfigured(node, record, {2: 255, 3: 0, 5: 10}), node.operational():
         node.listen(0.05)
-        count = len(_frames(node, record.can_id, 0.2))
+        count = len(node.frames(record.can_id, 0.2))
     expect(count >= 16, f"{count} frames in 0.2 s", "20")
 
 
-@_add("P21", "7.5.2.35 and 7.5.2.37", "the reserved transmission types 241 and 251 are refused", _SHOULD, _CONFIGURE)
+@_add("P21", _COMMUNICATION, "the reserved transmission types 241 and 251 are refused", _SHOULD, _CONFIGURE)
 def _reserved_types(node: CheckedNode) -> None:
     for base in (RPDO, TPDO):
         record = first_pdo(node, base)
@@ -412,7 +427,7 @@ def _reserved_types(node: CheckedNode) -> None:
                 expect_refused(node, record.index, 2, bytes((kind,)), *codes)
 
 
-@_add("P21t", "7.5.2.35 and 7.5.2.37", "a TPDO accepts the transmission types 1, 240 and 255", _SHOULD, _CONFIGURE)
+@_add("P21t", _COMMUNICATION, "a TPDO accepts the transmission types 1, 240 and 255", _SHOULD, _CONFIGURE)
 def _legal_types(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     for kind in (1, 240, 255):
@@ -421,7 +436,7 @@ def _legal_types(node: CheckedNode) -> None:
             expect(value == kind, f"{value}", f"{kind}")
 
 
-@_add("P22", "7.5.2.35 and 7.5.2.37", "another identifier is refused while the PDO is valid", _SHOULD, _CONFIGURE)
+@_add("P22", _COMMUNICATION, "another identifier is refused while the PDO is valid", _SHOULD, _CONFIGURE)
 def _id_while_valid(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     with node.kept(record.index, 1):
@@ -429,10 +444,10 @@ def _id_while_valid(node: CheckedNode) -> None:
         expect_refused(node, record.index, 1, data, *_REFUSALS)
 
 
-@_add("P22o", "7.5.2.35 and 7.5.2.37", "a PDO becomes invalid and valid by bit 31 of its COB-ID", touch=_CONFIGURE)
+@_add("P22o", _COMMUNICATION, "a PDO becomes invalid and valid by bit 31 of its COB-ID", touch=_CONFIGURE)
 def _switched_off(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
-    entry = None if node.eds is None else node.eds.od.get(record.index, 1)
+    entry = node.described(record.index, 1)
     if entry is not None and not entry.writable:
         raise NotApplicable("the COB-ID is constant in the EDS")
     with reconfigured(node, record, {2: 1}):
@@ -445,29 +460,25 @@ def _switched_off(node: CheckedNode) -> None:
 # -- mapping
 
 
-@_add("P11", "7.5.2.36 and 7.5.2.38", "a TPDO can be remapped by the procedure of CiA 301", touch=_CONFIGURE)  # T 3.22
+@_add("P11", _MAPPING, "a TPDO can be remapped by the procedure of CiA 301", touch=_CONFIGURE)  # T 3.22
 def _remapped(node: CheckedNode) -> None:
-    record = first_pdo(node, TPDO)
-    _mappable(node, record)
+    record = _mappable(node)
     entry = record.entries[0]
     with _invalid(node, record):
-        node.put(record.mapping, 0, 0, 1)
-        node.put(record.mapping, 1, entry, 4)
-        node.put(record.mapping, 0, 1, 1)
+        _map_one(node, record, entry)
         shorter = PdoRecord(record.index, record.cob_id, (entry,))
         with reconfigured(node, shorter, {2: 1}), node.operational():
             sync = CountedSync(node)
             node.listen(SYNC_PERIOD_S)
             sync.send()
-            frames = _frames(node, record.can_id, SYNC_PERIOD_S)
+            frames = node.frames(record.can_id, SYNC_PERIOD_S)
     expect(bool(frames), "no frame after SYNC", "a frame")
     _expect_length(shorter, frames)
 
 
-@_add("P11m", "7.5.2.36 and 7.5.2.38", "a PDO accepts as many objects as its record has entries", _SHOULD, _CONFIGURE)
+@_add("P11m", _MAPPING, "a PDO accepts as many objects as its record has entries", _SHOULD, _CONFIGURE)
 def _many_objects(node: CheckedNode) -> None:
-    record = first_pdo(node, TPDO)
-    _mappable(node, record)
+    record = _mappable(node)
     if node.eds is None:
         raise NotApplicable("no EDS that lists the entries; give one with --eds")
     od = node.eds.od
@@ -482,28 +493,25 @@ def _many_objects(node: CheckedNode) -> None:
         node.put(record.mapping, 0, room, 1)
 
 
-@_add("P12", "7.5.2.36 and 7.5.2.38", "a mapping entry is refused while subindex 0 is not 0", touch=_CONFIGURE)
+@_add("P12", _MAPPING, "a mapping entry is refused while subindex 0 is not 0", touch=_CONFIGURE)
 def _entry_while_counted(node: CheckedNode) -> None:  # T 3.23
-    record = first_pdo(node, TPDO)
-    _mappable(node, record)
+    record = _mappable(node)
     with _invalid(node, record):
         expect_refused(node, record.mapping, 1, record.entries[0].to_bytes(4, "little"), *_REFUSALS)
 
 
-@_add("P12s", "7.5.2.36 and 7.5.2.38", "the number of entries can be set to 0 in an invalid PDO", touch=_CONFIGURE)
+@_add("P12s", _MAPPING, "the number of entries can be set to 0 in an invalid PDO", touch=_CONFIGURE)
 def _count_zero(node: CheckedNode) -> None:
-    record = first_pdo(node, TPDO)
-    _mappable(node, record)
+    record = _mappable(node)
     with _invalid(node, record):
         node.put(record.mapping, 0, 0, 1)
         value = node.number(record.mapping)
         expect(value == 0, f"{value}", "0")
 
 
-@_add("P13", "7.5.2.36 and 7.5.2.38", "the mapping is refused while the PDO is valid", touch=_CONFIGURE)  # T 3.24
+@_add("P13", _MAPPING, "the mapping is refused while the PDO is valid", touch=_CONFIGURE)  # T 3.24
 def _mapped_while_valid(node: CheckedNode) -> None:
-    record = first_pdo(node, TPDO)
-    _mappable(node, record)
+    record = _mappable(node)
     try:
         expect_refused(node, record.mapping, 0, b"\0", *_REFUSALS)
     except CheckFailed:
@@ -512,18 +520,16 @@ def _mapped_while_valid(node: CheckedNode) -> None:
 
 
 def _refused_entry(node: CheckedNode, base: int, entry: int) -> None:
-    record = first_pdo(node, base)
-    _mappable(node, record)
+    record = _mappable(node, base)
     codes = AbortCode.NOT_MAPPABLE, AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX, AbortCode.INVALID_VALUE
     with _invalid(node, record):
         node.put(record.mapping, 0, 0, 1)
         expect_refused(node, record.mapping, 1, entry.to_bytes(4, "little"), *codes)
 
 
-@_add("P14", "7.5.2.36 and 7.5.2.38", "more than 64 bits are refused", touch=_CONFIGURE)  # T 3.26
+@_add("P14", _MAPPING, "more than 64 bits are refused", touch=_CONFIGURE)  # T 3.26
 def _too_many_bits(node: CheckedNode) -> None:
-    record = first_pdo(node, TPDO)
-    _mappable(node, record)
+    record = _mappable(node)
     widest = max(record.entries, key=lambda entry: entry & 0xFF)
     count = 64 // (widest & 0xFF) + 1
     codes = AbortCode.MAPPING_TOO_LONG, AbortCode.UNSUPPORTED_ACCESS, AbortCode.NOT_MAPPABLE, AbortCode.NO_SUBINDEX
@@ -539,30 +545,26 @@ def _too_many_bits(node: CheckedNode) -> None:
             raise CheckFailed(f"{count} objects of {widest & 0xFF} bits were accepted", "abort 0x06040042")
 
 
-@_add("P14c", "7.5.2.36 and 7.5.2.38", "a number of entries above 64 is refused", touch=_CONFIGURE)  # T 3.25
+@_add("P14c", _MAPPING, "a number of entries above 64 is refused", touch=_CONFIGURE)  # T 3.25
 def _count_too_high(node: CheckedNode) -> None:
-    record = first_pdo(node, TPDO)
-    _mappable(node, record)
+    record = _mappable(node)
     codes = AbortCode.MAPPING_TOO_LONG, AbortCode.INVALID_VALUE, AbortCode.VALUE_TOO_HIGH, *_REFUSALS
     with _invalid(node, record):
         expect_refused(node, record.mapping, 0, bytes((65,)), *codes)
 
 
-@_add("P15", "7.5.2.36 and 7.5.2.38", "an object that does not exist cannot be mapped", touch=_CONFIGURE)  # T 3.28
-def _absent_object(node: CheckedNode) -> None:
-    _refused_entry(node, TPDO, 0x1004 << 16 | 0x20)
+for _id, _title, _entry in (
+    ("P15", "an object that does not exist cannot be mapped", 0x1004_00_20),  # T 3.28
+    ("P15u", "an object that must not be mapped (0x1018) is refused", 0x1018_01_20),  # T 3.29
+):
+    _add(_id, _MAPPING, _title, touch=_CONFIGURE)(partial(_refused_entry, base=TPDO, entry=_entry))
 
 
-@_add("P15u", "7.5.2.36 and 7.5.2.38", "an object that must not be mapped (0x1018) is refused", touch=_CONFIGURE)
-def _unmappable_object(node: CheckedNode) -> None:  # T 3.29
-    _refused_entry(node, TPDO, 0x1018 << 16 | 1 << 8 | 32)
-
-
-@_add("P15r", "7.5.2.36 and 7.5.2.38", "a read-only object cannot be mapped into an RPDO", touch=_CONFIGURE)  # T 3.31
+@_add("P15r", _MAPPING, "a read-only object cannot be mapped into an RPDO", touch=_CONFIGURE)  # T 3.31
 def _read_only_object(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     for entry in record.entries:
-        described = None if node.eds is None else node.eds.od.get(*parse_mapping_entry(entry)[:2])
+        described = node.described(*parse_mapping_entry(entry)[:2])
         if described is not None and not described.writable:
             _refused_entry(node, RPDO, entry)
             return
@@ -573,34 +575,25 @@ def _read_only_object(node: CheckedNode) -> None:
 def _dummy_object(node: CheckedNode) -> None:
     if node.eds is None or 5 not in node.eds.od.dummy_usage:
         raise NotApplicable("the EDS has no Dummy0005=1")
-    record = first_pdo(node)
-    _mappable(node, record)
+    record = _mappable(node, RPDO)
     with _invalid(node, record):
-        node.put(record.mapping, 0, 0, 1)
-        node.put(record.mapping, 1, 0x00050008, 4)
-        node.put(record.mapping, 0, 1, 1)
+        _map_one(node, record, 0x00050008)
 
 
-@_add("P16f", "7.5.2.36 and 7.5.2.38", "a PDO can be mapped while its COB-ID is another node's", _SHOULD, _CONFIGURE)
+@_add("P16f", _MAPPING, "a PDO can be mapped while its COB-ID is another node's", _SHOULD, _CONFIGURE)
 def _foreign_id(node: CheckedNode) -> None:
-    record = first_pdo(node, TPDO)
-    _mappable(node, record)
+    record = _mappable(node)
     other = record.cob_id & ~0x7F | (1 if node.node_id != 1 else 2)
     with _invalid(node, record):
         node.put(record.index, 1, other | _OFF, 4)
-        node.put(record.mapping, 0, 0, 1)
-        node.put(record.mapping, 1, record.entries[0], 4)
-        node.put(record.mapping, 0, 1, 1)
+        _map_one(node, record, record.entries[0])
 
 
-@_add("P16o", "7.5.2.36 and 7.5.2.38", "a mapping is accepted in OPERATIONAL", _SHOULD, _CONFIGURE)
+@_add("P16o", _MAPPING, "a mapping is accepted in OPERATIONAL", _SHOULD, _CONFIGURE)
 def _mapped_operational(node: CheckedNode) -> None:
-    record = first_pdo(node, TPDO)
-    _mappable(node, record)
+    record = _mappable(node)
     with node.operational(), _invalid(node, record):
-        node.put(record.mapping, 0, 0, 1)
-        node.put(record.mapping, 1, record.entries[0], 4)
-        node.put(record.mapping, 0, 1, 1)
+        _map_one(node, record, record.entries[0])
 
 
 # -- RPDO frames
@@ -611,8 +604,8 @@ def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, Address]
     data, shift = bytearray(present_values(node, record)), 0
     for entry in record.entries:
         index, subindex, bits = parse_mapping_entry(entry)
-        if index not in (*DUMMY_TYPES, _MODE):
-            image = int.from_bytes(data, "little") ^ (_HALT if index == _CONTROLWORD else 1) << shift
+        if index not in (*DUMMY_TYPES, MODES_OF_OPERATION):
+            image = int.from_bytes(data, "little") ^ (HALT_BIT if index == CONTROLWORD else 1) << shift
             return image.to_bytes(len(data), "little"), (index, subindex)
         shift += bits
     raise NotApplicable("no object of the first RPDO can have another value without an effect")
@@ -633,12 +626,19 @@ def _expect_value(node: CheckedNode, frame: bytes, address: Address, *, applied:
     )
 
 
-@_add("P17", "7.2.2.5", "an RPDO that is one byte short has no effect", touch=_CONFIGURE)  # T 5.4
-def _short_rpdo(node: CheckedNode) -> None:
+def _rpdo_value(node: CheckedNode, *, added: int = 0, operational: bool = True, applied: bool) -> None:
+    """Send another value in the first RPDO, with `added` bytes more than mapped; check whether it is applied."""
     record = first_pdo(node)
+    if added > 0 and record.length == 8:
+        raise NotApplicable("the first RPDO has 8 bytes already")
     frame, address = _other_values(node, record)
-    with reconfigured(node, record, {2: 255}), node.operational():
-        _expect_value(node, frame[:-1], address, applied=False)
+    with reconfigured(node, record, {2: 255}), node.operational() if operational else nullcontext():
+        _expect_value(node, (frame + b"\0")[: record.length + added], address, applied=applied)
+
+
+_add("P17", "7.2.2.5", "an RPDO that is one byte short has no effect", touch=_CONFIGURE)(  # T 5.4
+    partial(_rpdo_value, added=-1, applied=False)
+)
 
 
 @_add("P17e", "7.2.7", "an RPDO that is too short raises EMCY 0x8210", _SHOULD, _CONFIGURE)  # T 5.4
@@ -648,36 +648,21 @@ def _short_emergency(node: CheckedNode) -> None:
     with node.operational():
         node.listen(0.02)
         node.send(record.can_id, data[:-1])
-        codes = [int.from_bytes(frame.data[:2], "little") for _, frame in _frames(node, can_id, 0.1)]
+        codes = [int.from_bytes(frame.data[:2], "little") for _, frame in node.frames(can_id, 0.1)]
         node.send(record.can_id, data)
         node.listen(0.05)
-    expect(0x8210 in codes, ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY", "EMCY 0x8210")
+    expect_emergency(codes, 0x8210)
 
 
-@_add("P18", "7.2.2.5", "an RPDO that is one byte longer than mapped is applied", _SHOULD, _CONFIGURE)
-def _long_rpdo(node: CheckedNode) -> None:
-    record = first_pdo(node)
-    if record.length == 8:
-        raise NotApplicable("the first RPDO has 8 bytes already")
-    frame, address = _other_values(node, record)
-    with reconfigured(node, record, {2: 255}), node.operational():
-        _expect_value(node, frame + b"\0", address, applied=True)
-
-
-@_add("P18n", "7.2.2", "an RPDO of the mapped length is applied in OPERATIONAL", touch=_CONFIGURE)
-def _rpdo(node: CheckedNode) -> None:
-    record = first_pdo(node)
-    frame, address = _other_values(node, record)
-    with reconfigured(node, record, {2: 255}), node.operational():
-        _expect_value(node, frame, address, applied=True)
-
-
-@_add("P19", "7.3.2.2.2", "an RPDO in PRE-OPERATIONAL is ignored", touch=_CONFIGURE)
-def _rpdo_preop(node: CheckedNode) -> None:
-    record = first_pdo(node)
-    frame, address = _other_values(node, record)
-    with reconfigured(node, record, {2: 255}):
-        _expect_value(node, frame, address, applied=False)
+_add("P18", "7.2.2.5", "an RPDO that is one byte longer than mapped is applied", _SHOULD, _CONFIGURE)(
+    partial(_rpdo_value, added=1, applied=True)
+)
+_add("P18n", "7.2.2", "an RPDO of the mapped length is applied in OPERATIONAL", touch=_CONFIGURE)(
+    partial(_rpdo_value, applied=True)
+)
+_add("P19", "7.3.2.2.2", "an RPDO in PRE-OPERATIONAL is ignored", touch=_CONFIGURE)(
+    partial(_rpdo_value, operational=False, applied=False)
+)
 
 
 @_add("P19s", "7.5.2.35", "an RPDO of transmission type 1 takes effect at the next SYNC", touch=_CONFIGURE)

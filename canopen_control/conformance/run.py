@@ -153,7 +153,8 @@ def _identity(node: CheckedNode) -> dict[str, str]:
 
 def _refuse_confusion(node: CheckedNode) -> None:
     """Raise ConfigError if two nodes respond with the same id, or if the EDS describes another device."""
-    if all(node.answers(0.05) > 1 for _ in range(3)):  # a bus can deliver a single frame twice
+    request = upload_request(0x1000)
+    if all(len(node.answers(request, 0.05)) > 1 for _ in range(3)):  # a bus can deliver a single frame twice
         raise ConfigError(
             f"two nodes on {node.port.channel} answer as node {node.node_id}; disconnect one of them, and give it "
             "another node-ID"
@@ -161,7 +162,7 @@ def _refuse_confusion(node: CheckedNode) -> None:
     if node.eds is None:
         return
     for name, subindex in (("vendor", 1), ("product", 2)):
-        entry = node.eds.od.get(0x1018, subindex)
+        entry = node.described(0x1018, subindex)
         default = 0 if entry is None or not isinstance(entry.default, int) else entry.default
         try:
             shown = int.from_bytes(node.read(0x1018, subindex), "little")

@@ -6,6 +6,7 @@ conformance test tool 3.0.3.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import AbortCode
@@ -31,6 +32,7 @@ from canopen_control.conformance.check import (
     CheckLevel,
     CheckList,
     CheckTouch,
+    aborts,
     answer_text,
     client_abort,
     expect,
@@ -38,7 +40,7 @@ from canopen_control.conformance.check import (
     mux,
     upload_request,
 )
-from canopen_control.conformance.checked_node import ABORT, ANSWER, REQUEST, CheckFailed, NotApplicable
+from canopen_control.conformance.checked_node import ABORT, CheckFailed, NotApplicable
 from canopen_control.errors import SdoAbort
 
 if TYPE_CHECKING:
@@ -49,11 +51,12 @@ BLOCK_CHECKS = CheckList("301")
 _add = BLOCK_CHECKS.add
 _SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
 _HEARTBEAT = 0x1017
+_ANSWERS_S = 0.1  # time in which the segments of a sub-block arrive
 _LIMIT_S = 0.05  # response time for a master with short timeouts
 
 
 def _abort(node: CheckedNode, index: int) -> None:
-    node.send(REQUEST + node.node_id, client_abort(index))
+    node.request(client_abort(index))
     node.listen(0.005)
 
 
@@ -65,12 +68,6 @@ def _start_upload(node: CheckedNode, index: int, block_size: int) -> tuple[int, 
             _abort(node, index)
         raise NotApplicable(f"the server does not support block upload of 0x{index:04X}: {answer_text(answer)}")
     return int.from_bytes(answer[4:], "little"), bool(answer[0] & CRC_FLAG)
-
-
-def _segments(node: CheckedNode, data: bytes, seconds: float = 0.1) -> list[bytes]:
-    """Send a request; return the data of all SDO responses received within `seconds`."""
-    node.send(REQUEST + node.node_id, data)
-    return [frame.data for _, frame in node.listen(seconds) if frame.can_id == ANSWER + node.node_id]
 
 
 def _object(node: CheckedNode) -> tuple[int, bytes]:
@@ -91,14 +88,14 @@ def _uploaded(node: CheckedNode, block_size: int) -> None:
     size, with_crc = _start_upload(node, index, block_size)
     expect(size in (0, len(value)), f"{size} bytes announced", f"{len(value)}")
     data = bytearray()
-    answers = _segments(node, bytes((BLOCK_START, *bytes(7))))
+    answers = node.answers(bytes((BLOCK_START, *bytes(7))), _ANSWERS_S)
     for _ in range(len(value) // SEGMENT_DATA + 2):
         expect(0 < len(answers) <= block_size, f"{len(answers)} segments", f"1 to {block_size}")
         numbers = [answer[0] & 0x7F for answer in answers]
         expect(numbers == list(range(1, len(answers) + 1)), f"sequence {numbers}", "1, 2, 3 and so on")
         data += b"".join(answer[1:] for answer in answers)
         last = bool(answers[-1][0] & LAST_FLAG)
-        answers = _segments(node, bytes((BLOCK_ACK, len(answers), block_size, *bytes(5))))
+        answers = node.answers(bytes((BLOCK_ACK, len(answers), block_size, *bytes(5))), _ANSWERS_S)
         if last:
             break
     end = answers[0] if len(answers) == 1 else None
@@ -106,7 +103,7 @@ def _uploaded(node: CheckedNode, block_size: int) -> None:
     assert end is not None
     unused = end[0] >> 2 & 7
     data = data[: len(data) - unused]
-    node.send(REQUEST + node.node_id, bytes((BLOCK_END_ANSWER, *bytes(7))))
+    node.request(bytes((BLOCK_END_ANSWER, *bytes(7))))
     node.listen(0.005)
     expect(data == value, bytes(data).hex(" ").upper(), "the value of the upload without blocks")
     if with_crc:
@@ -114,26 +111,19 @@ def _uploaded(node: CheckedNode, block_size: int) -> None:
         expect(crc == crc16(data), f"CRC 0x{crc:04X}", f"0x{crc16(data):04X}")
 
 
-@_add("B01", "7.2.4.3.13", "a block upload in sub-blocks of one segment is complete, with the right CRC")  # T 2.23
-def _upload_1(node: CheckedNode) -> None:
-    _uploaded(node, 1)
-
-
-@_add("B02", "7.2.4.3.13", "a block upload in sub-blocks of 127 segments is complete, with the right CRC")  # T 2.23
-def _upload_127(node: CheckedNode) -> None:
-    _uploaded(node, MAX_BLOCK_SIZE)
-
-
-@_add("B02b", "7.2.4.3.13", "a block upload in sub-blocks of two segments is complete, with the right CRC")
-def _upload_2(node: CheckedNode) -> None:
-    _uploaded(node, 2)
+for _id, _size, _title in (
+    ("B01", 1, "a block upload in sub-blocks of one segment is complete, with the right CRC"),  # T 2.23
+    ("B02", 127, "a block upload in sub-blocks of 127 segments is complete, with the right CRC"),  # T 2.23
+    ("B02b", 2, "a block upload in sub-blocks of two segments is complete, with the right CRC"),
+):
+    _add(_id, "7.2.4.3.13", _title)(partial(_uploaded, block_size=_size))
 
 
 @_add("S19", "7.2.4.3.15", "an acknowledgement of a segment that was not sent is refused")  # T 2.27
 def _wrong_acknowledgement(node: CheckedNode) -> None:
     index, _ = _object(node)
     _start_upload(node, index, MAX_BLOCK_SIZE)
-    _segments(node, bytes((BLOCK_START, *bytes(7))))
+    node.answers(bytes((BLOCK_START, *bytes(7))), _ANSWERS_S)
     codes = AbortCode.INVALID_SEQUENCE_NUMBER, AbortCode.UNKNOWN_COMMAND
     expect_abort(node, bytes((BLOCK_ACK, 0x80, MAX_BLOCK_SIZE, *bytes(5))), *codes)
 
@@ -142,23 +132,23 @@ def _wrong_acknowledgement(node: CheckedNode) -> None:
 def _repeated_segments(node: CheckedNode) -> None:
     index, _ = _object(node)
     _start_upload(node, index, MAX_BLOCK_SIZE)
-    first = _segments(node, bytes((BLOCK_START, *bytes(7))))
-    again = _segments(node, bytes((BLOCK_ACK, 0, MAX_BLOCK_SIZE, *bytes(5))))
+    first = node.answers(bytes((BLOCK_START, *bytes(7))), _ANSWERS_S)
+    again = node.answers(bytes((BLOCK_ACK, 0, MAX_BLOCK_SIZE, *bytes(5))), _ANSWERS_S)
     _abort(node, index)
     expect(bool(first) and again == first, f"{len(again)} segments", f"the {len(first)} segments of the sub-block")
 
 
-@_add("S16x", "7.2.4.3.13", "a block upload of 0x1004, which is reserved, is refused")
-def _upload_absent(node: CheckedNode) -> None:
-    request = bytes((BLOCK_UPLOAD, *mux(0x1004), MAX_BLOCK_SIZE, 0, 0, 0))
-    expect_abort(node, request, AbortCode.NO_OBJECT, AbortCode.UNKNOWN_COMMAND)
-
-
-@_add("S17x", "7.2.4.3.9", "a block download to 0x1000 (const) is refused at its initiation")
-def _download_read_only(node: CheckedNode) -> None:
-    request = bytes((BLOCK_DOWNLOAD | SIZED_FLAG, *mux(0x1000), 4, 0, 0, 0))
-    codes = AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS, AbortCode.UNKNOWN_COMMAND
-    expect_abort(node, request, *codes)
+_add("S16x", "7.2.4.3.13", "a block upload of 0x1004, which is reserved, is refused")(
+    aborts(bytes((BLOCK_UPLOAD, *mux(0x1004), MAX_BLOCK_SIZE, 0, 0, 0)), AbortCode.NO_OBJECT, AbortCode.UNKNOWN_COMMAND)
+)
+_add("S17x", "7.2.4.3.9", "a block download to 0x1000 (const) is refused at its initiation")(
+    aborts(
+        bytes((BLOCK_DOWNLOAD | SIZED_FLAG, *mux(0x1000), 4, 0, 0, 0)),
+        AbortCode.READ_ONLY,
+        AbortCode.UNSUPPORTED_ACCESS,
+        AbortCode.UNKNOWN_COMMAND,
+    )
+)
 
 
 @_add("S17y", "7.2.4.3.9", "the server supports block transfers", _SHOULD)
@@ -206,14 +196,11 @@ def _downloaded(node: CheckedNode, *, crc: bool) -> None:
     expect(node.read(_HEARTBEAT) == value, node.read(_HEARTBEAT).hex(" "), value.hex(" "))
 
 
-@_add("S17", "7.2.4.3.9", "a block download to 0x1017 without a CRC works", touch=_CONFIGURE)  # T 2.21
-def _without_crc(node: CheckedNode) -> None:
-    _downloaded(node, crc=False)
-
-
-@_add("S17c", "7.2.4.3.12", "a block download to 0x1017 with a CRC works", touch=_CONFIGURE)  # T 2.25
-def _with_crc(node: CheckedNode) -> None:
-    _downloaded(node, crc=True)
+for _id, _clause, _title, _with_crc in (
+    ("S17", "7.2.4.3.9", "a block download to 0x1017 without a CRC works", False),  # T 2.21
+    ("S17c", "7.2.4.3.12", "a block download to 0x1017 with a CRC works", True),  # T 2.25
+):
+    _add(_id, _clause, _title, touch=_CONFIGURE)(partial(_downloaded, crc=_with_crc))
 
 
 @_add("S21", "7.2.4.3.12", "a block download with a wrong CRC is refused, and changes nothing", touch=_CONFIGURE)
@@ -249,7 +236,7 @@ def _block_too_long(node: CheckedNode) -> None:
     command = BLOCK_DOWNLOAD | SIZED_FLAG
     answer = node.ask(bytes((command, *mux(_HEARTBEAT), 8, 0, 0, 0)))
     if answer is not None and answer[0] & COMMAND_MASK == BLOCK_DOWNLOAD_ANSWER:
-        node.send(REQUEST + node.node_id, bytes((1, *value, *bytes(5))))
+        node.request(bytes((1, *value, *bytes(5))))
         answer = _segment(node, 2, b"\0")
         if answer is not None and answer[0] == BLOCK_ACK:
             answer = _end_download(node, b"\0", 0)

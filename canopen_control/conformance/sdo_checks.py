@@ -18,6 +18,7 @@ from canopen_control.conformance.check import (
     CheckLevel,
     CheckList,
     CheckTouch,
+    aborts,
     answer_text,
     client_abort,
     expect,
@@ -190,9 +191,23 @@ def _segmented(node: CheckedNode) -> tuple[int, int]:
     for index in _STRINGS:
         answer = node.ask(upload_request(index))
         if answer is not None and answer[0] & 0xE2 == 0x40:
-            node.send(REQUEST + node.node_id, client_abort(index))
+            node.request(client_abort(index))
             return index, int.from_bytes(answer[4:], "little")
     raise NotApplicable("no object of 0x1008 to 0x100A is longer than four bytes")
+
+
+def _download(index: int) -> bytes:
+    """Return the SDO request that initiates a segmented download of eight bytes."""
+    return bytes((0x21, *mux(index), 8, 0, 0, 0))
+
+
+_NO_OBJECT, _NO_SUBINDEX, _UNKNOWN = (AbortCode.NO_OBJECT,), (AbortCode.NO_SUBINDEX,), (AbortCode.UNKNOWN_COMMAND,)
+_NOT_WRITABLE = (
+    AbortCode.READ_ONLY,
+    AbortCode.UNSUPPORTED_ACCESS,
+    AbortCode.LENGTH_MISMATCH,
+    AbortCode.LENGTH_TOO_HIGH,
+)
 
 
 @_add("S01", "7.2.4.3.5", "0x1000 is uploaded expedited with four bytes")  # T 2.1
@@ -209,31 +224,19 @@ def _read_only(node: CheckedNode) -> None:
     expect_abort(node, request, AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS)
 
 
-@_add("S05", "7.2.4.3.17", "an upload of 0x1000:01, which does not exist, is refused")  # T 2.5
-def _no_subindex(node: CheckedNode) -> None:
-    expect_abort(node, upload_request(0x1000, 1), AbortCode.NO_SUBINDEX)
-
-
-@_add("S06", "7.2.4.3.17", "an upload of 0x1004, which is reserved, is refused")  # T 2.6
-def _no_object(node: CheckedNode) -> None:
-    expect_abort(node, upload_request(0x1004), AbortCode.NO_OBJECT)
-
-
-@_add("S06w", "7.2.4.3.17", "a download to 0x1004, which is reserved, is refused at its initiation")
-def _no_object_to_write(node: CheckedNode) -> None:
-    expect_abort(node, bytes((0x21, *mux(0x1004), 8, 0, 0, 0)), AbortCode.NO_OBJECT)
-
-
-@_add("S03s", "7.2.4.3.17", "a segmented download to 0x1000 is refused at its initiation")
-def _read_only_segmented(node: CheckedNode) -> None:
-    request = bytes((0x21, *mux(0x1000), 8, 0, 0, 0))
-    codes = AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS, AbortCode.LENGTH_MISMATCH, AbortCode.LENGTH_TOO_HIGH
-    expect_abort(node, request, *codes)
-
-
-@_add("S07", "7.2.4.3.17", "an unknown command specifier is refused")  # T 2.7
-def _unknown_command(node: CheckedNode) -> None:
-    expect_abort(node, bytes((0xE0, *mux(0x1000), 0, 0, 0, 0)), AbortCode.UNKNOWN_COMMAND)
+for _id, _title, _request, _aborts in (
+    ("S05", "an upload of 0x1000:01, which does not exist, is refused", upload_request(0x1000, 1), _NO_SUBINDEX),
+    ("S06", "an upload of 0x1004, which is reserved, is refused", upload_request(0x1004), _NO_OBJECT),
+    (
+        "S06w",
+        "a download to 0x1004, which is reserved, is refused at its initiation",
+        _download(0x1004),
+        _NO_OBJECT,
+    ),
+    ("S03s", "a segmented download to 0x1000 is refused at its initiation", _download(0x1000), _NOT_WRITABLE),
+    ("S07", "an unknown command specifier is refused", bytes((0xE0, *mux(0x1000), *bytes(4))), _UNKNOWN),
+):  # T 2.5, 2.6, 2.7
+    _add(_id, "7.2.4.3.17", _title)(aborts(_request, *_aborts))
 
 
 @_add("S12", "7.5.2.33", "0x1200 shows the identifiers of the default SDO")  # T 2.12
@@ -299,7 +302,7 @@ def _block(node: CheckedNode, index: int) -> None:
     """Raise NotApplicable if the server does not support block upload."""
     answer = node.ask(bytes((_BLOCK_UPLOAD | 4, *mux(index), 127, 0, 0, 0)))
     if answer is not None and answer[0] & 0xE0 == 0xC0:
-        node.send(REQUEST + node.node_id, client_abort(index))
+        node.request(client_abort(index))
         return
     if answer is not None and answer[0] == ABORT:
         code = int.from_bytes(answer[4:], "little")
@@ -307,23 +310,19 @@ def _block(node: CheckedNode, index: int) -> None:
         raise NotApplicable("the server has no block transfer")
     # CiA 301, 7.2.4.3.13: the server may switch to another protocol
     if answer is not None and answer[0] & 0xE0 == _UPLOAD_ANSWER:
-        node.send(REQUEST + node.node_id, client_abort(index))
+        node.request(client_abort(index))
         raise NotApplicable("the server answers a block upload with a normal upload")
     raise CheckFailed(answer_text(answer), "an initiation of a block upload")
 
 
-@_add("S18", "7.2.4.3.13", "a block size of 128 is refused")  # T 2.26
-def _block_size(node: CheckedNode) -> None:
+def _block_size_refused(node: CheckedNode, size: int) -> None:
     _block(node, 0x1000)
-    request = bytes((_BLOCK_UPLOAD, *mux(0x1000), 128, 0, 0, 0))
+    request = bytes((_BLOCK_UPLOAD, *mux(0x1000), size, 0, 0, 0))
     expect_abort(node, request, AbortCode.INVALID_BLOCK_SIZE, AbortCode.UNKNOWN_COMMAND)
 
 
-@_add("S18z", "7.2.4.3.13", "a block size of 0 is refused")  # T 2.26
-def _no_block_size(node: CheckedNode) -> None:
-    _block(node, 0x1000)
-    request = bytes((_BLOCK_UPLOAD, *mux(0x1000), 0, 0, 0, 0))
-    expect_abort(node, request, AbortCode.INVALID_BLOCK_SIZE, AbortCode.UNKNOWN_COMMAND)
+for _id, _size in (("S18", 128), ("S18z", 0)):  # T 2.26
+    _add(_id, "7.2.4.3.13", f"a block size of {_size} is refused")(partial(_block_size_refused, size=_size))
 
 
 @_add("S20", "7.5.2.33", "further SDO servers and clients have legal identifiers, or are absent", _SHOULD)  # T 2.28
@@ -356,9 +355,9 @@ def _initiation_within(node: CheckedNode) -> None:
     expect(answer is not None and answer[0] == 0x43, actual, "the answer to the new request")
 
 
-@_add("S25", "7.2.4.3.17", "a request for a segment without a transfer is refused", _SHOULD)
-def _segment_alone(node: CheckedNode) -> None:
-    expect_abort(node, bytes((0x60, *bytes(7))), AbortCode.UNKNOWN_COMMAND, AbortCode.TOGGLE_NOT_ALTERNATED)
+_add("S25", "7.2.4.3.17", "a request for a segment without a transfer is refused", _SHOULD)(
+    aborts(bytes((0x60, *bytes(7))), AbortCode.UNKNOWN_COMMAND, AbortCode.TOGGLE_NOT_ALTERNATED)
+)
 
 
 @_add("S26", "7.2.4.3.2", "a request of seven bytes is ignored, and the next one is answered", _SHOULD)
