@@ -19,6 +19,7 @@ from support.localbus import TIMEOUT_S, kill_hub, receive
 
 from canopen_control.bus.local import open_local
 from canopen_control.bus.plugin import LocalBus
+from canopen_control.bus.port_abilities import STAMP_STEP_NS, Arrivals
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame, pack_records
 
 pytestmark = pytest.mark.process
@@ -126,15 +127,21 @@ def test_an_asyncio_notifier_hands_over_a_whole_burst(port, own):
 
 
 def test_every_message_has_the_time_at_which_the_hub_had_it(port, bus):
-    before = time.time()
+    ear = open_local("plug", "ear")
+    arrivals, stamps = Arrivals(ear), []
+    before = time.monotonic_ns()
     for number in range(3):
         port.send(pack_records([CanFrame(number)] * 4))
-        time.sleep(0.02)
-    time.sleep(0.3)
+        while len(stamps) < 4 * (number + 1):
+            assert select.select([ear], [], [], TIMEOUT_S)[0]
+            stamps += arrivals.receive()[1]
+    heard = time.monotonic_ns()
     times = [bus.recv(TIMEOUT_S).timestamp for _ in range(12)]
+    ear.close()
+    assert times == [(stamp + bus._arrivals.unix_offset_ns) / 1e9 for stamp in stamps], "not the time of reading"
     assert times == sorted(set(times)), "strictly increasing"
-    assert before - 0.01 < times[0] <= times[-1] < time.time() - 0.25, "not the time of reading"
-    assert all(times[at + 3] - times[at] < 0.001 for at in (0, 4, 8)), "what came at once"
+    assert before < stamps[0] < stamps[-1] < heard + 12 * STAMP_STEP_NS
+    assert all(stamps[at + 3] - stamps[at] == 3 * STAMP_STEP_NS for at in (0, 4, 8)), "what came at once"
 
 
 def test_after_shutdown_the_error_is_python_cans(port, bus):

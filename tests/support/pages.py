@@ -3,8 +3,11 @@
 import asyncio
 import contextlib
 import copy
+import threading
+import time
 import warnings
 
+from support.host import TIMEOUT_S
 from support.samples import controllers_of, sample_of, status_of
 
 from canopen_control.commissioning.node_session import NodeSession
@@ -47,6 +50,7 @@ FAULTS = (
     FaultListing(name="silent", does="is silent", reaction="stops", on=True),
     FaultListing(name="hot", does="is hot", reaction="waits", once=True),
 )
+IDLE_TURNS = 20  # of the loop: more than any handler needs to begin what it does, and to go on when a thread has ended
 
 
 def state(**changed):
@@ -133,11 +137,13 @@ async def visited(build, context=None):
                 if context is not None:
                     made[0].show(context.content())
                 yield user, made[0]
+            for _ in range(IDLE_TURNS):  # asyncio before 3.12 loses a cancellation that meets an update on its way out,
+                await asyncio.sleep(0)  # and the toolkit would wait two seconds for that task
 
 
 async def expect_seen(user, words):
     """Fail unless these words are on the page, or come soon."""
-    await user.should_see(words)
+    await user.should_see(words, retries=round(10 * TIMEOUT_S))  # tenths of a second
 
 
 def html(user):
@@ -164,10 +170,20 @@ async def upload(user, name, data, until=None):
     await settle(until or (lambda: f"{name}: " in html(user) or f". {name}" in html(user)))
 
 
-async def settle(condition=None, turns=50):
-    """Let the loop run until `condition`, however long a busy machine takes for it; without one for some turns."""
-    for _ in range(turns if condition is None else 2000):
-        if condition is not None and condition():
-            return
+async def settle(condition):
+    """Let the loop run until `condition`, however long a busy machine takes for it."""
+    end = time.monotonic() + TIMEOUT_S
+    while not condition():
+        assert time.monotonic() < end, "not within the time"
         with contextlib.suppress(asyncio.CancelledError):
             await asyncio.sleep(0.01)
+
+
+async def at_rest():
+    """Let the loop run until the page has nothing more to do, neither here nor on a thread."""
+    turns, end = 0, time.monotonic() + TIMEOUT_S
+    while turns < IDLE_TURNS:
+        assert time.monotonic() < end, "not within the time"
+        turns = 0 if "page" in [thread.name for thread in threading.enumerate()] else turns + 1
+        with contextlib.suppress(asyncio.CancelledError):
+            await asyncio.sleep(0 if turns else 0.001)

@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import FakeContext, expect_seen, html, settle, visited
+from support.pages import FakeContext, at_rest, expect_seen, html, visited
 
 from canopen_control.view.drive import drive_view
 from canopen_control.view.drive.drive_view import DriveView, TabSlot
@@ -86,11 +86,11 @@ async def test_a_tab_that_is_left_is_reported_and_stays():
     async with played() as (user, view):
         switch(user, "drive")
         turn(user, "two")
-        await settle(turns=2)
+        await at_rest()
         turn(user, "one")
-        await settle(turns=2)
+        await at_rest()
         switch(user, "robot")
-        await settle(turns=2)
+        await at_rest()
         assert ("cc-in-drive" in view._main.classes) is False
     one, two = MADE
     assert (one.left, two.left) == (2, 2)
@@ -103,7 +103,7 @@ async def test_another_node_has_tabs_of_its_own(monkeypatch):
     async with played(context=context) as (user, view):
         switch(user, "drive")
         view._choice.value = "io"
-        await settle(turns=2)
+        await at_rest()
         assert ([type(each) for each in MADE], MADE[0].left) == ([FakeTab, FakeTab], 1)
 
 

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import FakeContext, StubDesk, html, seen, settle, visited
+from support.pages import FakeContext, StubDesk, at_rest, html, seen, settle, visited
 from support.service_node import NodeStub
 
 from canopen_control.commissioning.object_rows import LiveObject
@@ -120,7 +120,7 @@ async def test_a_refusal_is_reported_at_its_object(sent):
 async def test_a_read_only_page_writes_nothing_for_any_request(sent):
     async with played(teleop=False) as (user, tab, _page):
         user.find(kind=ObjectTree).trigger("write", {"address": "0x6081:00", "text": "1234"})
-        await settle(turns=5)
+        await at_rest()
         assert tab._context.node_jobs.stub.written == []
         assert (seen(ui.button)[0].enabled, tab._tree._props["writes"]) == (False, False)
 
@@ -128,7 +128,7 @@ async def test_a_read_only_page_writes_nothing_for_any_request(sent):
 @pytest.mark.rest
 async def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_reported():
     async with played(od=None) as (user, _tab, _page):
-        await settle(turns=10)
+        await at_rest()
         assert "The objects of this node are unknown" in html(user)
 
     class Broken(StubDesk):
@@ -138,5 +138,5 @@ async def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_reported():
     page = FakeContext()
     desk = Broken(NodeStub({}), None)
     async with visited(lambda: ObjectsTab(DriveTabContext(page, desk))) as (user, _tab):
-        await settle(turns=10)
+        await at_rest()
         assert "no EDS file left.eds" in html(user)

@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
-from support.pages import AXIS, NODE, TARGET, FakeContext, StubDesk, drive_state, html, settle, state, visited
+from support.pages import AXIS, NODE, TARGET, FakeContext, StubDesk, at_rest, drive_state, html, state, visited
 from support.service_node import NodeStub
 
 from canopen_control.errors import SdoTimeout
@@ -24,7 +24,7 @@ async def played(page=None, *, new=None, held=HISTORY, axes=1):
     desk.place = type(desk.place)(name="left_drive", node_id=3, bus="can", axes=axes)
     async with visited(lambda: StatusTab(DriveTabContext(page, desk))) as (user, tab):
         tab.show(page.content(new))
-        await settle(turns=10)
+        await at_rest()
         yield user, tab
 
 
@@ -54,7 +54,7 @@ async def test_a_node_that_does_not_answer_is_reported():
     async with played() as (user, tab):
         tab._context.node_jobs.stub.error = SdoTimeout(3, 0x1003, 0, 0.5)
         user.find("Read again").click()
-        await settle(turns=10)
+        await at_rest()
         assert "no answer" in html(user)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 from nicegui import ui
-from support.pages import seen, settle, visited
+from support.pages import at_rest, seen, visited
 
 from canopen_control.view.elements.nicegui_elements import (
     Feed,
@@ -136,7 +136,7 @@ async def test_a_chosen_file_reaches_its_waiter_and_the_upload_ends_with_the_pag
         assert (answer.status_code, taken) == (200, ["wave.json"])
         column.clear()
         del upload
-        await settle(turns=5)
+        await at_rest()
         await user.http_client.post(path, files={"file": ("more.json", b"{}")})
         assert taken == ["wave.json"]
         gc.collect()

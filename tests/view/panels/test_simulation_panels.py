@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import FakeContext, expect_seen, seen, settle, visited
+from support.pages import FakeContext, at_rest, expect_seen, seen, settle, visited
 
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
@@ -33,7 +33,7 @@ async def played(world):
     context.robot.world_client = world
 
     async with visited(lambda: WorldPanel(context), context) as (user, panel):
-        await settle((lambda: bool(seen(ui.expansion))) if world._changeable else None)
+        await at_rest()
         for whole in seen(ui.expansion):
             whole.open()
         yield user, panel, context
@@ -85,7 +85,6 @@ async def test_a_number_that_cannot_be_is_reported_and_nothing_happens(label, va
 async def test_what_the_world_refuses_is_reported():
     async with played(World(refusal="the robot has no link 'fork'")) as (user, _panel, context):
         user.find("Add payload").click()
-        await settle(turns=10)
         await expect_seen(user, "the robot has no link")
     assert context.asked == []
 
@@ -96,7 +95,7 @@ async def test_nothing_is_offered_without_physics_and_it_is_looked_for_again_wit
         before = len(seen(ui.expansion))
         world._changeable = True
         panel.show(context.content())  # the same drives: nobody asks again
-        await settle(turns=5)
+        await at_rest()
         same = len(seen(ui.expansion))
         context.robot.faults = DriveFaults({"another": ()})
         panel.show(context.content())

@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import FakeContext, expect_seen, html, seen, settle, visited
+from support.pages import FakeContext, at_rest, expect_seen, html, seen, visited
 
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.drive import FaultListing, QuirkListing
@@ -37,7 +37,7 @@ async def test_a_fault_is_switched():
     async with played() as (user, switched):
         user.find("Switch off").click()
         user.find("Switch on").click()
-        await settle()
+        await at_rest()
     assert sorted(switched) == [("left_drive", "silent", False), ("left_drive", "silent", True)]
 
 
@@ -47,7 +47,6 @@ async def test_what_the_drive_refuses_is_reported():
 
     async with played(refuse) as (user, _switched):
         user.find("Switch on").click()
-        await settle(turns=10)
         await expect_seen(user, "not while it moves")
 
 
@@ -64,10 +63,9 @@ async def test_inputs_are_set_where_a_device_has_some():
         await expect_seen(user, "inputs, as di0=1,ai0=16384")
         user.find(ui.input).type("di0=1,ai0=2.5")
         user.find("Set").click()
-        await settle()
+        await at_rest()
         user.find(ui.input).clear().type("di0")
         user.find("Set").click()
-        await settle(turns=10)
         await expect_seen(user, "write SIGNAL=NUMBER")
         drive.value = "left_drive"
         await user.should_not_see("inputs, as di0=1,ai0=16384")
@@ -100,9 +98,9 @@ async def test_a_quirk_is_explained_and_switched_with_its_strength():
         for text in ("", "1.5", "@0", "=2@0"):
             panel._strength.value = text
             user.find("Quirk on").click()
-            await settle()
+            await at_rest()
         user.find("Quirk off").click()
-        await settle()
+        await at_rest()
         found = html(user)
     assert "The drive follows late." in found
     assert "jsd#48" in found

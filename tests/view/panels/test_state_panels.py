@@ -53,7 +53,7 @@ async def shown(new=None, lost="", press=False, refusal=None):
         labels = [button.text for button in seen(ui.button)]
         if press:
             user.find(kind=ui.button, content=labels[0]).click()
-            await settle(lambda: context.asked, 100)
+            await settle(lambda: context.asked)
             if refusal:
                 await expect_seen(user, refusal)
         return html(user), labels, context.asked
