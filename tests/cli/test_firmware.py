@@ -1,12 +1,13 @@
 """The verb firmware, as its user sees it; and a plain client of another library against our drive."""
 
-import contextlib
 import json
+import threading
 import time
 import zlib
 
 import canopen
 import pytest
+from support.host import TIMEOUT_S, eventually
 from support.onbus import TMCM, OnBus
 from support.programs import PROGRAM_EDS
 
@@ -43,7 +44,6 @@ def test_a_program_is_loaded_and_runs(bus, program, capsys):
 
 def test_without_an_eds_and_in_the_loader_too(bus, program, capsys):
     assert main(["sdo", "write", "3", "1F51:1", "0", "--type", "u8", *bus.options]) == 0
-    time.sleep(0.05)
     capsys.readouterr()
     code = main(["firmware", "3", program, *bus.options, "--json", "--expect", hex(zlib.crc32(NEW[:-4]))])
     assert code == 0, capsys.readouterr().err
@@ -135,11 +135,14 @@ def load_as_zephyr_does(channel, eds, image, blocks, buffered):
     network.connect(interface="canopen_control", channel=channel)
     try:
         node = network.add_node(3, eds)
-        node.sdo.RESPONSE_TIMEOUT = 1.0
+        node.sdo.RESPONSE_TIMEOUT = TIMEOUT_S
+        booted = threading.Semaphore(0)
+        network.subscribe(0x703, lambda _id, data, _time: data == b"\0" and booted.release())
         network.nmt.send_command(NmtCommand.ENTER_PRE_OPERATIONAL)
         control, flash = node.sdo[0x1F51][1], node.sdo[0x1F57][1]
         control.raw = 0
-        wait_until(lambda: control.raw == 0 and node.sdo[0x1000].raw == 0)
+        assert booted.acquire(timeout=TIMEOUT_S)
+        assert (control.raw, node.sdo[0x1000].raw) == (0, 0)
         control.raw = 3
         wait_for_flash(flash)
         with node.sdo[0x1F50][1].open("wb", buffering=buffered, size=len(image), block_transfer=blocks) as stream:
@@ -147,22 +150,12 @@ def load_as_zephyr_does(channel, eds, image, blocks, buffered):
         wait_for_flash(flash)
         assert node.sdo[0x1F56][1].raw == zlib.crc32(image[:-4])
         control.raw = 1
-        wait_until(lambda: control.raw == 1)
+        assert booted.acquire(timeout=TIMEOUT_S)
+        assert control.raw == 1
     finally:
         network.disconnect()
 
 
 def wait_for_flash(flash):
-    wait_until(lambda: not flash.raw & 1)
+    assert eventually(lambda: not flash.raw & 1)
     assert flash.raw == 0
-
-
-def wait_until(done):
-    """Ask until it is so; a node that resets itself does not answer meanwhile."""
-    end = time.monotonic() + 10.0
-    while True:
-        with contextlib.suppress(canopen.SdoCommunicationError):
-            if done():
-                return
-        assert time.monotonic() < end
-        time.sleep(0.02)

@@ -1,5 +1,4 @@
 import os
-from argparse import Namespace
 
 import pytest
 from support.onbus import GENERIC, TMCM, OnBus
@@ -184,7 +183,10 @@ def test_words_in_the_wrong_order_are_refused_with_the_right_order(
 
 
 @pytest.mark.parametrize("word", ["3", "0x7F", "0x0005", "left_drive", "face", "arm.left"])
-def test_a_name_or_a_node_id_may_be_a_node(word, tmp_path, monkeypatch):
+def test_a_name_or_a_node_id_may_be_a_node(word, private_folders, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "left_drive").write_bytes(b"x")
-    target.refuse_as_node(Namespace(), word, "")
+    (tmp_path / "image").write_bytes(b"x")
+    for line in (["sdo", "read", word, "0x6041"], ["firmware", word, "image"]):
+        assert main(line) == 2
+        assert capsys.readouterr().err.startswith("canopen-control: no robot is running"), "that is what is missing"
