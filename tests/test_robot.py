@@ -215,5 +215,5 @@ def test_many_threads_may_use_one_robot(robot):
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(20)
+        thread.join(60)
     assert wrong == []

@@ -38,7 +38,7 @@ printf '%s\\n' "${COMPREPLY[@]}"
         environment = {**os.environ, "SCRIPT": str(script), "PATH": f"{tmp_path}:{os.environ['PATH']}"}
         environment["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
         command = ["bash", "--norc", "-c", code, "bash", line, BREAKS]
-        done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=30)
+        done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60)
         assert (done.returncode, done.stderr) == (0, ""), done.stderr
         # a single one ends with the space that readline would put there; shells quote what they would split
         return [each.removesuffix(" ").replace("\\", "") for each in done.stdout.split("\n") if each]
@@ -95,5 +95,5 @@ def test_the_scripts_are_printed_and_right_by_their_shells(capsys, tmp_path, she
         return  # its own parser cannot be asked here
     path = tmp_path / f"script.{shell}"
     path.write_text(script)
-    done = subprocess.run([shell, "-n", str(path)], capture_output=True, text=True, timeout=30)
+    done = subprocess.run([shell, "-n", str(path)], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")

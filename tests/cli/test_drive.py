@@ -75,7 +75,7 @@ def test_a_drive_is_a_process_that_reports_when_it_is_ready_and_ends_cleanly(pro
     process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive")
     assert wait_for(process, "ready") == "drive 3 (TMCM-1270) ready on local:clidrive"
     process.send_signal(number)
-    out, err = process.communicate(timeout=10)
+    out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, ""), out
 
 
@@ -83,7 +83,7 @@ def test_a_node_id_that_answers_already_is_refused_with_a_sentence(processes):
     first = processes("--node-id", "2,3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive")
     assert wait_for(first, "ready") == "drives 2, 3 (TMCM-1270) ready on local:clidrive"
     second = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive")
-    out, err = second.communicate(timeout=10)
+    out, err = second.communicate(timeout=60)
     assert second.returncode == 1
     assert "node-ID 3 already answers on local:clidrive" in err
     assert "Traceback" not in err + out
@@ -103,7 +103,7 @@ def test_a_node_id_that_answers_already_is_refused_with_a_sentence(processes):
 )
 def test_wrong_usage_is_a_sentence_and_exit_code_2(processes, arguments, words):
     process = processes(*arguments)
-    _, err = process.communicate(timeout=10)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 2
     assert words in err
     assert "Traceback" not in err
@@ -114,7 +114,7 @@ def test_its_control_socket_goes_with_it(processes):
     wait_for(process, "ready")
     assert list_sockets("drive") == ["clidrive-3"]
     process.terminate()
-    process.communicate(timeout=10)
+    process.communicate(timeout=60)
     assert list_sockets("drive") == []
 
 
@@ -127,14 +127,14 @@ def test_a_local_bus_whose_hub_dies_and_returns_is_joined_again(processes):
         port.send(pack_records([CanFrame(0x603, bytes.fromhex("4000100000000000"))]))
         assert [frame.can_id for frame in receive(port, 1)] == [0x583]
     process.terminate()
-    assert process.wait(10) == 0
+    assert process.wait(60) == 0
 
 
 def test_a_local_bus_whose_hub_is_gone_for_good_ends_it_with_1(processes):
     process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:cligone")
     wait_for(process, "ready")
     kill_hub("cligone")
-    _, err = process.communicate(timeout=10)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 1
     assert "hub process has ended" in err
     assert "Traceback" not in err
@@ -162,7 +162,7 @@ def test_errors_in_files_are_reported_before_the_drive_runs(processes, tmp_path,
     path = tmp_path / "wrong.yml"
     path.write_text("nonsense: 5\n")
     process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive", option, str(path))
-    out, err = process.communicate(timeout=10)
+    out, err = process.communicate(timeout=60)
     assert process.returncode == 2
     assert "wrong.yml" in err
     assert "Traceback" not in err

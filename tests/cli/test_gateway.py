@@ -173,7 +173,7 @@ def test_processes_serve_sockets_until_ctrl_c_or_the_end_of_the_robot(stage):
         assert local.wait() == 0
         assert client.recv(100) == b""
     with sockets.connect(path) as client:
-        client.settimeout(10)
+        client.settimeout(60)
         assert asked(client, b"[1] 2 r 0x1018 1 x32") == b"[1] 0x00000286\r\n"
         assert b"--allow-motion" in asked(client, b"[2] 2 start")
         assert stage.call("stop").wait() == 0

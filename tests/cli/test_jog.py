@@ -192,7 +192,7 @@ def jog_on_a_terminal(stage, channel, eds=TMCM):
             yield process, master
         finally:
             process.kill()
-            process.wait(10)
+            process.wait(60)
 
 
 def held_until(master, condition, seconds=30.0):
@@ -223,7 +223,7 @@ def test_it_turns_soon_and_stops_by_itself_when_its_terminal_or_the_program_dies
             process.send_signal(signal.SIGKILL)
         assert seconds_until(lambda: drive.speed == 0, 5.0) < DEAD_MAN_S
         assert eventually(lambda: drive.power != "OPERATION_ENABLED")
-        assert process.wait(10) == (0 if end == "terminal" else -signal.SIGKILL)
+        assert process.wait(60) == (0 if end == "terminal" else -signal.SIGKILL)
     assert find_robots() == []
 
 

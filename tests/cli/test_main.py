@@ -134,7 +134,7 @@ def test_a_reader_that_goes_is_not_a_failure_however_little_was_to_be_reported(p
     os.close(reader)
     with program(*arguments, stdout=writer) as process:
         os.close(writer)
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (0, "")
 
 
@@ -142,7 +142,7 @@ def test_a_reader_that_goes_is_not_a_failure_however_little_was_to_be_reported(p
 @pytest.mark.parametrize("arguments", [["eds", "show", "TMCM-1270.eds"], ["bus", "list"]])
 def test_an_output_that_is_full_is_one_sentence(private_folders, arguments):
     with Path("/dev/full").open("w") as full, program(*arguments, stdout=full) as process:
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=60)
     assert said == "canopen-control: standard output cannot be written: No space left on device\n"
     assert process.returncode == 1
 
@@ -166,7 +166,7 @@ def test_what_a_lost_terminal_did_not_take_does_not_change_the_exit_code(private
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=terminal, stderr=terminal) as process:
         os.close(terminal)
         os.close(ours)
-        process.communicate(b"x", timeout=30)
+        process.communicate(b"x", timeout=60)
     assert process.returncode == 0
 
 

@@ -68,7 +68,7 @@ def recorded(path, frames, *options):
     try:
         return main(["record", "--can", "local:taken", "-o", str(path), *options])
     finally:
-        sender.join(20)
+        sender.join(60)
         port.close()
 
 

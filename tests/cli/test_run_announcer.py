@@ -17,7 +17,7 @@ def test_lines_come_in_order_and_all_of_them_before_the_end():
 def test_a_reader_that_stalls_blocks_no_other():
     class Stalled(io.StringIO):
         def write(self, text):
-            released.wait(30)
+            released.wait(60)
             return len(text)
 
     released = threading.Event()

@@ -44,7 +44,7 @@ def answer(tmp_path, monkeypatch):
 
     yield start
     for thread in threads:
-        thread.join(10)
+        thread.join(60)
     close_listener(listener)
 
 

@@ -176,7 +176,7 @@ class Robot:
     def on_loop(self, callback):
         done = threading.Event()
         self.reactor.call_threadsafe(lambda: (callback(), done.set()))
-        assert done.wait(10)
+        assert done.wait(60)
 
     def __enter__(self):
         self.thread.start()
@@ -185,7 +185,7 @@ class Robot:
     def __exit__(self, *_):
         self.reactor.call_threadsafe(self.server.close)
         self.reactor.call_threadsafe(self.reactor.stop)
-        self.thread.join(10)
+        self.thread.join(60)
         self.reactor.close()
         assert not self.thread.is_alive()
         assert self.raised == []
@@ -268,7 +268,7 @@ def test_a_robot_that_dies_before_it_greets_is_gone(run_folder):
     with pytest.raises(RemoteError, match="robot robby has closed the connection") as caught:
         RobotClient.connect()
     assert caught.value.kind == "BusClosed"
-    leaving.join(10)
+    leaving.join(60)
     close_listener(listener)
 
 
@@ -415,7 +415,7 @@ def test_many_threads_share_one_connection(client):
         thread.start()
     push(client, 20)
     for thread in [*threads, listening]:
-        thread.join(20)
+        thread.join(60)
         assert not thread.is_alive()
     assert wrong == []
     assert received == list(range(20))
@@ -434,7 +434,7 @@ def test_a_call_is_answered_while_another_thread_reads(client):
     for number in range(20):
         assert read(client, number) == number
     client.close()
-    listening.join(10)
+    listening.join(60)
     assert stopped == [True]
 
 
@@ -453,7 +453,7 @@ def test_a_death_is_reported_to_every_thread_that_waits(robot, client):
     assert eventually(lambda: len(robot.seen) == 4)
     robot.on_loop(robot.server.close)
     for thread in threads:
-        thread.join(10)
+        thread.join(60)
     assert [error.kind for error in told] == ["BusClosed"] * 4
     assert len(set(map(id, told))) == 4
 

@@ -56,11 +56,11 @@ class Program:
         node.state = "OPERATION ENABLED"
         self.states.append(node.state)
         node.rpdo[1][1].raw = 1000
-        self.ended.wait(30)
+        self.ended.wait(60)
 
     def close(self):
         self.ended.set()
-        self.thread.join(10)
+        self.thread.join(60)
         self.network.sync.stop()
         self.node.rpdo[1].stop()
         self.network.disconnect()

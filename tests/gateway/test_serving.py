@@ -278,7 +278,7 @@ def served(tmp_path):
     thread.start()
     yield path, network
     network.gone()
-    thread.join(10)
+    thread.join(60)
     sockets.close_listener(listener)
     network._ours.close()
     assert ends == ["BusClosed"]
@@ -286,7 +286,7 @@ def served(tmp_path):
 
 def connected(path):
     client = sockets.connect(path)
-    client.settimeout(10)
+    client.settimeout(60)
     return client
 
 

@@ -70,7 +70,7 @@ def start(log, *argv):
 
 def wait_for(log):
     if log._busy is not None:
-        log._busy.join(10)
+        log._busy.join(60)
 
 
 def test_it_begins_with_a_line_that_reports_what_was_started(log):
@@ -135,7 +135,7 @@ def test_one_rotation_at_a_time(log, monkeypatch):
 
     def slow_copy(source, _target):
         copies.append(source)
-        assert let_go.wait(10)
+        assert let_go.wait(60)
 
     monkeypatch.setattr(shutil, "copyfile", slow_copy)
     log.rotate_if_long()

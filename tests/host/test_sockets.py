@@ -371,7 +371,7 @@ else:
         assert said == ["refused"] * 5 + ["serves"]
     finally:
         for starter in starters:
-            starter.communicate("\n", timeout=20)
+            starter.communicate("\n", timeout=60)
     assert not path.exists()
 
 
@@ -459,7 +459,7 @@ def test_the_server_of_another_user_is_not_talked_to(run_folder, monkeypatch):
 @pytest.mark.process
 def test_the_kernel_reports_another_user_apart(monkeypatch):
     with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_UNIX) as listener:
-        listener.settimeout(10)
+        listener.settimeout(60)
         listener.bind(f"{folder}/open.sock")
         listener.listen()
         os.chmod(folder, 0o755)

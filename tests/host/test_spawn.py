@@ -47,7 +47,7 @@ def children(run_folder):
     for child in started:
         child.unwatch()
         child.kill()
-        child.wait(10)
+        child.wait(60)
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_without_a_pidfd_the_end_is_seen_too(children, real, monkeypatch):
 
 def test_a_child_that_ended_before_it_was_watched_is_reported_from_the_loop(children, real):
     child = children(python("print('bye')"))
-    assert child.wait(20) == 0
+    assert child.wait(60) == 0
     seen = []
     child.watch(real, lambda *end: seen.append(end))
     assert seen == []
@@ -108,7 +108,7 @@ def test_a_child_no_longer_watched_is_not_reported(children, real):
     child.watch(real, lambda *end: told.append(end))
     child.unwatch()
     child.unwatch()
-    assert child.wait(20) == 0
+    assert child.wait(60) == 0
     real.run_for(SECOND_NS // 50)
     assert told == []
 
@@ -129,12 +129,12 @@ def test_terminate_asks_and_kill_does_not(children):
     child.terminate()
     assert child.wait(0.05) is None
     child.kill()
-    assert child.wait(20) == -signal.SIGKILL
+    assert child.wait(60) == -signal.SIGKILL
     child.kill()
     child.terminate()
     other = children(SLEEP)
     other.terminate()
-    assert other.wait(20) == -signal.SIGTERM
+    assert other.wait(60) == -signal.SIGTERM
 
 
 def test_children_that_do_not_end_on_request_are_killed_without_an_event(children, real, tmp_path):
@@ -156,7 +156,7 @@ def test_kill_ends_the_childs_own_children_too(children):
     grandchild = int(child.last_lines()[0])
     assert runs(grandchild)
     child.kill()
-    child.wait(20)
+    child.wait(60)
     assert eventually(lambda: not runs(grandchild))
 
 
@@ -174,7 +174,7 @@ print(json.dumps({{
 
 
 def report_of(child):
-    assert child.wait(20) == 0
+    assert child.wait(60) == 0
     return json.loads(child.last_lines(1)[0])
 
 
@@ -214,7 +214,7 @@ def test_the_log_is_where_it_was_asked_for_and_else_in_the_state_folder(children
     second = children(python("print('x')"), name="drive-3")
     assert second.log_path == logs() / "drive-3.log"
     for child in (first, second):
-        child.wait(20)
+        child.wait(60)
         assert child.log_path.read_text().endswith("\nx\n")
 
 
@@ -227,7 +227,7 @@ def test_a_log_that_grows_is_rotated_while_the_child_is_watched(children):
         loop.run_for(4 * SECOND_NS)
         assert child.log_path.stat().st_size > 50_000
         loop.run_for(2 * SECOND_NS)
-        child._log._busy.join(10)
+        child._log._busy.join(60)
         assert child.log_path.stat().st_size < 1000
         child.unwatch()
 
@@ -291,7 +291,7 @@ report_ready()
 time.sleep(60)
 """)
     starter = python(f"{IMPORTS}; spawn_detached({service!r}, 20)")
-    subprocess.run(starter, check=True, timeout=30)
+    subprocess.run(starter, check=True, timeout=60)
     pid = int((tmp_path / "pid").read_text())
     try:
         assert runs(pid)
@@ -365,7 +365,7 @@ def test_a_child_that_is_never_ready_is_left_running_and_its_pipe_closed(childre
     child.unwatch_ready(real)
     child.unwatch_ready(real)
     child.kill()
-    child.wait(10)
+    child.wait(60)
     child.cut_lifeline()
     assert open_descriptors() == before
 
@@ -386,12 +386,12 @@ def test_a_child_waits_at_its_gate_until_it_is_opened_or_never_will_be(children,
     assert child.poll() is None
     pass_by(child)
     child.open_gate()
-    assert child.wait(10) == 0
+    assert child.wait(60) == 0
     assert child.last_lines() == ["prepared", read]
     assert open_descriptors() == before
 
 
 def test_a_gate_does_not_open_after_the_child_has_ended(children):
     child = children(python("pass"), gated=True)
-    assert child.wait(10) == 0
+    assert child.wait(60) == 0
     child.open_gate()

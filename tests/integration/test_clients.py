@@ -32,7 +32,7 @@ USED = {
 
 def raw(name):
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    sock.settimeout(10)
+    sock.settimeout(60)
     assert eventually(lambda: is_let_in(sock, name))
     return sock
 

@@ -42,22 +42,22 @@ def test_an_object_is_found_read_written_and_undone_and_another_page_shows_it(sh
     pages = [opened(show, "objects"), opened(show, "objects")]
     for page in pages:
         page.page.get_by_label("search objects").fill(SPEED[:6])
-        assert eventually(lambda page=page: row(page).count() == 1 and value(page) == "1600", 20), page.text()
+        assert eventually(lambda page=page: row(page).count() == 1 and value(page) == "1600"), page.text()
     one, other = pages
     row(one).locator(".cc-o-name").click()
     field = one.page.get_by_label(f"new value of {SPEED}")
     field.fill("99999999999")
     field.press("Enter")
-    assert eventually(lambda: "nothing was written" in row(one).inner_text(), 10)
+    assert eventually(lambda: "nothing was written" in row(one).inner_text())
     field.fill("1234")
     field.press("Enter")
-    assert eventually(lambda: [value(page) for page in pages] == ["1234", "1234"], 20)
+    assert eventually(lambda: [value(page) for page in pages] == ["1234", "1234"])
     keep(one, "drive_objects")
     with RobotClient.connect("vobjects") as robot:
         told = [event.text for event in robot.ask(GetStatus()).events if event.kind == "object_written"]
     assert told == [f"view wrote 1234 to {SPEED} Profile velocity"]
     other.page.get_by_role("button", name="Undo").click()
-    assert eventually(lambda: [value(page) for page in pages] == ["1600", "1600"], 20)
+    assert eventually(lambda: [value(page) for page in pages] == ["1600", "1600"])
 
 
 @pytest.mark.timed  # a drive that a busy machine loses is booted anew, which ends what is being read of it
@@ -66,7 +66,7 @@ def test_a_drive_is_backed_up_compared_and_not_written_while_the_robot_has_it(sh
     page = opened(show, "parameters")
     page.page.get_by_role("button", name="Back up", exact=True).click()
     save = page.page.get_by_role("button", name="Save the file")
-    assert eventually(save.is_visible, 60), page.text()
+    assert eventually(save.is_visible), page.text()
     with page.page.expect_download() as download:
         page.page.get_by_role("button", name="Save the file").click()
     file = tmp_path / download.value.suggested_filename
@@ -75,9 +75,9 @@ def test_a_drive_is_backed_up_compared_and_not_written_while_the_robot_has_it(sh
     page.page.locator(".cc-t-parameters input[type=file]").set_input_files(file)
     page.page.get_by_text("left_drive.dcf: ", exact=False).first.wait_for()
     page.page.get_by_role("button", name="Compare with the node").click()
-    assert eventually(lambda: "parameters, equal" in lines(page, "parameters"), 20), lines(page, "parameters")
+    assert eventually(lambda: "parameters, equal" in lines(page, "parameters")), lines(page, "parameters")
     page.page.get_by_role("button", name="Restore the file").click()
-    assert eventually(lambda: "nothing was written" in lines(page, "parameters"), 20), lines(page, "parameters")
+    assert eventually(lambda: "nothing was written" in lines(page, "parameters")), lines(page, "parameters")
     keep(page, "drive_parameters")
 
 
@@ -87,7 +87,7 @@ def test_a_shot_of_the_scope_is_drawn_by_the_pages_own_files_and_saved_as_it_is_
     page.page.get_by_text("0x606C Velocity actual value").first.wait_for()
     page.page.get_by_role("button", name="Single", exact=True).click()
     page.page.locator(".cc-t-scope canvas").first.wait_for()
-    assert eventually(lambda: "1 capture; " in lines(page, "scope"), 20), lines(page, "scope")
+    assert eventually(lambda: "1 capture; " in lines(page, "scope")), lines(page, "scope")
     with page.page.expect_download() as download:
         page.page.get_by_role("button", name="PNG", exact=True).click()
     assert download.value.path().read_bytes().startswith(b"\x89PNG")
@@ -112,4 +112,4 @@ def test_stop_is_in_reach_in_every_tab_and_the_page_is_not_a_wider_than_its_scre
     assert "tab=firmware" in page.page.url  # loaded anew it is where it was
     page.click("STOP")
     with RobotClient.connect("vtabs") as robot:
-        assert eventually(lambda: robot.ask(GetStatus()).latched, 5)
+        assert eventually(lambda: robot.ask(GetStatus()).latched)

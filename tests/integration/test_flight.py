@@ -24,7 +24,7 @@ def folder(name):
 
 def recorded(name):
     """Wait for the file of a robot and read it."""
-    assert eventually(lambda: newest(folder(name)) is not None, 20)
+    assert eventually(lambda: newest(folder(name)) is not None)
     return read_flight(newest(folder(name)))
 
 
@@ -35,7 +35,7 @@ def listening(name):
         members = hub_status(name).members
         return any(max(each.rx, each.tx) > 200 for each in members if each.label.startswith("flight recorder"))
 
-    return eventually(heard, 20)
+    return eventually(heard)
 
 
 def seconds(file, can_id):

@@ -69,6 +69,6 @@ def test_a_reader_that_leaves_ends_the_trace_quietly(stage, robot):
     )
     assert trace.stdout.readline()
     trace.stdout.close()
-    assert trace.wait(20) == 0
+    assert trace.wait(60) == 0
     assert trace.stderr.read() == ""
     trace.stderr.close()

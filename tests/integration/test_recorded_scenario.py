@@ -22,11 +22,11 @@ def faults(file):
 
 def test_a_flight_recording_is_a_seed(stage, tmp_path, capsys):
     robot = stage.robby(NAME)
-    assert eventually(recorder_listens, 20)
+    assert eventually(recorder_listens)
     stage.call("command", "robby_forward_controller", 5, 4, "--name", NAME, "--for", 1)
     broken = stage.call("fault", "left_drive", "short_circuit", "on")
     assert broken.wait() == 0, f"{broken}; {robot}"
-    assert eventually(lambda: newest(state_dir(NAME) / "flight") is not None, 20)
+    assert eventually(lambda: newest(state_dir(NAME) / "flight") is not None)
     assert robot.end() == 0, robot
     path, again = newest(state_dir(NAME) / "flight"), tmp_path / "again.zip"
     was = read_flight(path)

@@ -53,7 +53,7 @@ def test_a_node_with_use_sim_time_drives_it_and_lives_in_its_time():
             stamp, clock, velocity = json.loads(ros.run_ros(JOINS, number))
         finally:
             simulation.send_signal(signal.SIGINT)
-            said, _ = simulation.communicate(timeout=30)
+            said, _ = simulation.communicate(timeout=60)
     assert velocity > 4.9
     assert 1.0 < stamp < 60.0
     assert clock == pytest.approx(stamp, abs=1.0)
@@ -77,6 +77,6 @@ def test_a_robot_of_a_test_is_served_to_a_node_whose_left_drive_dies(monkeypatch
                 assert "left_drive" in " ".join(event.node for event in robot.events[-20:])
             finally:
                 node.kill()
-                node.communicate(timeout=30)
+                node.communicate(timeout=60)
         finally:
             robot.close()

@@ -99,5 +99,5 @@ def test_a_reader_of_the_output_may_leave_or_stall(stage):
     for reader in ("head -n 1", "sleep 2"):
         line = f"{sys.executable} -m canopen_control run robby --can local:pipe --for 0.5 | {reader}"
         shell = ["bash", "-c", f"{line}; exit ${{PIPESTATUS[0]}}"]
-        done = subprocess.run(shell, capture_output=True, cwd=stage.place, timeout=30)
+        done = subprocess.run(shell, capture_output=True, cwd=stage.place, timeout=60)
         assert (done.returncode, done.stderr) == (0, b"")

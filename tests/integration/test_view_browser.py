@@ -64,7 +64,7 @@ def test_the_wheels_turn_in_the_scene_without_another_request(show, keep):
     assert any(url.startswith("ws://127.0.0.1") for url in page.requests)
     plain = RobotPage(show.chromium, "http://127.0.0.1/")
     plain.page.set_content("<img src='http://192.0.2.1/pixel.png'>", wait_until="commit")
-    assert eventually(lambda: plain.page.wait_for_timeout(20) or plain.foreign() == ["http://192.0.2.1/pixel.png"], 5)
+    assert eventually(lambda: plain.page.wait_for_timeout(20) or plain.foreign() == ["http://192.0.2.1/pixel.png"])
     plain.page.close()
     # Our page could not even if it wanted to: what it may ask is written on it.
     asked = page.page.evaluate("fetch('http://192.0.2.1/').then(() => 'sent', error => String(error))")
@@ -235,7 +235,7 @@ def test_a_trajectory_is_previewed_standing_then_played_until_the_page_is_closed
     wave = tmp_path / "wave.json"
     wave.write_text(json.dumps({"joint_names": JOINTS, "points": points}))
     stage.start("run", str(copy_arm(tmp_path)), "--as", "varm", "--mock")
-    assert eventually(lambda: "varm" in find_robots(), 20)
+    assert eventually(lambda: "varm" in find_robots())
     view = stage.start("view", "--name", "varm", "--port", "0", "--teleop")
     page = RobotPage(chromium, view.until("view: http").split()[-1]).open()
     page.page.set_input_files("input[type=file]", wave)
@@ -250,12 +250,12 @@ def test_a_trajectory_is_previewed_standing_then_played_until_the_page_is_closed
 
         assert {each.position for each in joints()} == {0.0}
         still = page.transform("link_3")
-        assert eventually(lambda: page.page.evaluate("window.ccScene.place('link_3', true)") not in (None, still), 10)
+        assert eventually(lambda: page.page.evaluate("window.ccScene.place('link_3', true)") not in (None, still))
         keep(page, "trajectory_preview")
         page.click("Play")
-        assert eventually(lambda: any(abs(each.position) > 0.01 for each in joints()), 10)
+        assert eventually(lambda: any(abs(each.position) > 0.01 for each in joints()))
         page.page.close()
-        assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in joints()), 3)
+        assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in joints()))
         assert max(abs(each.position) for each in joints()) < 1.0
 
 
@@ -273,7 +273,7 @@ def _what_nobody_sees_is_not_drawn(page):
     page.page.evaluate(two_frames)
     assert page.page.evaluate("window.ccScene.drawn()") == drawn
     page.page.evaluate(f"{place}.display = ''")
-    assert eventually(lambda: page.page.evaluate("window.ccScene.drawn()") > drawn, 10)
+    assert eventually(lambda: page.page.evaluate("window.ccScene.drawn()") > drawn)
 
 
 @pytest.mark.rest
@@ -287,7 +287,7 @@ def test_a_simulated_base_has_its_own_way_alongside_that_of_odometry(show, stage
     def way(name):
         return page.page.evaluate("name => window.ccScene.trail(name)", name)
 
-    assert eventually(lambda: len(way("truth")) > 50, 10)
+    assert eventually(lambda: len(way("truth")) > 50)
     believed, true = way("trail"), way("truth")
     assert math.dist(believed[0], true[0]) < 0.03
     assert math.dist(believed[-1], true[-1]) > 0.1
@@ -300,7 +300,7 @@ def test_a_simulated_base_has_its_own_way_alongside_that_of_odometry(show, stage
     keep(page, "true_pose")
     _what_nobody_sees_is_not_drawn(page)
     page.page.reload()
-    assert eventually(lambda: len(page.page.evaluate("window.ccScene?.trail('truth') || []")) > 50, 20)
+    assert eventually(lambda: len(page.page.evaluate("window.ccScene?.trail('truth') || []")) > 50)
 
 
 @pytest.mark.parametrize("width", [390, 1100, 1440])

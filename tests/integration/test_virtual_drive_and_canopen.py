@@ -41,13 +41,13 @@ def running(eds, channel):
     network.connect(**(python_can_of(channel) if CHANNEL else {"interface": "virtual", "channel": channel}))
     thread.start()
     try:
-        assert ready.wait(10)
+        assert ready.wait(60)
         node = network.add_node(NODE, str(eds))
         node.sdo.RESPONSE_TIMEOUT = 5.0
         yield network, node, device
     finally:
         reactor.call_threadsafe(reactor.stop)
-        thread.join(10)
+        thread.join(60)
         network.disconnect()
     assert ended == [0]
 

@@ -1,6 +1,8 @@
+import select
 from types import SimpleNamespace
 
 import pytest
+from support.host import TIMEOUT_S
 from support.localbus import end_hubs
 
 from canopen_control.bus.channel import open_port
@@ -19,13 +21,8 @@ def channel(private_folders):
 
 
 def receive_until(tap, found, count):
-    import select
-    import time
-
-    end = time.monotonic() + 5
     while len(found) < count:
-        assert time.monotonic() < end
-        select.select([tap._port.fileno()], [], [], 0.5)
+        assert select.select([tap._port.fileno()], [], [], TIMEOUT_S)[0]
         tap.receive()
 
 

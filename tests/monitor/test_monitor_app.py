@@ -191,7 +191,7 @@ class FakeSource:
 
     def command(self, request):
         if self.hold is not None and not isinstance(request, Stop):
-            self.hold.wait(10)
+            self.hold.wait(60)
         self.asked.append(request)
         if self.refusal:
             raise RemoteError("ControlError", self.refusal)

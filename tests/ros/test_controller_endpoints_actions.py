@@ -201,4 +201,4 @@ def test_the_end_of_the_bridge_ends_its_goals_and_their_clients_are_notified(arm
     status, code, text = result(maker, "last")
     assert (status, code) == (ABORTED, -1)
     assert text == "the ROS bridge has ended, which aborts the goal"
-    assert arm.bridge.wait(10) == 0
+    assert arm.bridge.wait(60) == 0

@@ -55,7 +55,7 @@ def handler(request, response, reply):
     if request.data:
         reply(response)
     else:
-        threading.Thread(target=lambda: (release.wait(20), reply(response))).start()
+        threading.Thread(target=lambda: (release.wait(60), reply(response))).start()
 
 serve(node, SetBool, "switch", handler)
 spinner = Spinner(node, context, print)
@@ -69,10 +69,10 @@ done = {False: threading.Event(), True: threading.Event()}
 for slow in (False, True):
     future = client.call_async(SetBool.Request(data=slow))
     future.add_done_callback(lambda future, slow=slow: (answered.append(slow), done[slow].set()))
-assert done[True].wait(20), "the quick one waits behind the slow one"
+assert done[True].wait(60), "the quick one waits behind the slow one"
 assert answered == [True]
 release.set()
-assert done[False].wait(20)
+assert done[False].wait(60)
 assert future.result().message == "ros"
 asking.stop(5), spinner.stop(5), other.shutdown(), context.shutdown()
 """

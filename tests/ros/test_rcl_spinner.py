@@ -34,9 +34,9 @@ publisher = node.create_publisher(String, "chatter", 10)
 spinner.start()
 for text in ("good", "bad"):
     publisher.publish(String(data=text))
-assert failed.wait(20), got
+assert failed.wait(60), got
 publisher.publish(String(data="last"))
-assert enough.wait(20), got
+assert enough.wait(60), got
 assert spinner.stop(5)
 assert [text for text, _ in got] == ["good", "bad", "last"]
 assert {name for _, name in got} == {"ros"}
@@ -54,7 +54,7 @@ def test_a_function_is_run_between_callbacks():
         + """
 spinner.start()
 spinner.call(lambda: (got.append(threading.current_thread().name), enough.set()))
-assert enough.wait(20)
+assert enough.wait(60)
 assert got == ["ros"]
 assert spinner.stop(5)
 context.shutdown()
@@ -69,8 +69,8 @@ def test_a_callback_that_hangs_is_not_waited_for():
         + """
 release = threading.Event()
 spinner.start()
-spinner.call(lambda: (enough.set(), release.wait(30)))
-assert enough.wait(20)
+spinner.call(lambda: (enough.set(), release.wait(60)))
+assert enough.wait(60)
 assert not spinner.stop(0.01)
 os._exit(0)  # as the bridge does then
 """

@@ -167,7 +167,7 @@ def store(private_folders):
     yield made
     made.reactor.call_threadsafe(made.server.close)
     made.reactor.call_threadsafe(made.reactor.stop)
-    made.thread.join(10)
+    made.thread.join(60)
     made.reactor.close()
 
 

@@ -44,7 +44,7 @@ def test_it_waits_for_the_robot_and_logs_where_the_robot_does(waiting):
         assert eventually(lambda: bool(child.last_lines()))
         assert json.loads(child.last_lines()[0]) == [["--name", "robby", "--namespace", "two"], True]
         child.open_gate()
-        assert child.wait(10) == 0
+        assert child.wait(60) == 0
         assert child.last_lines()[-1] == "open"
 
 

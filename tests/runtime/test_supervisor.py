@@ -142,7 +142,7 @@ def test_a_client_started_earlier_passes_its_gate_and_restarts_without_one(super
 
 def test_a_client_that_ended_at_its_gate_is_reported(supervisor):
     prepared = spawn([*MODULE, "this_module_does_not_exist"], name="ros", log_dir=state_dir("test"), gated=True)
-    prepared.wait(20)
+    prepared.wait(60)
     supervisor.start_client("ros", ["asyncio"], prepared=prepared)
     assert supervisor.reactor.run_until(lambda: bool(supervisor.events), 20 * SECOND)
     assert "process ros" in supervisor.events[0].text

@@ -18,6 +18,8 @@ ROOT = Path(__file__).parents[2]
 SECOND_NS = 1_000_000_000
 _FUTEX = ("202", "98")  # by its number on x86-64 and arm64
 TIME_SCALE = float(os.environ.get("CANOPEN_CONTROL_TIME_SCALE", "1"))  # of a slow machine
+#: How long a test waits at most for another process or thread: no limit of a reaction, and long for a busy machine.
+TIMEOUT_S = 60.0 * TIME_SCALE
 
 
 def use_private_folders(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path:
@@ -36,7 +38,7 @@ def python(code: str) -> list[str]:
     return [sys.executable, "-S", "-c", code]
 
 
-def eventually(condition: Callable[[], bool], seconds: float = 10.0 * TIME_SCALE) -> bool:
+def eventually(condition: Callable[[], bool], seconds: float = TIMEOUT_S) -> bool:
     """Wait for another process; returns soon when the condition holds."""
     deadline = time.monotonic() + seconds
     while not condition():

@@ -11,6 +11,8 @@ import tempfile
 import time
 from typing import TYPE_CHECKING
 
+from support.host import TIMEOUT_S
+
 from canopen_control.bus.local import LocalPort, ask_hub, open_local
 from canopen_control.frame import CanFrame, frames_of
 from canopen_control.host.sockets import list_sockets
@@ -18,8 +20,6 @@ from canopen_control.rpc.messages.hub import GetHubStatus, HubStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-
-TIMEOUT_S = 20.0
 
 
 @contextlib.contextmanager

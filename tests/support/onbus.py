@@ -69,7 +69,7 @@ class OnBus:
 
     def __exit__(self, *_: object) -> None:
         self.reactor.call_threadsafe(self.reactor.stop)
-        self._thread.join(10)
+        self._thread.join(60)
         for port in self._ports:
             port.close()
         self.reactor.close()
@@ -85,7 +85,7 @@ class OnBus:
             done.set()
 
         self.reactor.call_threadsafe(run)
-        assert done.wait(10)
+        assert done.wait(60)
         return results[0]
 
     def send(self, *frames: CanFrame) -> None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from support.channel import channel_of, robby_of
 from support.fork_server import fork_server
-from support.host import eventually
+from support.host import TIMEOUT_S, eventually
 from support.localbus import end_hubs
 
 from canopen_control.client.drive_client import DriveClient
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from canopen_control.client import RobotClient
 
-TIMEOUT_S = 20.0
 _COVERAGE = "COVERAGE_PROCESS_CONFIG"  # measured processes begin with an interpreter
 GONE_S = 10.0  # nobody may be there longer than this after the death of whom he depends on
 

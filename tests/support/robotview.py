@@ -39,7 +39,7 @@ class RobotView:
                     page.page.wait_for_timeout(500)
             return page.page.get_by_text("running", exact=True).first.is_visible()
 
-        assert eventually(running, 60), page.text()
+        assert eventually(running), page.text()
 
     def drive(self, *speeds):
         """Command the wheels, in rad/s, until the test ends; returns when both turn so fast."""
@@ -48,7 +48,7 @@ class RobotView:
 
     def turning(self, speed):
         steps = speed * 1600 / math.tau
-        assert eventually(lambda: min(abs(self.velocity(joint)) for joint in (LEFT, RIGHT)) > steps, 20)
+        assert eventually(lambda: min(abs(self.velocity(joint)) for joint in (LEFT, RIGHT)) > steps)
 
     def velocity(self, node_id):
         series = self.witness.series(node_id, VELOCITY)
@@ -56,7 +56,7 @@ class RobotView:
 
     def stood_after(self, begin):
         """Wait until both drives stand, by what they say on the bus; return how many seconds after `begin` they did."""
-        assert eventually(lambda: max(abs(self.velocity(joint)) for joint in (LEFT, RIGHT)) <= STANDING, 10)
+        assert eventually(lambda: max(abs(self.velocity(joint)) for joint in (LEFT, RIGHT)) <= STANDING)
         last = [
             max(time for time, value in self.witness.series(node_id, VELOCITY) if abs(value) > STANDING)
             for node_id in (LEFT, RIGHT)

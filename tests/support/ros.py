@@ -27,7 +27,7 @@ from canopen_control.host.sockets import socket_path
 
 ROOT = host.ROOT
 PEER = Path(__file__).with_name("ros_peer.py")
-TIMEOUT = 20.0  # seconds that something may take which takes a fraction of one
+TIMEOUT = host.TIMEOUT_S
 
 
 def forget_ports(number, folder=Path("/dev/shm")):
@@ -101,7 +101,7 @@ def stage(folder, **more):
 def run_ros(code, number=0, arguments=(), **more):
     """Run code in a fresh interpreter that may import rclpy; return what it printed. It asserts for itself."""
     command = [sys.executable, "-c", code, *arguments]
-    done = subprocess.run(command, env=ros_environment(number, **more), capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, env=ros_environment(number, **more), capture_output=True, text=True, timeout=180)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -289,7 +289,7 @@ class FakeRobot:
     def __exit__(self, *_):
         self.leave()
         self.reactor.call_threadsafe(self.reactor.stop)
-        self._thread.join(10)
+        self._thread.join(60)
         self.reactor.close()
         assert self.raised == []
 
@@ -300,7 +300,7 @@ class FakeRobot:
     def on_loop(self, function):
         done = threading.Event()
         self.reactor.call_threadsafe(lambda: (function(), done.set()))
-        assert done.wait(10)
+        assert done.wait(60)
 
     def event(self, **event):
         """Push an event."""

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 
+from support.host import TIMEOUT_S
 from support.lockstep import typed_into
 
 
@@ -51,7 +52,7 @@ def in_background(work, on_failure=lambda: None):
     thread = threading.Thread(target=guarded)
     thread.start()
     yield
-    thread.join(20)
+    thread.join(60)
     assert not thread.is_alive()
     if failed:
         raise failed[0]
@@ -72,7 +73,7 @@ class Tmux:
         self.until("$")
 
     def _run(self, *arguments):
-        done = subprocess.run(["tmux", "-S", self._socket, *arguments], capture_output=True, text=True, timeout=10)
+        done = subprocess.run(["tmux", "-S", self._socket, *arguments], capture_output=True, text=True, timeout=60)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
@@ -89,7 +90,7 @@ class Tmux:
     def screen(self):
         return self._run("capture-pane", "-p", "-t", "test")
 
-    def until(self, text, seconds=20.0):
+    def until(self, text, seconds=TIMEOUT_S):
         """Wait until `text` stands on the screen; returns the screen."""
         end = time.monotonic() + seconds
         while text not in (screen := self.screen):

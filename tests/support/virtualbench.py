@@ -294,7 +294,7 @@ def served(channel, device, *world):
 
     thread = threading.Thread(target=serve)
     thread.start()
-    assert ready.wait(10)
+    assert ready.wait(60)
     yield
     reactor.call_threadsafe(reactor.stop)
-    thread.join(10)
+    thread.join(60)

@@ -163,7 +163,7 @@ def test_an_interrupted_run_ends_every_child(tmp_path, number):
         text=True,
     )
     child = tmp_path / "child"
-    assert eventually(lambda: child.exists() and child.read_text().strip(), 30)
+    assert eventually(lambda: child.exists() and child.read_text().strip())
     pid = int(child.read_text())
     run.send_signal(number)
     said, _ = run.communicate(timeout=60)

@@ -17,7 +17,7 @@ def test_help_reports_what_it_does_and_installs_nothing(tmp_path, script):
     copied.mkdir()
     for name in (script, "environment"):
         shutil.copy(TOOLS / name, copied / name)
-    done = subprocess.run([copied / script, "--help"], capture_output=True, text=True, timeout=10, check=True)
+    done = subprocess.run([copied / script, "--help"], capture_output=True, text=True, timeout=60, check=True)
     assert len(done.stdout.splitlines()) >= 3
     assert "#" not in done.stdout
     assert sorted(path.name for path in tmp_path.iterdir()) == ["tools"]

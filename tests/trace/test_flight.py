@@ -176,7 +176,7 @@ def test_without_its_robot_it_waits_for_the_reaction_and_ends(reactor):
     assert reactor.run_until(lambda: bool(ended), 10 * SECOND)
     assert ended[0] - begin >= AFTER_NS
     recorder.finish()
-    assert eventually(lambda: newest(flight_folder("nobody")) is not None, 5)
+    assert eventually(lambda: newest(flight_folder("nobody")) is not None)
     assert read_flight(newest(flight_folder("nobody"))).meta.reason.kind == "died"
 
 

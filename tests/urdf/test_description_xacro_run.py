@@ -145,4 +145,4 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
     done = subprocess.run([sys.executable, "-P", "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == -signal.SIGKILL
-    assert eventually(lambda: not Path(f"/proc/{done.stdout.strip()}").exists(), 5)
+    assert eventually(lambda: not Path(f"/proc/{done.stdout.strip()}").exists())

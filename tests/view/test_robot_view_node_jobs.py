@@ -32,7 +32,7 @@ def test_long_work_reports_how_far_it_is_and_what_came_of_it():
 
     def read(_session, told):
         told.at(3, 10)
-        assert go.wait(5)
+        assert go.wait(60)
         return "10 parameters"
 
     assert node.begin(work, read) is None
@@ -80,7 +80,7 @@ def test_an_object_is_written_and_undone_for_all_pages():
 
 def test_nothing_is_written_alongside_long_work():
     node, go = desk({(0x6081, 0): bytes(4)}), threading.Event()
-    node.begin(JobRun(RESTORE, "restoring a.dcf"), lambda _session, _work: str(go.wait(5)))
+    node.begin(JobRun(RESTORE, "restoring a.dcf"), lambda _session, _work: str(go.wait(60)))
     with pytest.raises(DriveError, match=r"left_drive is busy: restoring a\.dcf; nothing was written"):
         asyncio.run(node.write(OD[0x6081, 0], "1234"))
     go.set()

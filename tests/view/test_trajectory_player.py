@@ -51,7 +51,7 @@ class Robot:
             return self.verdict
         assert isinstance(request, TrajectoryEnd)
         self.asked_for_end.set()
-        assert self.finish.wait(10)
+        assert self.finish.wait(60)
         if self.closed:
             raise RemoteError("BusClosed", "the connection is closed")
         return self.result

@@ -101,5 +101,5 @@ CompletionFinder(parser_for({line!r})).rl_complete({" ".join(line)!r}, 0)
 heavy = {{"can", "canopen", "numpy", "yaml", "rclpy", "textual", "nicegui", "xacro"}} & set(sys.modules)
 assert not heavy, heavy
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr

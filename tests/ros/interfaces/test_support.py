@@ -416,7 +416,7 @@ def test_an_image_with_another_layout_is_dropped_and_ends_no_process():
             assert server.stdout.readline() == "ready\n"
             run_ros(STRANGERS, number, ["stranger"])
             run_ros(STRANGERS, number, ["friend"])
-            _, complaints = server.communicate(timeout=30)
+            _, complaints = server.communicate(timeout=60)
         finally:
             server.kill()
             server.communicate()
