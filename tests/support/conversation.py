@@ -42,12 +42,24 @@ def plan(**changes):
 class Device:
     """What a node holds, and how it behaves: `refuse` (index, subindex) -> abort code, or a function of the write.
 
-    `log` is every request; `written` the downloads it took. `clamp` (index, subindex) -> what it holds instead.
+    `log` is every request; `written` the downloads it took. `clamp` (index, subindex) -> what it holds instead. It is
+    OPERATIONAL after so many START commands.
     """
 
-    def __init__(self, objects=(), *, refuse=(), clamp=(), state=NmtState.PRE_OPERATIONAL, silent=False):
+    def __init__(
+        self,
+        objects=(),
+        *,
+        refuse=(),
+        clamp=(),
+        state=NmtState.PRE_OPERATIONAL,
+        silent=False,
+        heartbeats=True,
+        starts_after=1,
+    ):
         self.objects = {**IDENTITY, **dict(objects)}
         self.refuse, self.clamp, self.state, self.silent = dict(refuse), dict(clamp), state, silent
+        self.heartbeats, self.starts_after = heartbeats, starts_after
         self.log, self.written, self.boots = [], [], True
 
     def answer(self, request):
@@ -58,7 +70,8 @@ class Device:
             case WriteObject(index, subindex, data):
                 return self._write(index, subindex, data)
             case SendNmt(NmtCommand.START):
-                self.state = NmtState.OPERATIONAL
+                if self.commands.count(NmtCommand.START) >= self.starts_after:
+                    self.state = NmtState.OPERATIONAL
             case SendNmt():
                 self.state = NmtState.PRE_OPERATIONAL
             case AwaitBootUp():
@@ -66,7 +79,7 @@ class Device:
             case AwaitHeartbeat():
                 return self.state
             case AwaitState(_, state):
-                return self.state is not None and state in (None, self.state)
+                return self.heartbeats and self.state is not None and state in (None, self.state)
         return None
 
     def _read(self, index, subindex):
