@@ -19,9 +19,14 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
 from canopen_control.cli.support.arguments import number
-from canopen_control.cli.support.bus_description import add_network_arguments
+from canopen_control.cli.support.bus_description import (
+    add_network_arguments,
+    add_view_arguments,
+    open_frames,
+    report_gaps,
+    show_file,
+)
 from canopen_control.cli.support.output import Progress, json_text
-from canopen_control.cli.trace import add_view_arguments, show_file
 from canopen_control.errors import ConfigError, SdoTimeout
 from canopen_control.frame import Service, service_of
 from canopen_control.host.sockets import list_sockets
@@ -80,8 +85,6 @@ def run(args: argparse.Namespace) -> int:
         return _serve_recording(args)
     if args.can is None:
         return show_file(args, args.file)
-    from canopen_control.cli.support.bus_description import open_frames
-
     recording = open_frames(args.file, args.bus)
     channel = str(parse_channel(args.can))
     if parse_channel(channel).kind.in_process:
@@ -154,7 +157,6 @@ def _print_new_bus(channel: str) -> None:
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     """Play the recording and print the result, also after Ctrl-C; return the exit code."""
     from canopen_control.bus.recordings import PlayReport, play
-    from canopen_control.cli.support.bus_description import report_gaps
 
     port, played, interrupted = open_port(channel, label=LABEL), PlayReport(), False
     progress = Progress(f"playing into {channel}, Ctrl-C ends it", "frames")
