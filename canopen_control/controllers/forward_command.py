@@ -40,12 +40,6 @@ class ForwardCommandController(Controller):
         super().__init__(name, type_name)
         self._names: tuple[str, ...] = ()
         self._values: list[float] = []
-        self._timed_out = False
-
-    @property
-    def timed_out(self) -> bool:
-        """Whether the last command has expired and has not been replaced."""
-        return self._timed_out
 
     def on_configure(self, params: Params) -> None:
         settings = params.read(ForwardParams)
@@ -62,7 +56,6 @@ class ForwardCommandController(Controller):
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         super().on_activate(commands, states, now)
-        self._timed_out = False
         self.command_timeout.end()
         self._values = [math.nan] * len(commands)
 
@@ -73,7 +66,6 @@ class ForwardCommandController(Controller):
             self.refuse_out_of_range((command,), float(value), now)
         for index, command in enumerate(self.commands):  # a disabled drive keeps no command for later
             self._values[index] = float(values[index]) if command.enabled else math.nan
-        self._timed_out = False
         self.command_timeout.start(now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
@@ -103,7 +95,6 @@ class ForwardCommandController(Controller):
         return self.command_timeout.expire(now)
 
     def _stop(self, now: int) -> None:
-        self._timed_out = True
         zero_targets(self.commands)
         outcome = "position targets are held" if self.interface == POSITION else "targets are 0"
         self.report(

@@ -40,7 +40,7 @@ from canopen_control.rpc.messages.simulation import (
 from canopen_control.rpc.messages.state import ControllerReading
 from canopen_control.rpc.server import Server
 from canopen_control.runtime.api_objects import ObjectMethods, ProcessDataFeed
-from canopen_control.runtime.api_trajectories import GripperMethods, TrajectoryMethods
+from canopen_control.runtime.api_trajectories import GoalMethods
 from canopen_control.runtime.node_readings import event_message
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.startup_controllers import UNLOADED, configure_controller, load_controller
@@ -380,8 +380,7 @@ class ApiServer(RobotObserver):
         self._objects = ObjectMethods(robot, self._server)
         self._answer()
         answer_control(robot, self._server)
-        self._trajectories = TrajectoryMethods(robot, self._server, self._keep)
-        self._grippers = GripperMethods(robot, self._server, self._keep, self._trajectories.require_heartbeat)
+        self._goals = GoalMethods(robot, self._server, self._keep)
         ParameterMethods(robot, self._server)
         SimulationMethods(robot, self._server)
         self._server.check()
@@ -413,8 +412,7 @@ class ApiServer(RobotObserver):
 
     def _on_close(self, connection: Connection) -> None:
         self._objects.forget(connection)
-        self._trajectories.forget(connection)
-        self._grippers.forget(connection)
+        self._goals.forget(connection)
         self._robot.client_disconnected(connection)
         subscription = self._subscriptions.pop(connection, None)
         if connection.reason == "slow" and subscription is not None:

@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.server import Call, Server
     from canopen_control.runtime.core import RobotCore
 
+    TrajectoryCall: TypeAlias = Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory]
     SentTrajectory: TypeAlias = "_SentGoal[TrajectoryGoal, TrajectoryResult]"
     SentGrip: TypeAlias = "_SentGoal[GripperGoal, GripperResult]"
 
@@ -60,8 +61,8 @@ G = TypeVar("G")
 R = TypeVar("R")
 
 
-class TrajectoryMethods(RobotObserver):
-    """API methods for trajectories; `keep` raises ControlError if too many connections are permanent."""
+class GoalMethods(RobotObserver):
+    """API methods for trajectories and grippers; `keep` raises ControlError if too many connections are permanent."""
 
     def __init__(
         self, robot: RobotCore, server: Server[RobotHello, RobotPush], keep: Callable[[Connection], None]
@@ -69,6 +70,7 @@ class TrajectoryMethods(RobotObserver):
         self._robot, self._keep = robot, keep
         self._points: dict[Connection, PointBuffer] = {}
         self._sent: dict[Connection, SentTrajectory] = {}
+        self._grips: dict[Connection, SentGrip] = {}
         self._heartbeats: dict[Connection, _RequiredHeartbeat] = {}
         server.register(TrajectoryData, self._data)
         server.register(FollowTrajectory, self._follow)
@@ -79,12 +81,34 @@ class TrajectoryMethods(RobotObserver):
         server.register(QueryTrajectory, self._query)
         server.register(ScaleTrajectory, self._scale)
         server.register(TrajectoryHeartbeat, self._heartbeat)
+        server.register(MoveGripper, lambda call: self._start_grip(call).answer_at_end(call))
+        server.register(SendGripper, self._send_grip)
+        server.register(GripperEnd, self._end_grip)
+        server.register(CancelGripper, self._cancel_grip)
         robot.observers.append(self)
 
     def forget(self, connection: Connection) -> None:
         self._points.pop(connection, None)
         self._sent.pop(connection, None)
+        self._grips.pop(connection, None)
         self._heartbeats.pop(connection, None)
+
+    def _send_to_controller(
+        self,
+        call: Call[FollowTrajectory]
+        | Call[SendTrajectory]
+        | Call[SetTrajectory]
+        | Call[MoveGripper]
+        | Call[SendGripper],
+        goal: TrajectoryGoal | JointTrajectory | GripperGoal,
+    ) -> None:
+        request, connection = call.request, call.connection
+        if request.dead_man:
+            self._keep(connection)
+        holder = connection if request.dead_man else None
+        sender = CommandSender(connection, call.sender(request.source))
+        self._robot.send_goal(request.controller, goal, request.source or call.client, holder=holder, sender=sender)
+        self._require_heartbeat(connection, request.controller, request.heartbeat if request.dead_man else None)
 
     # ---------------------------------------------------------------------------------------------- trajectories
 
@@ -104,7 +128,7 @@ class TrajectoryMethods(RobotObserver):
         buffer.add(points)
         return buffer
 
-    def _trajectory(self, call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory]) -> JointTrajectory:
+    def _trajectory(self, call: TrajectoryCall) -> JointTrajectory:
         """Return the trajectory of a request, including the points that the connection has sent before."""
         request = call.request
         points = self._collect(call.connection, request.points)
@@ -112,22 +136,9 @@ class TrajectoryMethods(RobotObserver):
         stamp = 0 if request.stamp is None else self._robot.time_of(request.stamp)
         return JointTrajectory(request.joints, points, stamp)
 
-    def _send_to_controller(
-        self,
-        call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory],
-        goal: TrajectoryGoal | JointTrajectory,
-    ) -> None:
-        request = call.request
-        if request.dead_man:
-            self._keep(call.connection)
-        holder = call.connection if request.dead_man else None
-        sender = CommandSender(call.connection, call.sender(request.source))
-        self._robot.send_goal(request.controller, goal, request.source or call.client, holder=holder, sender=sender)
-        self.require_heartbeat(call.connection, request.controller, request.heartbeat if request.dead_man else None)
-
     # ------------------------------------------------------------------------------------------------- heartbeats
 
-    def require_heartbeat(self, connection: Connection, controller: str, heartbeat: float | None) -> None:
+    def _require_heartbeat(self, connection: Connection, controller: str, heartbeat: float | None) -> None:
         """Require a heartbeat every `heartbeat` s from a connection while its command of `controller` is active.
 
         None ends an earlier requirement.
@@ -218,6 +229,41 @@ class TrajectoryMethods(RobotObserver):
         self._robot.manager.follower(controller).set_speed_scaling(call.request.factor)
         call.reply(Done())
 
+    # ----------------------------------------------------------------------------------------------------- grippers
+
+    def _send_grip(self, call: Call[SendGripper]) -> None:
+        """Reply whether the goal is accepted; a refusal, too, is a normal reply and not an error."""
+        try:
+            goal = self._start_grip(call).goal
+        except ControlError as error:
+            call.reply(GripperVerdict(accepted=False, text=str(error)))
+        else:
+            call.reply(GripperVerdict(accepted=True, feedback_rate=goal.feedback_rate))
+
+    def _start_grip(self, call: Call[MoveGripper] | Call[SendGripper]) -> SentGrip:
+        """Start the requested goal, which replaces the connection's earlier goal; raise ControlError if refused."""
+        request, reactor = call.request, self._robot.reactor
+        goal = GripperGoal(
+            request.position, request.max_effort, request.max_velocity, lambda: reactor.call_soon(sent.settle)
+        )
+        sent = _SentGoal(goal, _gripper_result)
+        self._send_to_controller(call, goal)
+        self._grips[call.connection] = sent
+        return sent
+
+    def _end_grip(self, call: Call[GripperEnd]) -> None:
+        sent = self._grips.get(call.connection)
+        if sent is None:
+            raise ControlError("this connection has sent no goal; send one with send_gripper")
+        sent.answer_at_end(call)
+
+    def _cancel_grip(self, call: Call[CancelGripper]) -> None:
+        request, sent = call.request, self._grips.get(call.connection)
+        controller = self._robot.manager.get(request.controller)
+        if isinstance(controller, Grips) and (not request.own or sent is not None):
+            controller.cancel_grip(request.why, sent.goal if request.own and sent is not None else None)
+        call.reply(Done())
+
 
 class _RequiredHeartbeat:
     """Heartbeat that a connection must send at least every `within_ns`; `last_heartbeat` is in ns.
@@ -266,70 +312,6 @@ def _tolerances(messages: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance
         JointTolerance(tolerance.position, tolerance.velocity, tolerance.acceleration, tolerance.joint)
         for tolerance in messages
     )
-
-
-class GripperMethods:
-    """API methods for grippers; `keep` raises ControlError if too many connections are permanent.
-
-    `require_heartbeat` is the method of `TrajectoryMethods`.
-    """
-
-    def __init__(
-        self,
-        robot: RobotCore,
-        server: Server[RobotHello, RobotPush],
-        keep: Callable[[Connection], None],
-        require_heartbeat: Callable[[Connection, str, float | None], None],
-    ) -> None:
-        self._robot, self._keep, self._require_heartbeat = robot, keep, require_heartbeat
-        self._sent: dict[Connection, SentGrip] = {}
-        server.register(MoveGripper, lambda call: self._start_goal(call).answer_at_end(call))
-        server.register(SendGripper, self._send)
-        server.register(GripperEnd, self._end)
-        server.register(CancelGripper, self._cancel)
-
-    def forget(self, connection: Connection) -> None:
-        self._sent.pop(connection, None)
-
-    def _send(self, call: Call[SendGripper]) -> None:
-        """Reply whether the goal is accepted; a refusal, too, is a normal reply and not an error."""
-        try:
-            goal = self._start_goal(call).goal
-        except ControlError as error:
-            call.reply(GripperVerdict(accepted=False, text=str(error)))
-        else:
-            call.reply(GripperVerdict(accepted=True, feedback_rate=goal.feedback_rate))
-
-    def _start_goal(self, call: Call[MoveGripper] | Call[SendGripper]) -> SentGrip:
-        """Start the requested goal, which replaces the connection's earlier goal; raise ControlError if refused."""
-        request, robot, connection = call.request, self._robot, call.connection
-        goal = GripperGoal(
-            request.position, request.max_effort, request.max_velocity, lambda: robot.reactor.call_soon(sent.settle)
-        )
-        sent = _SentGoal(goal, _gripper_result)
-        if request.dead_man:
-            self._keep(connection)
-        holder, sender = (
-            connection if request.dead_man else None,
-            CommandSender(connection, call.sender(request.source)),
-        )
-        robot.send_goal(request.controller, goal, request.source or call.client, holder=holder, sender=sender)
-        self._require_heartbeat(connection, request.controller, request.heartbeat if request.dead_man else None)
-        self._sent[connection] = sent
-        return sent
-
-    def _end(self, call: Call[GripperEnd]) -> None:
-        sent = self._sent.get(call.connection)
-        if sent is None:
-            raise ControlError("this connection has sent no goal; send one with send_gripper")
-        sent.answer_at_end(call)
-
-    def _cancel(self, call: Call[CancelGripper]) -> None:
-        request, sent = call.request, self._sent.get(call.connection)
-        controller = self._robot.manager.get(request.controller)
-        if isinstance(controller, Grips) and (not request.own or sent is not None):
-            controller.cancel_grip(request.why, sent.goal if request.own and sent is not None else None)
-        call.reply(Done())
 
 
 def _gripper_result(goal: GripperGoal) -> GripperResult | None:

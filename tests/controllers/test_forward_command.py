@@ -267,7 +267,7 @@ def test_a_position_target_is_held_by_a_timeout_and_by_a_deactivation():
 
 
 def test_a_timeout_is_reported_once_and_the_next_command_takes_over():
-    hardware, control, forward = robot(command_timeout=2.0)
+    hardware, control, _ = robot(command_timeout=2.0)
     control.switch(["forward"], now=0)
     control.command("forward", [1.0, 2.0, 3.0], 0)
     control.update(0, 0.01)
@@ -275,7 +275,7 @@ def test_a_timeout_is_reported_once_and_the_next_command_takes_over():
         control.update(step * S // 100, 0.01)
     told = [each.text for each in control.events() if each.kind == "command_timeout"]
     assert told == ["forward: no command for 2.01 s, targets are 0 until the next command"]
-    assert forward.timed_out
+    assert hardware.values() == [0.0, 0.0, 0.0]
     control.command("forward", [4.0, 5.0, 6.0], 3 * S)
     control.update(3 * S, 0.01)
     assert hardware.values() == [4.0, 5.0, 6.0]

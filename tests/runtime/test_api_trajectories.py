@@ -280,7 +280,7 @@ def test_a_heartbeat_that_comes_keeps_it_and_one_that_is_not_awaited_does_nothin
 def test_a_promise_counts_for_its_own_trajectory_and_for_nothing_that_came_after_it(holder, gone):
     let_go = []
     robot = SimpleNamespace(observers=[], client_disconnected=lambda connection, why: let_go.append(connection))
-    methods = api_trajectories.TrajectoryMethods(robot, SimpleNamespace(register=lambda *_: None), print)
+    methods = api_trajectories.GoalMethods(robot, SimpleNamespace(register=lambda *_: None), print)
     life = CommandTimeout()
     life.holder = holder
     methods._heartbeats["me"] = api_trajectories._RequiredHeartbeat(life, 10, 0)
