@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 GRACE_NS: Final = 300_000_000
 POLL_NS: Final = 50_000_000
 BLIND_STOP_NS: Final = 2_000_000_000  # time for a stop ramp that cannot be observed
-_QUICK_STOP_WORD: Final = 0x0002  # CiA 402-2, table 24: bit 1 is 1, bit 2 is 0
+QUICK_STOP_WORD: Final = 0x0002  # CiA 402-2, table 24: bit 1 is 1, bit 2 is 0
 
 
 class AxisStatus:
@@ -106,7 +106,7 @@ class AxisStatus:
             self._blind_since = now
         # CiA 402-2, table 22: disable voltage leads out of every powered state
         stopping = self._holds_load or now - self._blind_since < BLIND_STOP_NS
-        return _QUICK_STOP_WORD if stopping else 0
+        return QUICK_STOP_WORD if stopping else 0
 
     @property
     def invisible(self) -> bool:

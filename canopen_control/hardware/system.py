@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface, nearest
+from canopen_control.hardware.axis import QUICK_STOP_WORD
 from canopen_control.hardware.axis_parameters import leading_interface
 from canopen_control.hardware.axis_statechart import STOPPED, StopGroup
 from canopen_control.hardware.device_parts import DeviceParts, is_measured
@@ -263,6 +264,11 @@ class CanopenSystem(ComponentLifecycle):
     def stop(self, now: int) -> None:
         for joint in self.joints:
             joint.stop(now)
+
+    def quick_stop_outputs(self) -> None:
+        """Set quick stop in the controlwords that the next transmission sends, for a component whose cycle fails."""
+        for joint in self.joints:
+            joint.axis.controlword.set(QUICK_STOP_WORD)
 
     @property
     def stopped(self) -> bool:

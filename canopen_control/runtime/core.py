@@ -8,6 +8,7 @@ stop by their heartbeat consumers.
 
 from __future__ import annotations
 
+import contextlib
 import enum
 from typing import TYPE_CHECKING, Final
 
@@ -78,6 +79,8 @@ if TYPE_CHECKING:
 
 _CHECK_NS: Final = 100_000_000  # interval at which each bus selects reception by the reactor or at the edges
 CAUGHT_UP: Final = 2  # maximum number of skipped edges whose time counts
+RAISED_CYCLES: Final = 3  # consecutive cycles with an exception, after which the robot stops
+_RAISED_NS: Final = 1_000_000_000  # time for quick stops of a robot whose cycle cannot be completed
 
 
 class RobotCycle:
@@ -102,16 +105,31 @@ class RobotCycle:
         self._following = [bus for bus in self._buses if bus.follows_sync]
         self._period = pacer.period_ns / 1e9
         self._next_supervision = 0
+        self._raised: tuple[str, Exception] | None = None  # first exception of this cycle, and where it was raised
+        self._raised_cycles = self._raised_since = 0
+        self._abandoned: list[HardwareComponent] = []  # components that are written no longer
         times = [component.simulated_ns for component in self._registry.components]
         simulated = not self._buses and any(time_ns is not None for time_ns in times)
         self.clock = RobotClock(reactor, pacer.period_ns, simulated=simulated)
 
     def step(self, now: int) -> None:
-        """Execute one cycle, after the frames from ports that the reactor watches have been processed."""
-        if self.clock.simulated:
-            self._simulate(now)
-        else:
-            self._exchange(now)
+        """Execute one cycle, after the frames from ports that the reactor watches have been processed.
+
+        The first exception of a cycle is raised at its end. After `RAISED_CYCLES` such cycles in a row the robot stops.
+        """
+        complete = False
+        try:
+            if self.clock.simulated:
+                self._simulate(now)
+            else:
+                self._exchange(now)
+            complete = True
+        except Exception as error:  # noqa: BLE001 - it is raised again after the robot was stopped
+            self._raised = self._raised or ("the cycle", error)
+        if self._raised is not None:
+            self._end_raised_cycle(now, complete=complete)
+        elif self._raised_cycles:
+            self._raised_cycles = 0
 
     def _exchange(self, now: int) -> None:
         """Execute one cycle of a robot that is not simulated."""
@@ -124,20 +142,70 @@ class RobotCycle:
         period = self._period_after_skipping(skipped) if (skipped := pacer.skipped) else self._period
         components, manager, edge = self._registry.components, self._manager, pacer.edge
         for component in components:
-            if component.read(now, period) is ERROR:
-                self._failed(component, "read", now)
+            try:
+                if component.read(now, period) is ERROR:
+                    self._failed(component, "read", now)
+            except Exception as error:  # noqa: BLE001 - the other components continue
+                self._note(f"read of {component.name}", error)
         if self._robot.advances:
             self._robot.advance(now)
-        manager.update(edge, period)
+        try:
+            manager.update(edge, period)
+        except Exception as error:  # noqa: BLE001 - the components write what is commanded
+            self._note("the update of the controllers", error)
         for component in components:
-            if component.write(now, self._period) is ERROR:
-                self._failed(component, "write", now)
+            self._write(component, now)
         for bus in self._buses:
             bus.send_cycle(now)
         self.sent_at = self._reactor.now()
         manager.broadcast(edge, period)
         self._supervise(now)
         self._robot.after_cycle(now)
+
+    def _write(self, component: HardwareComponent, now: int) -> None:
+        """Write the commands of a component, unless its `write` has raised exceptions too often."""
+        if component in self._abandoned:
+            return
+        try:
+            if component.write(now, self._period) is ERROR:
+                self._failed(component, "write", now)
+        except Exception as error:  # noqa: BLE001 - the other components continue
+            self._note(f"write of {component.name}", error)
+            if self._raised_cycles + 1 >= RAISED_CYCLES:
+                self._abandon(component)
+
+    def _note(self, where: str, error: Exception) -> None:
+        self._raised = self._raised or (where, error)
+
+    def _abandon(self, component: HardwareComponent) -> None:
+        """Do not write a component again; its drives get a quick stop, which needs no cycle."""
+        if component not in self._abandoned:
+            self._abandoned.append(component)
+        for system in self._systems:
+            if system is component:
+                system.quick_stop_outputs()
+
+    def _end_raised_cycle(self, now: int, *, complete: bool) -> None:
+        """Count cycles in a row with an exception, stop the robot if there are too many, and raise the exception.
+
+        If the cycle itself cannot be completed, all drives get a quick stop, and the buses are closed after a second.
+        """
+        assert self._raised is not None
+        (where, error), self._raised = self._raised, None
+        self._raised_cycles += 1
+        if self._raised_cycles == RAISED_CYCLES:
+            self._raised_since = now
+            text = f"{where} raised {type(error).__name__} in {RAISED_CYCLES} cycles in a row: {error}"
+            self._robot.fail(f"{text}; the drives are stopped, correct the program before you start it again")
+        if self._raised_cycles >= RAISED_CYCLES and not complete:
+            for system in self._systems:
+                self._abandon(system)
+            for bus in self._buses:
+                with contextlib.suppress(Exception):
+                    bus.send_cycle(now)
+            if now - self._raised_since > _RAISED_NS:
+                self._robot.end_without_cycle()
+        raise error
 
     def _simulate(self, now: int) -> None:
         """Execute one cycle of a simulated robot without buses; while paused, execute requested steps only."""
@@ -163,8 +231,7 @@ class RobotCycle:
                 self._failed(component, "read", edge)
         self._manager.update(edge, period)
         for component in self._registry.components:
-            if component.write(edge, self._period) is ERROR:
-                self._failed(component, "write", edge)
+            self._write(component, edge)
         self._manager.broadcast(edge, period)
 
     def _period_after_skipping(self, skipped: int) -> float:
@@ -609,6 +676,11 @@ class RobotCore:
         for bus in self.buses.values():
             bus.release_nodes()
         self._end(f"has stopped, {how}" if how else "has stopped")
+
+    def end_without_cycle(self) -> None:
+        """Close the buses of a robot whose cycle cannot confirm a stop; the drives miss the master's heartbeat."""
+        if self._phase is RobotState.STOPPING:
+            self._end("has ended without a confirmation of the stop; check the drives before you approach the robot")
 
     def _end(self, how: str) -> None:
         self._notify(self.events.flush())

@@ -120,7 +120,8 @@ class DemoMotion:
         return [middle + swing for middle in self._middle]
 
 
-# Unexpected exceptions while a robot runs: each is reported as an event, and the robot continues.
+# Unexpected exceptions while a robot runs: each is reported as an event, and the robot continues, unless its cycle
+# raises one a few times in a row (`runtime.core`).
 #
 # The event has the place in the code, and is reported once for each place. If CANOPEN_CONTROL_DEBUG is set, the
 # traceback is printed.
@@ -145,8 +146,8 @@ class ProgramErrors:
             return
         self._reported.add(place)
         text = (
-            f"an error in this program at {place}: {type(error).__name__}: {error}; the robot continues; "
-            "please report the error"
+            f"an error in this program at {place}: {type(error).__name__}: {error}; the robot "
+            "continues unless every cycle raises one; please report the error"
         )
         self._report(Event(self._now(), "program_error", "", text, Level.ERROR))
 
