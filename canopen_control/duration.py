@@ -7,7 +7,7 @@ from typing import Final
 
 _TEXT: Final = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s|min|h)?")
 _FACTORS: Final = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0, None: 1.0}
-_LONGEST: Final = 1e6  # of the number, in its unit
+_LONGEST: Final = 1e6  # maximum number, in its unit
 
 
 def seconds_of(value: float | str) -> float:

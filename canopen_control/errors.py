@@ -257,14 +257,14 @@ class SdoCancelled(RemoteProtocolError):
 
 
 class SdoLengthError(RemoteProtocolError):
-    """SDO upload whose `data` has the wrong length; `wanted` is the expected type and length."""
+    """SDO upload whose `data` has the wrong length; `expected` is the correct type and length."""
 
     def __init__(
-        self, node_id: int, index: int, subindex: int, data: bytes, wanted: str, entry: str = "", name: str = ""
+        self, node_id: int, index: int, subindex: int, data: bytes, expected: str, entry: str = "", name: str = ""
     ) -> None:
         self.index, self.subindex, self.data = index, subindex, data
         count = "1 byte" if len(data) == 1 else f"{len(data)} bytes"
-        self.answered = f"answered {count}{f' ({data.hex(chr(32))})' if data else ''}, {wanted}"
+        self.answered = f"answered {count}{f' ({data.hex(chr(32))})' if data else ''}, {expected}"
         label = f"0x{index:04X}:{subindex:02X}{f' {entry}' if entry else ''}"
         super().__init__(
             node_id,

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 
 _FOLDER: Final = "personalities"
-_MOST = 0xFFFFFFFF
-_VENDOR: Final = re.compile(r"^ *- \{vendor: (\w+)", re.MULTILINE)  # as the bundled files have it
+_MAX = 0xFFFFFFFF
+_VENDOR: Final = re.compile(r"^ *- \{vendor: (\w+)", re.MULTILINE)  # format of the bundled files
 
 
 class PersonalityError(ConfigError):
@@ -47,8 +47,8 @@ class PersonalityError(ConfigError):
 class DriveIdentity:
     """Vendor-ID (0x1018:01) and product codes (0x1018:02); an empty list means all products of the vendor."""
 
-    vendor: int = setting(low=1, high=_MOST)
-    products: list[int] = setting(factory=list, low=0, high=_MOST)
+    vendor: int = setting(low=1, high=_MAX)
+    products: list[int] = setting(factory=list, low=0, high=_MAX)
     source: str = "unsourced"
 
 

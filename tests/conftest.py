@@ -37,7 +37,7 @@ REQUIRED = {word for word in os.environ.get("CANOPEN_CONTROL_REQUIRE", "").repla
 
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    # Tests that run in the background of a shell inherit this, and so would every program they interrupt.
+    # Tests run in the background of a shell inherit this, and so would each program that they interrupt.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
@@ -90,25 +90,25 @@ MISSING = {
 
 
 FOLDERS = itertools.count()
-#: Where tests are about whole processes.
+#: Folders with tests of whole processes.
 WHOLE = ("bench", "integration", "socketcan", "hardware_can", "tools")
-#: Kinds whose files tools/test finds by the mark in them. `process` has many: MORE.
+#: Kinds whose files tools/test finds by their mark. `process` has many: MORE.
 FOUND_BY_MARK = ("alone", "timed", "rest")
-#: Subpackages of screens, and of what becomes of whole robots.
+#: Subpackages of user interfaces and of whole robots.
 ROBOT_SUBPACKAGES = ("faults", "monitor", "view")
-#: The benches of tests/support with a bus or the sockets of a robot in them.
+#: Benches of tests/support that contain a bus or the sockets of a robot.
 ROBOT_BENCHES = frozenset(
     f"support.{name}"
     for name in ("apiclient", "arm6", "faultbench", "liverobot", "mockrobot", "onbus", "pages", "robots",
                  "trajectory_player")
 )  # fmt: skip
-#: The fixtures of whole subpackages that are such a robot.
+#: Fixtures of subpackages that contain such a robot.
 ROBOTS = frozenset({"mock_robot", "robby", "lost_drive", "calm_run"})
-#: What needs more than this process, whatever it is about.
+#: Fixtures that need more than this process.
 MORE = (*MISSING, "hardware", "process")
 
 
-@pytest.hookimpl(tryfirst=True)  # before -m looks at the marks
+@pytest.hookimpl(tryfirst=True)  # before -m evaluates the marks
 def pytest_collection_modifyitems(items):
     tests = Path(__file__).parent
     for item in items:
@@ -165,7 +165,7 @@ class Watchman:
     """Names the tests that start processes in a run that is to have none; Python tells it of each."""
 
     EVENTS = frozenset({"subprocess.Popen", "os.posix_spawn", "os.fork", "os.forkpty"})
-    # ctypes asks where a library is, once in a process; matplotlib which fonts there are, once on a machine
+    # ctypes searches for a library once per process; matplotlib searches for fonts once per machine
     OF_LIBRARIES = frozenset({"/sbin/ldconfig", "fc-list"})
 
     def __init__(self):
@@ -193,7 +193,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_finish(session):
-    skip_what_is_missing(session.items)  # of those that are selected: to look for ROS takes a second
+    skip_what_is_missing(session.items)  # only for selected tests: the search for ROS takes a second
     Seen.put_aside()
 
 
@@ -228,7 +228,7 @@ gc.unfreeze = Seen.bring_back
 
 
 def pytest_runtest_logstart(location):
-    if location[0] != Seen.file:  # what this file's first test is about to use has been imported by now
+    if location[0] != Seen.file:  # all modules that this file's first test uses have been imported by now
         Seen.file = location[0]
         gc.freeze()
 

@@ -486,7 +486,7 @@ if not (index % 2 and self.command_timeout.live):
 BY_NAME: Final = {mutant.name: mutant for mutant in MUTANTS}
 
 
-# -- applying one
+# -- applying a mutant
 
 
 class _Replace(ast.NodeTransformer):
@@ -578,7 +578,7 @@ def apply(mutant: Mutant) -> None:
     sys.meta_path.insert(0, _Hook(mutant.change))
 
 
-# -- running something with it
+# -- running a program with a mutant
 
 
 def run_with(mutant: Mutant | None, command: Sequence[str]) -> int:
@@ -645,7 +645,7 @@ def _caught(name: str, command: Sequence[str], seconds: float = 900.0) -> tuple[
         )
     except subprocess.TimeoutExpired:
         return True, seconds, "it never ends"
-    refused = ended.returncode == 2 and command[0] != "pytest"  # by what checks the robot's files before anything runs
+    refused = ended.returncode == 2 and command[0] != "pytest"  # by the check of the robot's files before the run
     if ended.returncode not in (0, 1) and not refused:
         print(ended.stdout[-2000:], ended.stderr[-2000:], sep="\n")
         raise RuntimeError(f"{' '.join(command)} ended with {ended.returncode}")

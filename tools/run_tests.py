@@ -33,28 +33,30 @@ if TYPE_CHECKING:
 
 GOOD, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130  # 130: 128 + SIGINT, as shells report it
 _PR_SET_CHILD_SUBREAPER: Final = 36
-_GRACE_S: Final = 10.0  # what pytest and the robots in its tests need to end after SIGINT
+_GRACE_S: Final = 10.0  # time in s that pytest and the robots in its tests need to end after SIGINT
 _TESTS_FAILED: Final = 1  # pytest: all tests ran and some failed; other codes mean that they could not be run
 _NO_TESTS: Final = 5
 _NOT_RUN: Final = 1
-_NO_GUEST: Final = 2  # of tools/guest/run_tests: this machine has no such guest
-_KIND: Final = "CANOPEN_CONTROL_GUEST_KIND"  # set for the tests of a guest
-_TURN_S: Final = 0.02  # adopted processes are reaped this often: tests look whether those they ended are gone
+_NO_GUEST: Final = 2  # exit code of tools/guest/run_tests: the guest is not available on this machine
+_KIND: Final = "CANOPEN_CONTROL_GUEST_KIND"  # environment variable for the tests of a guest
+# adopted processes are reaped at this interval: tests check that ended processes have disappeared
+_TURN_S: Final = 0.02
 _PROGRESS_TURNS: Final = 50
-_OF_CHECKS: Final = 450_000  # ruff and mypy take about as long as the tests in so many bytes
-_GIVING_WAY: Final = 3  # niceness of parts that only compute, beside tests that wait for other processes
-_LEAVING_ALL: Final = 19  # of parts that only compute, beside robots whose reactions have a limit in time
+_OF_CHECKS: Final = 450_000  # ruff and mypy take about as long as the tests in this number of bytes
+_GIVING_WAY: Final = 3  # niceness of parts that only compute, next to tests that wait for other processes
+_LEAVING_ALL: Final = 19  # niceness of parts that only compute, next to robots with limited reaction times
 _COMPILE: Final = "compile"
-_COMPILED_SHARE: Final = "0.1"  # of a property's examples: the sources have passed the same property with more
-_KEPT_OUT: Final = "not socketcan and not hardware"  # these need a kernel with CAN: the guests have one
+# fraction of a property's examples; the pure-Python run tests more examples of the same property
+_COMPILED_SHARE: Final = "0.1"
+_KEPT_OUT: Final = "not socketcan and not hardware"  # these need a kernel with CAN, as in the guests
 
-#: Marks that say that a test starts processes. tests/conftest.py requires that they stand in the test's own file.
+#: Marks of tests that start processes. tests/conftest.py requires that they are in the test's own file.
 PROCESS_MARKS: Final = ("process", "ros", "wheel", "browser", "socketcan", "tmux", "hardware")
-#: Folders about whole processes.
+#: Folders of tests of whole processes.
 PROCESS_FOLDERS: Final = ("bench", "integration", "socketcan", "hardware_can", "tools")
-#: Kinds of tests that ./tools/test leaves to ./tools/test --rest, besides `rest` itself.
+#: Kinds of tests that run in ./tools/test --rest instead of ./tools/test, in addition to `rest`.
 REST_KINDS: Final = ("alone", "timed", "wheel", "socketcan", "hardware")
-#: Files whose tests take long, below tests/: what they are about has quicker tests in the default run as well.
+#: Files with long tests, below tests/; the default run has faster tests of the same subjects.
 REST_FILES: Final = frozenset(
     {
         "cli/test_clone.py",
@@ -104,16 +106,16 @@ REST_FILES: Final = frozenset(
         "tools/test_guests.py",
     }
 )
-#: The tests of simulated and of whole robots that run on the compiled package as well.
+#: Tests of simulated and of whole robots that also run with the compiled package.
 COMPILED_SIMULATIONS: Final = ("simulation/test_campaign.py", "simulation/test_simulation_run.py")
 COMPILED_ROBOTS: Final = ("integration/test_run.py", "integration/test_recovery.py", "integration/test_same_motion.py")
-#: Loops in which ROS programs once froze: CANOPEN_CONTROL_LOOP_S is how long each runs.
+#: Loops in which ROS programs froze earlier: CANOPEN_CONTROL_LOOP_S is the duration of each.
 ROS_LOOPS: Final = "tests/integration/test_ros_freezes.py"
 ROBOTS_ON_KERNEL_CAN: Final = tuple(
     f"integration/test_{name}.py"
     for name in ("run", "recovery", "same_motion", "interop_sdo", "virtual_drive_and_canopen")
 )
-#: Debian packages of --rest, by the program that shows that they are there.
+#: Debian packages of --rest, each with a program that shows whether it is installed.
 SCREENS: Final = {"chromium": ("chromium",), "tmux": ("tmux",)}
 GUESTS: Final = {
     "tools/socketcan_guest": ("user-mode-linux", "can-utils", "iproute2", "kmod"),
@@ -158,7 +160,7 @@ class Result:
     failed: tuple[str, ...] = ()
 
 
-# ------------------------------------------------------------------------------------------------ the parts
+# ---------------------------------------------------------------------------------------------------- parts
 
 
 def pytest(name: str, expression: str, *arguments: str, compiled: Path | None = None, again: bool = False) -> Part:
@@ -206,9 +208,10 @@ def checks() -> list[Part]:
     ]
 
 
-DEALT: Final = ("-n", "2", "--dist", "worksteal")  # tests that start nothing: no processor idles while a long file ends
-SHARED: Final = ("-n", "2", "--dist", "loadfile")  # the tests of a file share its fixtures: robots that run, browsers
-APART: Final = ("-n", "8", "--dist", "loadgroup")  # few tests that wait for answers most of their time: all at once
+DEALT: Final = ("-n", "2", "--dist", "worksteal")  # tests without processes: no CPU is idle at the end of a long file
+# the tests of a file share its fixtures, such as running robots and browsers
+SHARED: Final = ("-n", "2", "--dist", "loadfile")
+APART: Final = ("-n", "8", "--dist", "loadgroup")  # a few tests that mostly wait for answers: all at once
 
 
 def default_lanes(*, again: bool = False) -> list[list[Part]]:
@@ -276,7 +279,7 @@ def rest_steps() -> list[list[list[Part]]]:
     computing = [[Part(_COMPILE, ("tools/compile",)), compiled_modules], [long_fast]]
     return [
         [*([replace(part, nice=_LEAVING_ALL) for part in lane] for lane in computing), [long, compiled_robots, timed]],
-        guests(),  # a guest's time goes slower than ours: nothing runs beside them
+        guests(),  # time in a guest is slower than on the host, so nothing runs in parallel
         *([[[long_loops]]] if loops else []),
         [[alone]],
     ]
@@ -333,12 +336,12 @@ class Run:
 
     def __init__(self) -> None:
         self.results: list[Result] = []
-        self.hidden: list[str] = []  # tests that failed at first and passed at the second look
+        self.hidden: list[str] = []  # tests that failed in the first run and passed in the second
         self.interrupted = False
         self._begin = time.monotonic()
-        self._running: dict[int, tuple[str, float]] = {}  # process id: part's name, when it began
-        self._named: set[str] = set()  # all parts of the lanes that have begun
-        self._starting = 0  # parts whose process may exist already and is not in _running yet
+        self._running: dict[int, tuple[str, float]] = {}  # process id: name of the part, and its start time
+        self._named: set[str] = set()  # all started parts of the lanes
+        self._starting = 0  # parts whose process may exist already and is not yet in _running
         self._lock = threading.Lock()
         ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
@@ -430,7 +433,7 @@ class Run:
             del self._running[process.pid]
             code = process.returncode = os.waitstatus_to_exitcode(status)
             if code == _NO_GUEST and _KIND in part.environment and not _is_required(part.environment[_KIND]):
-                code = GOOD  # the output says which guest is missing here
+                code = GOOD  # the output names the missing guest
             result = Result(part, code, time.monotonic() - begin, usage.ru_utime + usage.ru_stime)
             if code == _TESTS_FAILED or (code != GOOD and part.second_look == part.command):
                 result.failed = _failed_tests(part) or (part.name,)
@@ -539,7 +542,7 @@ def install_debian_packages() -> None:
     sudo = []
     if os.geteuid() != 0:
         if not os.environ.get("CI") or subprocess.run(["sudo", "-n", "true"], capture_output=True).returncode:
-            return  # the tests that need them say what is missing
+            return  # tests that need the packages name the missing ones
         sudo = ["sudo", "-n"]
     print(f"installing {' '.join(missing)} (once)", flush=True)
     subprocess.run([*sudo, "apt-get", "update", "-qq"])

@@ -1,6 +1,6 @@
 """Coverage of each subpackage by the tests, in lines and branches, from coverage's JSON report.
 
-A subpackage below LEAST says why in pyproject.toml, [tool.subpackage_coverage.below], or the exit code is 1.
+A subpackage below MIN says why in pyproject.toml, [tool.subpackage_coverage.below], or the exit code is 1.
 
     python tools/subpackage_coverage.py build/coverage.json [NAME ...]
 """
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
 PACKAGE = "canopen_control"
-LEAST = 90.0  # percent
+MIN = 90.0  # percent
 _PARTS = ("covered_lines", "covered_branches", "num_statements", "num_branches")
 
 
@@ -44,16 +44,14 @@ def covered_by_subpackage(files: Mapping[str, Any]) -> dict[str, float]:
 def judged(
     covered: Mapping[str, float], reasons: Mapping[str, str], subpackages: Iterable[str] = ()
 ) -> tuple[str, bool]:
-    """Return the table of `subpackages` or all, and whether each subpackage below LEAST has a reason."""
+    """Return the table of `subpackages` or all, and whether each subpackage below MIN has a reason."""
     wanted = set(subpackages) or set(covered)
     lines, good = [], True
     for subpackage, percent in covered.items():
         if subpackage not in wanted:
             continue
-        why = (
-            "" if percent >= LEAST else reasons.get(subpackage, f"below {LEAST:g} % WITHOUT A REASON in pyproject.toml")
-        )
-        good = good and (percent >= LEAST or subpackage in reasons)
+        why = "" if percent >= MIN else reasons.get(subpackage, f"below {MIN:g} % WITHOUT A REASON in pyproject.toml")
+        good = good and (percent >= MIN or subpackage in reasons)
         lines.append(f"{subpackage:<14}{percent:6.1f} %  {why}".rstrip())
     return "\n".join(lines), good
 

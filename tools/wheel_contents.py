@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "canopen_control"
-SHARED = f"{PACKAGE}__mypyc"  # the one extension module with all code; the others are doors to it
+SHARED = f"{PACKAGE}__mypyc"  # the one extension module with all code; the others only import from it
 NEEDED = (
     f"{PACKAGE}/py.typed",
     f"{PACKAGE}/data/eds/TMCM-1270.eds",
     f"{PACKAGE}/data/config/robby/bus.yml",
     f"{PACKAGE}_bench/command.py",
-    f"{PACKAGE}/ros/interfaces/callbacks_aarch64.so",  # what Fast DDS calls
+    f"{PACKAGE}/ros/interfaces/callbacks_aarch64.so",  # called by Fast DDS
     f"{PACKAGE}/ros/interfaces/callbacks_x86_64.so",
 )
 STRANGERS = ("tests/", "tools/", "docs/", "build/")

@@ -45,7 +45,7 @@ _PIDFD_GETFD = 438  # system call number on all architectures
 _INODE = re.compile(r"socket:\[(\d+)\]")
 _BOUND = re.compile(r"bound (\S+)")
 _TASK = re.compile(r"^tx_op: ([0-9A-Fa-f]+)\S* .*\bt2=(\d+)", re.MULTILINE)
-_MOST_SHOWN = 128  # number of filters: Python reads socket options of up to 1 KiB
+_MAX_SHOWN = 128  # number of filters: Python reads socket options of up to 1 KiB
 _VERB = ("-m", "canopen_control")  # interpreter options may precede it
 _RAW, _BCM = "CAN_RAW", "CAN_BCM"
 _RECEIVE_LISTS = (
@@ -133,7 +133,7 @@ def _command(pid: int, proc: Path) -> str:
     """Return the command line of a process; commands of this package are shown as `canopen-control VERB`."""
     words = (proc / str(pid) / "cmdline").read_bytes().decode(errors="replace").split("\0")
     words = [word for word in words if word]
-    if len(words) == 1:  # of a fork, see `canopen_control.host.fork`: one string
+    if len(words) == 1:  # a fork overwrites its command line with one string, see `canopen_control.host.fork`
         words = words[0].split(" ")
     if _VERB in itertools.pairwise(words[1:4]):
         return " ".join(["canopen-control", *words[words.index("canopen_control") + 1 :]])
@@ -175,7 +175,7 @@ def _pidfd_getfd(process: int, descriptor: int) -> int:
 
 def _identifiers(sock: socket.socket) -> int | None:
     try:
-        filters = sock.getsockopt(SOL_CAN_RAW, CAN_RAW_FILTER, _MOST_SHOWN * FILTER_SIZE)
+        filters = sock.getsockopt(SOL_CAN_RAW, CAN_RAW_FILTER, _MAX_SHOWN * FILTER_SIZE)
     except OSError:  # there are more filters
         return None
     return -1 if filters == EVERYTHING else len(filters) // FILTER_SIZE
@@ -412,7 +412,8 @@ def _up_real(
     if rate is not None and "sample-point" in changed:
         changed["bitrate"] = rate  # the kernel computes the bit timing from both
     commands = []
-    if link.is_up and link.state == "BUS-OFF" and not changed and not link.restart_ms:  # else the kernel does
+    # in the other cases the kernel restarts the interface
+    if link.is_up and link.state == "BUS-OFF" and not changed and not link.restart_ms:
         commands.append(_ip("restart it after bus-off", "set", link.name, "type", "can", "restart"))
     if changed and link.is_up:
         commands.append(_ip("bring it down to change the settings", "set", link.name, "down"))

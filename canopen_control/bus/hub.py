@@ -56,7 +56,7 @@ class Hub:
         self._started = reactor.now()
         self._path = socket_path("bus", name)
         self._hello_server = HelloServer(reactor, listen(self._path), self._admit)
-        self._ends: dict[int, _End] = {}  # by the number of the member
+        self._ends: dict[int, _End] = {}  # key: number of the member
         self._flush_planned = False
         self._timer: Timer | None = None
         self._linger: Timer | None = None

@@ -102,10 +102,10 @@ class LocalBus(can.BusABC):
 
     def _echo(self, msg: can.Message) -> None:
         """Receive a sent message locally, for hubs of earlier versions that do not return it."""
-        own = copy.copy(msg)
-        own.is_rx, own.timestamp, own.channel = False, time.time(), self._port.channel
+        copied = copy.copy(msg)
+        copied.is_rx, copied.timestamp, copied.channel = False, time.time(), self._port.channel
         self._woken = True
-        self._waiting.append(own)
+        self._waiting.append(copied)
         self._wake.set()
 
     def _flush(self, timeout: float) -> None:

@@ -109,7 +109,7 @@ def whole_records(records: Records) -> int:
 
 EVENT_LIMIT: Final = 1000
 _ONE: Final = (1).to_bytes(8, sys.byteorder)  # increment written to an eventfd
-_MOST: Final = 4096
+_MAX: Final = 4096
 SEND_LIMIT: Final = 4096
 """Maximum number of waiting frames: most of a second at 1 Mbit/s; older frames would be obsolete."""
 
@@ -192,7 +192,7 @@ class WakeDescriptor:
 
     def clear(self) -> None:
         try:
-            while len(os.read(self._reader, _MOST)) == _MOST:
+            while len(os.read(self._reader, _MAX)) == _MAX:
                 pass
         except OSError:  # nothing to read
             return

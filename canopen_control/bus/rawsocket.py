@@ -41,7 +41,7 @@ _U32 = struct.Struct("=I")
 _TIMESPEC = struct.Struct("@ll")
 _FILTER = struct.Struct("=II")  # identifier, mask
 FILTER_SIZE = _FILTER.size
-_MOST_FILTERS = 512  # CAN_RAW_FILTER_MAX
+_MAX_FILTERS = 512  # CAN_RAW_FILTER_MAX
 _STANDARD_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x7FF  # the kernel has a fast path for this mask
 _EXTENDED_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x1FFFFFFF
 EVERYTHING = _FILTER.pack(0, 0)
@@ -77,7 +77,7 @@ def filters_of(can_ids: Iterable[int]) -> bytes:
     filters = [
         _FILTER.pack(can_id, _EXTENDED_MASK if can_id & EXTENDED_FLAG else _STANDARD_MASK) for can_id in sorted(can_ids)
     ]
-    return b"".join(filters) if len(filters) <= _MOST_FILTERS else _ALL_STANDARD
+    return b"".join(filters) if len(filters) <= _MAX_FILTERS else _ALL_STANDARD
 
 
 def set_filters(sock: CanSocket, filters: bytes) -> None:

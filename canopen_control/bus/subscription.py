@@ -38,7 +38,7 @@ _HELLO: Final = struct.Struct("<8sHHI48s")  # magic, version, abilities, pid, la
 HELLO_SIZE: Final = _HELLO.size
 _GREETING_NS: Final = 5_000_000_000
 _RETRY_NS: Final = 50_000_000
-_MOST_GREETING: Final = 64
+_MAX_GREETING: Final = 64
 
 
 class Hello(NamedTuple):
@@ -47,7 +47,7 @@ class Hello(NamedTuple):
     version: int
     pid: int
     label: str
-    abilities: int = 0  # of a hub: TAKES_SUBSCRIPTION, GIVES_STAMPS
+    abilities: int = 0  # abilities of a hub: TAKES_SUBSCRIPTION, GIVES_STAMPS
 
 
 def pack_hello(pid: int, label: str, version: int = VERSION, abilities: int = 0) -> bytes:
@@ -110,7 +110,7 @@ class HelloServer:
             sock.close()
             return
         sock.setblocking(False)
-        while len(self._newcomers) >= _MOST_GREETING:
+        while len(self._newcomers) >= _MAX_GREETING:
             self._dismiss(next(iter(self._newcomers)))
         timer = self._reactor.call_later(_GREETING_NS, functools.partial(self._dismiss, sock))
         self._newcomers[sock] = _Newcomer(sock, timer)
@@ -178,7 +178,7 @@ _STAMPS: Final = 0x10
 _ECHO: Final = 0x20
 _OWN: Final = 0x01
 _LAST: Final = 0x80
-_MOST: Final = 4096  # maximum number of identifiers; beyond it a port receives all frames
+_MAX: Final = 4096  # maximum number of identifiers; beyond it a port receives all frames
 
 
 def pack_subscription(can_ids: Iterable[int]) -> bytes:
@@ -270,5 +270,5 @@ class Subscription:
             return
         self._pending_ids.update(can_ids[: kind & _COUNT])
         if kind & _LAST:
-            self.ids = frozenset(self._pending_ids) if len(self._pending_ids) <= _MOST else None
+            self.ids = frozenset(self._pending_ids) if len(self._pending_ids) <= _MAX else None
             self._pending_ids = set()

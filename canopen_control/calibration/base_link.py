@@ -125,8 +125,8 @@ class WheelValues:
 
     separation: float
     factors: tuple[float, float, float]
-    most_linear: float = math.inf  # m/s
-    most_angular: float = math.inf  # rad/s
+    max_linear: float = math.inf  # m/s
+    max_angular: float = math.inf  # rad/s
     linear_ramp: float = math.inf  # m/s^2
     angular_ramp: float = math.inf  # rad/s^2
 

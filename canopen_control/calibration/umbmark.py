@@ -185,7 +185,7 @@ _STRAIGHT: Final = 0.001  # remaining angle in rad at which a turn ends
 _CREEP: Final = (0.01, 0.02)  # m/s and rad/s: speed at the end of a ramp
 _STANDSTILL: Final = (0.002, 0.005)  # m and rad: maximum motion of a base at standstill
 _STEER: Final = (2.0, 1.0)  # rad/s per rad of heading error, and per m of lateral error over 0.1 m
-_MOST_STEER: Final = 0.2  # rad/s
+_MAX_STEER: Final = 0.2  # rad/s
 _PATIENCE_S: Final = 5.0  # added to twice the expected time of a side or turn
 
 
@@ -287,7 +287,7 @@ class SquarePath:
             self.pace.speed, math.sqrt(2.0 * self.pace.ramp * remaining) + _CREEP[0], remaining * 4.0 + _CREEP[0]
         )
         steer = -_STEER[0] * turned - _STEER[1] * math.atan(aside / 0.1)
-        return speed, max(-_MOST_STEER, min(_MOST_STEER, steer))
+        return speed, max(-_MAX_STEER, min(_MAX_STEER, steer))
 
     def _around(self, moved: Planar) -> tuple[float, float] | None:
         """Return the twist of the current turn, or None at the end of the turn."""

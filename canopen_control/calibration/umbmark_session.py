@@ -116,8 +116,8 @@ def fitting_pace(pace: Pace, wheels: WheelValues) -> Pace:
     """Return the pace, reduced to the limits of the controller."""
     return replace(
         pace,
-        speed=min(pace.speed, wheels.most_linear),
-        turn=min(pace.turn, wheels.most_angular),
+        speed=min(pace.speed, wheels.max_linear),
+        turn=min(pace.turn, wheels.max_angular),
         ramp=min(pace.ramp, _OF_LIMIT * wheels.linear_ramp),
         turn_ramp=min(pace.turn_ramp, _OF_LIMIT * wheels.angular_ramp),
     )
@@ -128,7 +128,7 @@ def space(side: float) -> str:
     margin = allowed_deviation(side)
     return (
         f"{side + margin:.2f} m ahead of its start and as much to its left and to its right, {margin:.2f} m behind it, "
-        "and the robot's own size beyond"
+        "plus the size of the robot in each direction"
     )
 
 

@@ -113,7 +113,7 @@ class _Checker:
         self.stops: tuple[StopTime, ...] = ()
         self._files, self._options = files, options
         self._buses: dict[str, BusConfig] = {}
-        self._valid_buses: dict[str, BusConfig] = {}  # without errors
+        self._valid_buses: dict[str, BusConfig] = {}  # only buses without errors
 
     def run(self) -> None:
         for name, path in self._files.buses.items():

@@ -220,7 +220,7 @@ DRIVE_RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
 # late.
 
 
-_RATE_HZ = 100  # of the cycle, if neither SYNC nor a readable ros2_controllers.yaml defines it
+_RATE_HZ = 100  # default cycle rate if neither SYNC nor a readable ros2_controllers.yaml defines it
 _ON_ARRIVAL: Final = (254, 255)
 _FEEDBACK: Final = (
     objects.STATUSWORD,

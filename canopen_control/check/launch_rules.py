@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _NODE_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _ARG: Final = re.compile(r"\$\((?:arg|var) +([\w.-]+)\)")
 SPAWNERS: Final = ("spawner", "spawner.py", "controller_manager", "unspawner")
-_WITH_VALUE: Final = SPAWNER_VALUES | {"--shutdown-timeout", "--wait-for"}  # of ROS 1
+_WITH_VALUE: Final = SPAWNER_VALUES | {"--shutdown-timeout", "--wait-for"}  # the added options are those of ROS 1
 DESCRIPTION: Final = "robot_description"
 _FILES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds")  # files that are not generated
 

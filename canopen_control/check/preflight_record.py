@@ -60,7 +60,8 @@ class _Position:
         if self._command.owner is None or not math.isfinite(value):
             self._last = math.nan
             return
-        if value != self._last:  # else no controller was updated, and the ramp to the last command continues
+        # if the value is unchanged, no controller was updated, and the ramp to the last command continues
+        if value != self._last:
             self._target = value
         followed = abs(self._last - here) <= self._limit * _LAG_S  # False for nan
         start, step = self._last if followed else here, self._limit * period

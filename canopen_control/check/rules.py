@@ -176,8 +176,8 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
 def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
     """Find left and right wheels whose drives have scales of the same sign."""
     assert robot.bus is not None  # checked by `_scales`
-    left = [each for name in base.left if (each := _drive(robot, name)) is not None]
-    right = [each for name in base.right if (each := _drive(robot, name)) is not None]
+    left = [drive for name in base.left if (drive := _drive(robot, name)) is not None]
+    right = [drive for name in base.right if (drive := _drive(robot, name)) is not None]
     for (one, sign), (other, other_sign) in zip(left, right, strict=False):
         if sign == other_sign:
             text = (
@@ -485,9 +485,7 @@ def _guesses(robot: CheckedRobot) -> Iterator[Finding]:
         counts = node.units.counts_per_revolution
         if counts is not None and counts <= 1.0:
             place = bus.place(node.name, "counts_per_revolution")
-            text = (
-                f"{node.name}: counts_per_revolution {counts:g}: a whole turn is one count, as a default value has it"
-            )
+            text = f"{node.name}: counts_per_revolution {counts:g}: a whole turn is one count, probably a default value"
             yield Finding(place.path, place.line, Severity.WARNING, text, _MEASURE, column=place.column)
 
 

@@ -459,19 +459,19 @@ class EmcyConsumer:
         register, code = message.error_register, message.error_code
         reset = message.is_reset
         present = {
-            active_code: own for active_code, own in self._active.items() if own & register or not (own or reset)
+            active_code: bits for active_code, bits in self._active.items() if bits & register or not (bits or reset)
         }
         if reset:
             self._possibly_cleared = set(present)  # CiA 301, 7.2.7: an error reset does not name the error
         else:
             # The bits that are new with this error belong to it. The error remains until all of them are clear.
-            own = present.pop(code, 0)
+            error_bits = present.pop(code, 0)
             bits = register & ~ErrorRegister.GENERIC
             new = bits & ~self.register
-            if new or not own or code in self._possibly_cleared:  # else the same error was reported again
-                own |= new or bits or register
+            if new or not error_bits or code in self._possibly_cleared:  # otherwise the same error was reported again
+                error_bits |= new or bits or register
             self._possibly_cleared.discard(code)
             if len(present) >= self.active_limit:
                 del present[next(iter(present))]
-            present[code] = own
+            present[code] = error_bits
         self._active, self.register = present, register

@@ -51,7 +51,7 @@ MAX_TRANSFER_SIZE: Final = 1 << 20  # default limit of both sides, larger than a
 NO_MUX: Final = b"\0\0\0"  # multiplexer of an abort outside of a transfer
 
 EXPEDITED_LENGTHS: Final = {0x42: 4, 0x43: 4, 0x47: 3, 0x4B: 2, 0x4F: 1}  # upload answer: number of data bytes
-EXPEDITED_CODES: Final = (0, 0x0F, 0x0B, 0x07, 0x03)  # by length: n, e and s, added to DOWNLOAD or UPLOAD
+EXPEDITED_CODES: Final = (0, 0x0F, 0x0B, 0x07, 0x03)  # bits n, e and s by data length, added to DOWNLOAD or UPLOAD
 
 INITIATE: Final = struct.Struct("<BHB4x")
 INITIATE_BYTES: Final = struct.Struct("<BHB4s")

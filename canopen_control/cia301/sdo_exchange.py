@@ -142,7 +142,7 @@ class RetryBudget:
         self._tries, self._restarts = tries, _MAX_RESTARTS
         self._pause_ns = _FIRST_PAUSE_NS
         self._busy_until: int | None = None
-        self.plain = False  # no block transfer any more
+        self.plain = False  # True after a fallback: block transfer is not tried again
         self.waited_ns = 0  # total time of expired timeouts
 
     def has_try(self, code: int) -> bool:
@@ -347,7 +347,7 @@ class SdoTransfer:
         self.request_cob_id, self._first_phase = request_cob_id, first_phase
         self.ignored = 0  # number of ignored frames of the server
         self.retried = 0  # number of tries after the first
-        self.od: ObjectDictionary | None = None  # of the node
+        self.od: ObjectDictionary | None = None  # object dictionary of the node
         self.block_supported: bool | None = None  # None: unknown
         self.out: list[CanFrame] = []
         self.finished: list[SdoRequest] = []

@@ -40,7 +40,7 @@ def parse_time(data: bytes) -> TimeOfDay | None:
 
 
 SYNC_COB_ID = 0x080
-PRODUCER_BIT = 1 << 30  # of 0x1005
+PRODUCER_BIT = 1 << 30  # bit in 0x1005
 
 
 def parse_cob_id_sync(value: int) -> tuple[int, bool]:

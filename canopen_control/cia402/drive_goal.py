@@ -41,7 +41,7 @@ LADDER: Mapping[State, int] = MappingProxyType(
     {
         State.NOT_READY_TO_SWITCH_ON: -1,
         State.SWITCH_ON_DISABLED: 0,
-        State.QUICK_STOP_ACTIVE: 0,  # as low as SWITCH_ON_DISABLED: every exit leads to this state, or up
+        State.QUICK_STOP_ACTIVE: 0,  # rank of SWITCH_ON_DISABLED: every exit leads to this state, or up
         State.READY_TO_SWITCH_ON: 1,
         State.SWITCHED_ON: 2,
         State.OPERATION_ENABLED: 3,

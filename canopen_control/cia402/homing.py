@@ -161,7 +161,7 @@ class HomingSequence:
         self._stopped_updates = 0
         self._attained_absent = self._error_absent = self._ran = False
         self._deadline = self._start_deadline = _NEVER
-        self._standing_since: int | None = None  # with "attained", but without bit 10
+        self._standing_since: int | None = None  # time since "homing attained" is set while bit 10 is 0
         self._events: list[HomingEvent] = []
 
     def start(self, method: int) -> None:

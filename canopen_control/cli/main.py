@@ -116,7 +116,7 @@ def _leave_output() -> None:
 def _dispatch(arguments: list[str]) -> int:
     if arguments in (["-h"], ["--help"]):
         print(overview(), end="")
-        raise SystemExit(0)  # as argparse does
+        raise SystemExit(0)  # like argparse
     verb = arguments[0] if arguments else ""
     if verb == "status":
         from canopen_control.cli.status import run_plain

@@ -174,7 +174,7 @@ def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str)
 # a joint with neither is not turned, and reported. Every step ends with a sentence that contains the measured values.
 
 
-TOLERANCE = 0.2  # of the commanded speed
+TOLERANCE = 0.2  # fraction of the commanded speed
 STANDSTILL = 0.05  # rad/s
 _TIMEOUT_S = 5.0
 _STOP_S = 5.0
@@ -215,7 +215,7 @@ class Jog:
         self._robot = Robot(setup.name, BackgroundRobot(self._setup, RunOptions(drives=False)))
         self._hold_s = max(1.0, _CYCLES * self._setup.cycle_ns / 1e9)
         self._poll_s = max(_POLL_S, self._setup.cycle_ns / 1e9)
-        self._targets: dict[str, float] = {}  # of the joints that are commanded by position
+        self._targets: dict[str, float] = {}  # targets of the joints that are commanded by position
         self._commanded = 0.0  # monotonic time of the last command
 
     def __enter__(self) -> Jog:

@@ -94,8 +94,8 @@ WITHOUT_JSON: Final = {
     "help": "it prints a text",
     "completion": "it prints a script",
 }
-#: what `canopen-control` shows when no verb is named
-MOST_USED: Final = (
+#: output of `canopen-control` without a verb
+MAX_USED: Final = (
     *("run", "demo", "stop", "status", "monitor", "view", "trace", "teleop", "axis", "controller", "init", "scan"),
     *("jog", "preflight", "bus", "sdo", "check", "plan", "simulate", "fault"),
 )
@@ -106,7 +106,7 @@ def overview(*, everything: bool = False) -> str:
     lines = ["usage: canopen-control VERB [OPTIONS]      options: -h, --help, --version", ""]
     lines += ["CANopen and CiA 402 drives for robots. VERB is one of the subcommands below."]
     for group, verbs in GROUPS.items():
-        shown = [f"  {verb:<11} {text}" for verb, text in verbs.items() if everything or verb in MOST_USED]
+        shown = [f"  {verb:<11} {text}" for verb, text in verbs.items() if everything or verb in MAX_USED]
         lines += [f"{group}:", *shown] if shown else []
     lines += ["", "Start with:                 canopen-control run robby"]
     lines += ["Options and examples:       canopen-control help VERB"]

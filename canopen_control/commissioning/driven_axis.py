@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 _REGISTER, _HISTORY = (0x1001, 0), (0x1003, 1)
-_MOST_ERRORS: Final = 32
+_MAX_ERRORS: Final = 32
 
 
 def fault_words(node: NodeSession) -> str:
@@ -53,7 +53,7 @@ def error_history(node: NodeSession) -> list[str]:
     count = node.number(_HISTORY[0], 0, DataType.UNSIGNED8)
     if count is None:
         raise ConfigError(f"{node} has no error history (0x1003)")
-    codes = (node.number(_HISTORY[0], subindex) for subindex in range(1, min(count, _MOST_ERRORS) + 1))
+    codes = (node.number(_HISTORY[0], subindex) for subindex in range(1, min(count, _MAX_ERRORS) + 1))
     return [f"{code_text(code & 0xFFFF)}{_additional_text(code)}" for code in codes if code]
 
 
@@ -112,9 +112,9 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
         )
     joint = place.joints[axis]
     controllers = client.ask(ListControllers())
-    own = next((controller for controller in controllers if takes_targets(controller, joint)), None)
-    if own is not None:
-        return JogDrive(client.robot, place.name, joint, own.name, mode)
+    controller_of_joint = next((controller for controller in controllers if takes_targets(controller, joint)), None)
+    if controller_of_joint is not None:
+        return JogDrive(client.robot, place.name, joint, controller_of_joint.name, mode)
     users = users_of(controllers, joint)
     place_text = f"node {place.node_id} ({place.name}) is {joint} of the running robot {client.robot}"
     shutdown = f"canopen-control shutdown --name {client.robot}"

@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 TRUSTED: Final = 0.9
 HIGHEST: Final = 1.0 / 3.0  # highest frequency of a point, as a fraction of the sampling rate
-_FEWEST: Final = 100  # minimum number of samples
+_MIN_COUNT: Final = 100  # minimum number of samples
 _BINS: Final = 5  # minimum number of bins in a band
 _SHARE: Final = 0.06  # width of a band as a fraction of its frequency
 _ROWS: Final = 16
 _BAR: Final = 40
-_LEAST_SPAN: Final = 3.0  # minimum range of the bars in dB, so that noise on a flat response is not magnified
+_MIN_SPAN: Final = 3.0  # minimum range of the bars in dB, so that noise on a flat response is not magnified
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +76,9 @@ def frequency_response(
 ) -> Bode:
     """Estimate the response from `low` to `high` in Hz; raise DriveError if no point is reliable."""
     u, y = np.asarray(inputs, float), np.asarray(outputs, float)
-    if len(u) < _FEWEST:
+    if len(u) < _MIN_COUNT:
         raise DriveError(f"{len(u)} samples are too few for a frequency response; excite the axis longer (--for S)")
-    length = len(u) + len(u) // 8  # what comes late is not what came first
+    length = len(u) + len(u) // 8  # zero padding, so that the end does not wrap around to the start
     first, second = np.fft.rfft(u, length), np.fft.rfft(y, length)
     frequencies = np.fft.rfftfreq(length, period)
     top = min(high, HIGHEST / period)
@@ -139,7 +139,7 @@ def bode_lines(bode: Bode, rows: int = _ROWS) -> list[str]:
     """Return a table of at most `rows` points, with a bar for each gain."""
     points = _thinned(bode, rows)
     top, bottom = max(point.gain for point in points), min(point.gain for point in points)
-    span = max(top - bottom, _LEAST_SPAN)
+    span = max(top - bottom, _MIN_SPAN)
     lines = [f"{'Hz':>8}  {'dB':>7}  {'degrees':>8}  coherence"]
     for point in points:
         bar = "#" * (_BAR - round((_BAR - 1) * (top - point.gain) / span))

@@ -136,7 +136,7 @@ class JogMotion:
         `resolution` is the resolution of the measured position in rad.
         """
         if math.isnan(self._farthest):
-            if self._fastest > 0.0:  # not for nan
+            if self._fastest > 0.0:  # False for nan
                 return None
             return "unknown whether the shaft turned: the drive reports no position"
         distance = abs(self._value) if self.kind is JogKind.POSITION else 0.0
@@ -162,7 +162,8 @@ class JogMotion:
         self._commanded = self._commanded or name in _FORWARD or name in _BACKWARD
         self._sign = 1 if name in _FORWARD else -1 if name in _BACKWARD else self._sign
         if name in _FORWARD or name in _BACKWARD:
-            name = "up" if name in _FORWARD else "down"  # one key for each way: its repetition is what holds
+            # one key for each direction: its repetition keeps the motion alive
+            name = "up" if name in _FORWARD else "down"
         elif name in ("q", "z", "w", "x"):
             pass
         else:

@@ -214,7 +214,7 @@ def is_abort(error: CanopenError) -> bool:
 TIMEOUT_S: Final = 15.0  # the robot may have queued other requests for the node
 _BYTES_PER_S: Final = 1_000  # rate of the slowest transfer for which the timeout allows
 _WATCH_S: Final = 2.0
-_NUMBERS: Final = itertools.count(1)  # of the sessions of this process
+_NUMBERS: Final = itertools.count(1)  # numbers of the sessions of this process
 
 
 class RobotTransfers(Transfers):

@@ -457,7 +457,7 @@ def _meaning(entry: Entry, value: Value, words: NodeWords) -> str | None:
 
 
 _PROGRAM: Final = range(0x1F50, 0x1F58)
-_MOST_EDITS: Final = 100
+_MAX_EDITS: Final = 100
 
 
 def why_fixed(entry: Entry) -> str:
@@ -529,7 +529,7 @@ class EditHistory:
         before = session.read_value(entry) if entry.readable else None
         session.write_value(entry, value)
         edit = Edit(entry, before, session.read_value(entry) if entry.readable else value)
-        self.edits = [*self.edits[1 - _MOST_EDITS :], edit]
+        self.edits = [*self.edits[1 - _MAX_EDITS :], edit]
         if not same_value(entry, value, edit.after):
             has = value_text(entry, edit.after)
             raise DriveError(

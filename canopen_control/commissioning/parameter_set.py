@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 
 _MAPPINGS: Final = tuple(range(first, first + COUNT) for first in MAPPING.values())
-_MOST_MAPPED: Final = 64  # a higher count identifies an MPDO (CiA 301, 7.5.2.36)
+_MAX_MAPPED: Final = 64  # a higher count identifies an MPDO (CiA 301, 7.5.2.36)
 _NO_TRANSFER: Final = 0b11  # ObjFlags: not written in a download, not read in a scan (CiA 306-1)
 # error history, store, restore, time stamp and OS commands of CiA 301; requests of CiA 302
 _COMMANDS: Final = frozenset((0x1003, 0x1010, 0x1011, 0x1013, *range(0x1023, 0x1027), 0x1F25, 0x1F82, 0x1F83))
@@ -91,14 +91,14 @@ def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = Fal
     With `same_device` calibration data may be written; node-ID, bit rate and serial number never.
     """
     index = axis_of(entry.index)[0]
-    own = _VENDOR_OWN.get(_vendor(od), {}).get(index, "")
-    if not own and not same_device:
-        own = _OWN_TO_THE_DEVICE.get(index, "")
+    reason = _VENDOR_OWN.get(_vendor(od), {}).get(index, "")
+    if not reason and not same_device:
+        reason = _OWN_TO_THE_DEVICE.get(index, "")
     info = od.objects.get(entry.index)
     names = f"{entry.name}\n{info.name if info is not None else ''}"
-    if not own and index in _MANUFACTURER and _OWN_NAMES.search(names):
+    if not reason and index in _MANUFACTURER and _OWN_NAMES.search(names):
         return "has the name of a node-ID, bit rate or serial number"
-    return own
+    return reason
 
 
 def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value]:
@@ -106,7 +106,7 @@ def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value
     used = {}
     for (index, subindex), value in values.items():
         count = values.get((index, 0)) if any(index in records for records in _MAPPINGS) else None
-        if not (isinstance(count, int) and count <= _MOST_MAPPED and subindex > count):
+        if not (isinstance(count, int) and count <= _MAX_MAPPED and subindex > count):
             used[index, subindex] = value
     return used
 

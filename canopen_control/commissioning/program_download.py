@@ -137,8 +137,8 @@ def flash_text(status: int) -> str:
     code = status >> 1 & 0x7F
     if not code:
         return ""
-    own = f" of the manufacturer (0x{status >> 16:04X})" if code > 63 else ""
-    return _ERRORS.get(code, f"error {code}{own}")
+    suffix = f" of the manufacturer (0x{status >> 16:04X})" if code > 63 else ""
+    return _ERRORS.get(code, f"error {code}{suffix}")
 
 
 def refuse_no_program(image: bytes, name: str = "the program file") -> None:

@@ -2,7 +2,7 @@
 
 The memory is sans-IO; times are arguments in seconds of any one clock. A sample has a value for each signal, None while
 the value is unknown; a value is valid until the next sample. While the scope waits for a trigger it stores `before`
-seconds and at most `MOST` samples, so that it can wait for days. An edge needs known values on both sides of the level;
+seconds and at most `MAX` samples, so that it can wait for days. An edge needs known values on both sides of the level;
 a level fires as soon as the condition is true, and again only after the condition was false.
 """
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.scope_signals import Signal
 
 
-MOST: Final = 1_000_000  # maximum number of samples in a capture; older samples are dropped
+MAX: Final = 1_000_000  # maximum number of samples in a capture; older samples are dropped
 
 Row = tuple[float, tuple[float | None, ...]]
 
@@ -199,7 +199,7 @@ class ScopeCapture:
             )
         self.state = ScopeState.WAITING
         self._trigger, self._length, self._before, self._shots_left = trigger, length, before, shots
-        self._rows: deque[Row] = deque(maxlen=MOST)
+        self._rows: deque[Row] = deque(maxlen=MAX)
         self._begin: float | None = None  # time of the trigger, or of the first sample without a trigger
         self._newest = -math.inf
         self._last: tuple[float | None, ...] | None = None

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.client import RobotClient
 from canopen_control.commissioning.scope_capture import Condition, ScopeCapture, named_shot, parse_trigger
 from canopen_control.commissioning.scope_signals import (
-    MOST_SIGNALS,
+    MAX_SIGNALS,
     PolledSource,
     RobotSource,
     SignalValues,
@@ -45,8 +45,8 @@ def capture_of(options: ScopeOptions, signals: int, faults: int = 0) -> ScopeCap
     """
     if not signals:
         raise ConfigError("choose at least one signal")
-    if signals > MOST_SIGNALS:
-        raise ConfigError(f"{signals} signals are too many for a capture; choose at most {MOST_SIGNALS}")
+    if signals > MAX_SIGNALS:
+        raise ConfigError(f"{signals} signals are too many for a capture; choose at most {MAX_SIGNALS}")
     if options.before is not None and not options.trigger:
         raise ConfigError("--before requires --trigger")
     trigger = parse_trigger(options.trigger, signals) if options.trigger else None

@@ -135,7 +135,7 @@ def read_signal(values: SignalValues, session: NodeSession, signal: ScopeSignal)
     values.put(signal.node_id, signal.index, signal.subindex, data)
 
 
-MOST_SIGNALS: Final = 8
+MAX_SIGNALS: Final = 8
 _QUANTITIES: Final = {"position": "rad or m", "velocity": "rad/s or m/s", "effort": "", "command": ""}
 """Quantities of a joint that a robot reports, with their units."""
 

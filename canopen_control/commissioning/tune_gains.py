@@ -204,10 +204,10 @@ def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DEL
 # per mille s^2/rad (or kg m^2).
 
 
-_MOST_DELAY: Final = 4.0  # longest dead time in cycles
+_MAX_DELAY: Final = 4.0  # longest dead time in cycles
 _STEPS: Final = 4  # steps of the dead time per cycle
 _STANDING: Final = 0.05  # fraction of the highest speed that counts as standstill
-_FEWEST: Final = 50
+_MIN_COUNT: Final = 50
 _VISCOUS, _COULOMB = 1, 2  # columns of the friction coefficients
 _MODELS: Final = ([0, 1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 3])
 """Fitted columns: all, and subsets without a friction that would be negative; the last has no friction."""
@@ -242,7 +242,7 @@ def identify_plant(torque: Sequence[float], speed: Sequence[float], period: floa
     An unknown sample is nan; it is left out, as are the following cycles in which its torque acts.
     """
     u, w = np.asarray(torque, float), np.asarray(speed, float)
-    if len(w) < _FEWEST:
+    if len(w) < _MIN_COUNT:
         raise DriveError(f"{len(w)} samples are too few for an identification; excite the axis longer (--for S)")
     fastest = float(np.nanmax(np.abs(w)))
     if not fastest:
@@ -250,8 +250,8 @@ def identify_plant(torque: Sequence[float], speed: Sequence[float], period: floa
             "the shaft did not move: the torque does not overcome the friction; use more torque, or free the shaft"
         )
     best: tuple[float, NDArray[np.floating], float, float] | None = None
-    first = int(_MOST_DELAY) + 1
-    for quarter in range(round(_MOST_DELAY * _STEPS) + 1):
+    first = int(_MAX_DELAY) + 1
+    for quarter in range(round(_MAX_DELAY * _STEPS) + 1):
         delay = quarter / _STEPS
         fitted = _fit(_delayed(u, delay, first), w, first, fastest, period)
         if best is None or fitted[1] < best[2]:
@@ -289,12 +289,12 @@ def _fit(
     mean = 0.5 * (before + after)
     moving = np.minimum(np.abs(before), np.abs(after)) > _STANDING * fastest
     moving &= (before * after > 0.0) & np.isfinite(u)
-    if int(moving.sum()) < _FEWEST:
+    if int(moving.sum()) < _MIN_COUNT:
         raise DriveError(
             "the shaft hardly moved: the torque does not overcome the friction; use more torque, or free the shaft"
         )
     turned = np.sign(mean[moving])
-    if int(min((turned > 0.0).sum(), (turned < 0.0).sum())) < _FEWEST // 5:
+    if int(min((turned > 0.0).sum(), (turned < 0.0).sum())) < _MIN_COUNT // 5:
         raise DriveError(
             "the shaft turned in one direction only, so friction and load cannot be distinguished: "
             "use a stronger excitation"

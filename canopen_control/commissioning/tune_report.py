@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 
 BAND: Final = 0.02  # settling band as a fraction of the step
-_FEWEST: Final = 10  # minimum number of samples after the step
+_MIN_COUNT: Final = 10  # minimum number of samples after the step
 _TAIL: Final = 5  # the last fifth of the record gives the final value
-_LEAST: Final = 0.2  # minimum fraction of the step in the response
+_MIN: Final = 0.2  # minimum fraction of the step in the response
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +63,13 @@ def step_metrics(times: Sequence[float], values: Sequence[float], target: float,
     """
     before = [value for time, value in zip(times, values, strict=True) if time < 0.0]
     rows = [(time, value) for time, value in zip(times, values, strict=True) if time >= 0.0]
-    if len(rows) < _FEWEST:
+    if len(rows) < _MIN_COUNT:
         raise DriveError(f"{len(rows)} samples of the step are too few to measure it; use a longer step (--for S)")
     base = before[-1] if before else rows[0][1]
     tail = [value for _, value in rows[-max(1, len(rows) // _TAIL) :]]
     final = sum(tail) / len(tail)
     height = final - base
-    if abs(height) < _LEAST * abs(target - base) or height * (target - base) <= 0.0:
+    if abs(height) < _MIN * abs(target - base) or height * (target - base) <= 0.0:
         raise DriveError(
             f"the drive did not follow the step: {target - base:g} was commanded, {height:g} was reached; "
             "check its limits, ramps and load"

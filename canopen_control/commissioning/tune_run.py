@@ -441,7 +441,7 @@ def _maximum_length(bits: int) -> tuple[int, ...]:
     return tuple(bits_out)
 
 
-MAX_TORQUE: Final = 300.0  # of an identification, in per mille of the rated torque
+MAX_TORQUE: Final = 300.0  # torque limit of an identification, in per mille of the rated torque
 _BIAS, _AMPLITUDE = 1.5, 0.75  # rad/s; the direction of rotation does not change
 _LOW_HZ: Final = 0.5
 _BEYOND: Final = 1.15

@@ -73,7 +73,7 @@ class CheckedNode:
         self.reactor, self.port, self.node_id, self.eds = reactor, port, node_id, eds
         self.timeout_s, self.bounds = timeout_s, bounds or MotionBounds()
         self.state: NmtState | None = None  # in the last heartbeat
-        self.notes: list[str] = []  # of the current check
+        self.notes: list[str] = []  # notes of the current check
         self.log: deque[str] = deque(maxlen=KEPT)
         self._unbooted = 0  # resets without a boot-up message
         self.last_seen_ns: dict[

@@ -24,7 +24,7 @@ _OF_COMMUNICATION = range(0x1005, 0x1C00)
 _COB_IDS = (0x1005, 0x1012, 0x1014)
 _CONSUMER, _PRODUCER, _GUARD_TIME, _LIFE_TIME = 0x1016, 0x1017, 0x100C, 0x100D
 _SETTLE_NS = 2 * S  # time from NMT start to the first node guarding request
-_MOST_COMMANDS = 10  # maximum number of NMT commands per second
+_MAX_COMMANDS = 10  # maximum number of NMT commands per second
 
 
 def is_record(index: int, bases: tuple[int, int]) -> bool:
@@ -39,13 +39,13 @@ class ConfigurationObserver(MasterObserver):
         super().__init__(node, findings)
         self.boots = self.commands = 0
         self.started: int | None = None
-        self.configured = False  # since the boot-up
+        self.configured = False  # True once the node was configured after the boot-up
         self.guarded = False
         self._reads: set[int] = set()
         self._wrote = self._first = self._judged_start = False
         self._open: dict[Mux, str] = {}  # refused or unanswered writes, with the reason
         self._disabled: set[int] = set()  # communication records whose bit 31 was written
-        self._entries: dict[int, set[int]] = {}  # by mapping record: entries written since subindex 0 was 0
+        self._entries: dict[int, set[int]] = {}  # by mapping record: entries written since subindex 0 was set to 0
         self._times: list[int] = []  # times of the NMT commands in the last second
 
     # -- frames
@@ -79,7 +79,7 @@ class ConfigurationObserver(MasterObserver):
         self.commands += 1
         self._times = [time for time in self._times if now - time < S]
         self._times.append(now)
-        expect(len(self._times) <= _MOST_COMMANDS, "MN03", f"{len(self._times)} NMT commands in a second")
+        expect(len(self._times) <= _MAX_COMMANDS, "MN03", f"{len(self._times)} NMT commands in a second")
         if data[0] == NmtCommand.START:
             booted = self.node.nmt.state is not NmtState.INITIALISING
             expect(booted, "MN02", "NMT start before the boot-up message")

@@ -23,8 +23,8 @@ _GUARD_TIME, _LIFE_TIME, _PRODUCER, _SYNC_PERIOD, _OVERFLOW = 0x100C, 0x100D, 0x
 _INTERPOLATION, _MODE_DISPLAY = 0x60C2, 0x6061
 _CYCLIC_MODES = (8, 9, 10)
 _SETTLE_NS = 50 * MS  # frames sent just before a change of state are not counted
-_MOST_SYNCS = 100_000  # maximum number of stored intervals
-_FEWEST = 50  # minimum number of intervals for a result
+_MAX_SYNCS = 100_000  # maximum number of stored intervals
+_MIN_COUNT = 50  # minimum number of intervals for a result
 
 
 class HeartbeatObserver(MasterObserver):
@@ -138,7 +138,7 @@ class SyncObserver(MasterObserver):
             good = 1 <= counter <= overflow if before is None else counter == before % overflow + 1
             self.findings.expect(good, "MY03", f"{counter} after {before}")
             self._counter = counter
-        if self._last is not None and self.node.nmt.state is NmtState.OPERATIONAL and len(self._gaps) < _MOST_SYNCS:
+        if self._last is not None and self.node.nmt.state is NmtState.OPERATIONAL and len(self._gaps) < _MAX_SYNCS:
             self._gaps.append(now - self._last)
         self._last = now
         self._note_mode()
@@ -169,7 +169,7 @@ class SyncObserver(MasterObserver):
 
     def finish(self) -> None:
         gaps = sorted(self._gaps)
-        if len(gaps) < _FEWEST:
+        if len(gaps) < _MIN_COUNT:
             return
         period = gaps[len(gaps) // 2]
         late = sorted(abs(gap - period) for gap in gaps if gap < 10 * period)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 OVERLAP_NS = 20 * MS  # a request that follows another one earlier was sent without waiting for the answer
 _HANG_NS = 10 * S
-_MOST_REQUESTS = 20  # maximum number of unanswered requests per second
+_MAX_REQUESTS = 20  # maximum number of unanswered requests per second
 _PROTOCOL_ERRORS = frozenset((0x05030000, 0x05040001, 0x05040002, 0x05040003, 0x05040004))
 _MISSING = frozenset((AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX, AbortCode.READ_ONLY))
 _BLOCK_ACK, _BLOCK_END = 2, 1  # sub-commands
@@ -133,7 +133,7 @@ class SdoObserver(MasterObserver):
             and not self._transfer.answered
         ):
             count = len(self._unanswered)
-            self.findings.expect(count <= _MOST_REQUESTS, "MT09", f"{count} requests in a second without an answer")
+            self.findings.expect(count <= _MAX_REQUESTS, "MT09", f"{count} requests in a second without an answer")
 
     def _abort(self, transfer: MasterTransfer | None, code: int) -> None:
         if transfer is None:
@@ -271,7 +271,7 @@ class SdoObserver(MasterObserver):
             return
         transfer.begun = True
         if transfer.stale:
-            self.findings.expect(True, "MT10", "")  # it has waited for the right answer
+            self.findings.expect(True, "MT10", "")  # the master has waited for the right answer
             transfer.stale = False
         transfer.answered = True
         self._follow(transfer, data)

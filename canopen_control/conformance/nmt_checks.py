@@ -480,7 +480,7 @@ _SLAVES, _REQUEST = 0x1F81, 0x1F82
 _CONCISE = 0x1F22
 _PROGRAM, _CONTROL, _IDENTIFICATION, _FLASH = 0x1F50, 0x1F51, 0x1F56, 0x1F57
 _NODES = 127
-_STATES = (0, 1, 2, 3)  # of 0x1F51: stopped, running, reset, cleared
+_STATES = (0, 1, 2, 3)  # states of 0x1F51: stopped, running, reset, cleared
 _OWN_STATES = 0x80  # states from here on are manufacturer-specific
 
 

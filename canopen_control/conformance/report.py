@@ -284,7 +284,7 @@ _MEANINGS = (
     ("6.3", "A master that enables the drive will wait longer than usual, or report a failed transition."),
     ("402", "A master that relies on this object of the profile will not get what it expects."),
 )
-_OF_MASTER = {  # by the first two letters of the ids of the checks of a master
+_OF_MASTER = {  # key: first two letters of the ids of the checks of a master
     "MC": "A device may run with another configuration than this master intends.",
     "MN": "A device may miss an NMT command of this master, or stay in another state than it assumes.",
     "MT": "A device with a strict SDO server will refuse requests of this master, or get a wrong value.",

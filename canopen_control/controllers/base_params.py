@@ -141,13 +141,13 @@ def with_dimensions(
 
     `names` maps fields to their names in the file, where the two differ.
     """
-    found: dict[str, Any] = {
+    inferred: dict[str, Any] = {
         field: value for field, value in described.items() if value and getattr(params, field) <= 0.0
     }
-    for field, value in found.items():
+    for field, value in inferred.items():
         name = (names or {}).get(field, field)
         report(f"{name} is not given; the value of the description is used: {value:g} m")
-    return replace(params, **found)
+    return replace(params, **inferred)
 
 
 def refuse(name: str, checks: Iterable[tuple[bool, str]]) -> None:
@@ -173,7 +173,7 @@ def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:
 # Parameters of the controllers of omni and mecanum wheels, by the names of jazzy.
 
 
-LEAST_WHEELS: Final = 3
+MIN_WHEELS: Final = 3
 _NONE: Final[Six] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -211,8 +211,8 @@ class OmniParams(PrefixedParams):
     def mistakes(self) -> Iterator[tuple[bool, str]]:
         names = self.wheel_names
         yield (
-            len(names) < LEAST_WHEELS,
-            f"wheel_names has {len(names)} joints; give {LEAST_WHEELS} or more, counterclockwise around the base",
+            len(names) < MIN_WHEELS,
+            f"wheel_names has {len(names)} joints; give {MIN_WHEELS} or more, counterclockwise around the base",
         )
         both = sorted({name for name in names if names.count(name) > 1})
         yield bool(both), f"wheel_names contains a name twice: {', '.join(both)}; list each name once"

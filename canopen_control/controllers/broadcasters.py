@@ -88,7 +88,7 @@ class BatteryFacts:
 class BatteryParams(CommonParams):
     """Parameters of battery_state_broadcaster/BatteryStateBroadcaster.
 
-    The keys of `interfaces` are "<battery>.battery_temperature" and so on; `own` are the properties of each
+    The keys of `interfaces` are "<battery>.battery_temperature" and so on; `facts` are the properties of each
     battery, in the order of `names`.
     """
 
@@ -104,7 +104,7 @@ class BatteryParams(CommonParams):
     sensor_name: str = setting("", help="name of a single battery, whose `voltage` is read (deprecated)")
     design_capacity: float = setting(math.nan, nan=True, help="capacity in Ah of the battery in `sensor_name`")
     power_supply_technology: int = setting(0, low=0, high=8, help="chemistry of the battery in `sensor_name`")
-    own: tuple[BatteryFacts, ...] = derived(())
+    facts: tuple[BatteryFacts, ...] = derived(())
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -134,7 +134,7 @@ class BatteryParams(CommonParams):
             for interface in self.interfaces
             if interface not in interfaces
         )
-        for name, battery in zip(self.names, self.own, strict=True):
+        for name, battery in zip(self.names, self.facts, strict=True):
             if battery.minimum_voltage >= battery.maximum_voltage:
                 yield f"{name}: minimum_voltage is {battery.minimum_voltage:g}; it must be below maximum_voltage"
 
@@ -144,14 +144,14 @@ def read_params(params: Params, name: str) -> BatteryParams:
     nodes = [params.flat.get(key) for key in ("batteries", "state_joints")]
     batteries = tuple(dict.fromkeys(element.text for node in nodes if node is not None for element in node.elements()))
     settings = params.read(_with_batteries(batteries), _RENAMES)
-    own = tuple(getattr(settings, f"battery_{batteries.index(battery)}") for battery in settings.batteries)
+    facts = tuple(getattr(settings, f"battery_{batteries.index(battery)}") for battery in settings.batteries)
     if settings.sensor_name:
-        own = (
+        facts = (
             BatteryFacts(
                 design_capacity=settings.design_capacity, power_supply_technology=settings.power_supply_technology
             ),
         )
-    result = dataclasses.replace(settings, own=own)
+    result = dataclasses.replace(settings, facts=facts)
     refuse_all(name, result.mistakes())
     return result
 
@@ -521,32 +521,32 @@ class BatteryStateBroadcaster(SensorBroadcaster):
     def sample(self, wall_offset_ns: int) -> BatteriesSample:
         size = len(QUANTITIES)
         batteries = [
-            _reading(name, own, self._finite(place * size, (place + 1) * size))
-            for place, (name, own) in enumerate(zip(self.params.names, self.params.own, strict=True))
+            _reading(name, facts, self._finite(place * size, (place + 1) * size))
+            for place, (name, facts) in enumerate(zip(self.params.names, self.params.facts, strict=True))
         ]
         return BatteriesSample(time=self.published(wall_offset_ns), batteries=batteries, together=_together(batteries))
 
 
-def _reading(name: str, own: BatteryFacts, values: Sequence[float | None]) -> BatteryReading:
+def _reading(name: str, facts: BatteryFacts, values: Sequence[float | None]) -> BatteryReading:
     """Return the state of one battery; `values` are in the order of `QUANTITIES`."""
     voltage, temperature, current, charge, percentage, status, health, present = values
     if percentage is None and voltage is not None:  # the result is nan without voltage bounds
-        percentage = finite(100.0 * (voltage - own.minimum_voltage) / (own.maximum_voltage - own.minimum_voltage))
+        percentage = finite(100.0 * (voltage - facts.minimum_voltage) / (facts.maximum_voltage - facts.minimum_voltage))
     return BatteryReading(
         name=name,
         voltage=voltage,
         temperature=temperature,
         current=current,
         charge=charge,
-        capacity=finite(own.capacity),
-        design_capacity=finite(own.design_capacity),
+        capacity=finite(facts.capacity),
+        design_capacity=finite(facts.design_capacity),
         percentage=None if percentage is None else percentage / 100.0,
         power_supply_status=int(status or 0),
         power_supply_health=int(health or 0),
-        power_supply_technology=own.power_supply_technology,
+        power_supply_technology=facts.power_supply_technology,
         present=bool(voltage) if present is None else bool(present),
-        location=own.location,
-        serial_number=own.serial_number,
+        location=facts.location,
+        serial_number=facts.serial_number,
     )
 
 

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 QUIET_S: Final = 1.0  # time without limiting after which a limited command is reported again
 _UNITS: Final = ("", "/s", None, "/s²", "/s³")  # after rad or m; an effort has its own unit
 _ALMOST: Final = 1.0 - 1e-9  # tolerance for the rounding of a step
-_MOST: Final = sys.float_info.max  # infinite commands fail the short check
+_MAX: Final = sys.float_info.max  # infinite commands fail the short check
 
 Commands = Sequence["CommandInterface"]
 States = Sequence["StateInterface"]
@@ -248,7 +248,7 @@ class JointPosition(JointCommands):
     def __init__(self, joint: Joint, limits: HardLimits, commands: Commands, states: States) -> None:
         super().__init__(joint, limits, commands, states)
         self._command, self._before = commands[0], math.nan
-        self._low, self._high = max(limits.min_position, -_MOST), min(limits.max_position, _MOST)
+        self._low, self._high = max(limits.min_position, -_MAX), min(limits.max_position, _MAX)
         self._rate, self._slope = limits.max_velocity, limits.max_acceleration
         self._speed = _state(states, VELOCITY)
 
@@ -284,7 +284,7 @@ class JointVelocity(JointCommands):
         super().__init__(joint, limits, commands, states)
         self._command, self._before = commands[0], math.nan
         self._low, self._high, self._slope = limits.min_position, limits.max_position, limits.max_acceleration
-        self._rate = min(limits.max_velocity, _MOST)
+        self._rate = min(limits.max_velocity, _MAX)
         self._here = _state(states, POSITION) if limits.has_ends else None
         self._speed = _state(states, VELOCITY)
 
@@ -293,7 +293,7 @@ class JointVelocity(JointCommands):
         value = command.value
         if value != value or command.owner is None:
             speed = math.nan if self._speed is None else self._speed.value
-            self._before = speed if -_MOST <= speed <= _MOST else 0.0
+            self._before = speed if -_MAX <= speed <= _MAX else 0.0
             return True
         if not (-rate <= value <= rate and before - change <= value <= before + change):
             return False
@@ -370,7 +370,7 @@ def limited_joint(joint: Joint, limits: HardLimits, commands: Commands, states: 
     return parts[0] if len(parts) == 1 else JointSeveral(parts)
 
 
-_MOST_REPORTED: Final = 3  # limited commands that one report describes
+_MAX_REPORTED: Final = 3  # limited commands that one report describes
 _NO_BOUNDS: Final = InterfaceInfo("")
 
 
@@ -422,8 +422,8 @@ def _is_bounded(command: CommandInterface) -> bool:
 
 
 def _summary(texts: list[str]) -> str:
-    more = [f"and {len(texts) - _MOST_REPORTED} more"] if len(texts) > _MOST_REPORTED else []
-    return "; ".join(texts[:_MOST_REPORTED] + more)
+    more = [f"and {len(texts) - _MAX_REPORTED} more"] if len(texts) > _MAX_REPORTED else []
+    return "; ".join(texts[:_MAX_REPORTED] + more)
 
 
 def hard_limits(joint: Joint, part: ControlJoint, *, speeds: bool = True) -> HardLimits:

@@ -279,7 +279,7 @@ def _add(blocks: dict[str, _Block], name: str, block: _Block) -> None:
 
 def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParams]:
     """Return the controllers declared in the manager's block, and the parameters of the manager."""
-    own: dict[str, tuple[Node, Node]] = {}
+    parameters: dict[str, tuple[Node, Node]] = {}
     pairs = _pairs(flat)
     declared: dict[str, _Declared] = {}
     for dotted, (key, value) in pairs.items():
@@ -293,8 +293,8 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParam
     for dotted, pair in pairs.items():
         foreign = dotted.startswith((*_IGNORED, *(f"{name}." for name in declared)))
         if dotted in _INITIAL_STATES or not foreign:
-            own[dotted] = pair
-    params = Node.mapping(like(root), own)
+            parameters[dotted] = pair
+    params = Node.mapping(like(root), parameters)
     manager = convert(params, ManagerParams, ManagerParams())
     warn_ineffective(params, manager)
     return declared, manager
@@ -385,13 +385,13 @@ def from_file(place: Node, text: str, name: str) -> Node:
     except RobotConfigError as error:
         place.error(f"params_file: {error}")
         return like(place)
-    own, everywhere = (blocks.get(key) for key in (name, EVERYWHERE))
-    if own is None and everywhere is None:
+    block, everywhere = (blocks.get(key) for key in (name, EVERYWHERE))
+    if block is None and everywhere is None:
         place.error(f"{path} has no parameters for {name}{nearest(name, blocks)}")
         return like(place)
-    if own is None or everywhere is None:
-        return (own or everywhere or _Block(place, like(place))).value
-    return own.value.merged_over(everywhere.value)
+    if block is None or everywhere is None:
+        return (block or everywhere or _Block(place, like(place))).value
+    return block.value.merged_over(everywhere.value)
 
 
 def _config(

@@ -168,7 +168,7 @@ class DiffDriveController(MobileBase):
         self._side = 0
         self._left_states: list[StateInterface] = []
         self._right_states: list[StateInterface] = []
-        self._pair: tuple[StateInterface, StateInterface] | None = None  # of a base with one wheel on each side
+        self._pair: tuple[StateInterface, StateInterface] | None = None  # wheels of a base with one wheel on each side
 
     def wheel_base(self) -> DriveGeometry:
         """Return the nominal wheel geometry, without the multipliers, which are calibration factors."""

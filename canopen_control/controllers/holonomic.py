@@ -18,7 +18,7 @@ from mypy_extensions import mypyc_attr
 from canopen_control.controllers.base import DriveGeometry, finite
 from canopen_control.controllers.base_params import (
     COMMANDED,
-    LEAST_WHEELS,
+    MIN_WHEELS,
     MecanumParams,
     OmniParams,
     TwistAxisLimits,
@@ -70,7 +70,7 @@ class HolonomicBase(MobileBase):
 # Omni wheels (ros2_controllers jazzy): wheel i of n is mounted at 2 pi i / n + `offset`, and rolls along the circle.
 
 
-_LEAST_DT: Final = 1e-6  # minimum time between two positions, in s
+_MIN_DT: Final = 1e-6  # minimum time between two positions, in s
 
 
 class OmniKinematics(HolonomicKinematics):
@@ -80,8 +80,8 @@ class OmniKinematics(HolonomicKinematics):
     """
 
     def __init__(self, count: int, robot_radius: float, wheel_radius: float, offset: float = 0.0) -> None:
-        if count < LEAST_WHEELS:
-            raise ValueError(f"{count} wheels do not determine three velocities; use {LEAST_WHEELS} or more")
+        if count < MIN_WHEELS:
+            raise ValueError(f"{count} wheels do not determine three velocities; use {MIN_WHEELS} or more")
         angles = [math.tau * index / count + offset for index in range(count)]
         super().__init__([(math.sin(angle), -math.cos(angle), -robot_radius) for angle in angles], wheel_radius)
         self._positions = [0.0] * count
@@ -94,7 +94,7 @@ class OmniKinematics(HolonomicKinematics):
 
     def update_position(self, positions: Sequence[float], dt: float) -> bool:
         """Update the odometry from wheel positions in rad; `dt` is in s. Return False if the time step is too short."""
-        if abs(dt) < _LEAST_DT:
+        if abs(dt) < _MIN_DT:
             return False
         for index in range(len(self.wheels)):
             self._speeds[index] = (positions[index] - self._positions[index]) / dt
@@ -121,7 +121,7 @@ class OmniWheelDriveController(HolonomicBase):
     settable: ClassVar[tuple[str, ...]] = ("cmd_vel_timeout", "enable_odom_tf", "publish_limited_velocity")
 
     def __init__(self, name: str, type_name: str = "") -> None:
-        self.kinematics = OmniKinematics(LEAST_WHEELS, 1.0, 1.0)
+        self.kinematics = OmniKinematics(MIN_WHEELS, 1.0, 1.0)
         super().__init__(name, type_name, self.kinematics)
         self.params = OmniParams()
         self._reading: list[float] = []

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 NAN: Final = math.nan
 SLOW_STOP: Final = "slow_stop"
-LONGEST_STOP_S: Final = 10.0  # of a controlled stop, as in `hardware.axis_statechart`
+LONGEST_STOP_S: Final = 10.0  # maximum duration of a controlled stop, as in `hardware.axis_statechart`
 
 
 # Rate limiter (control_toolbox::RateLimiter): limits jerk, then acceleration, then velocity, compared with the two
@@ -185,7 +185,7 @@ class RateLimiter:
         """Record the commands of this cycle for the limits of the next cycles."""
         self._earlier[:] = self.last
         total = sum(commanded)
-        if total == total:  # no nan
+        if total == total:  # False for nan
             self.last[:] = commanded
             return
         for at in range(len(commanded)):
@@ -272,7 +272,7 @@ class JointLimiter:
         elif at == EFF:
             self._bound_effort(actual)
         else:
-            most = self.limits.max_jerk if at == JERK else self._most_acceleration(target, actual[VEL])
+            most = self.limits.max_jerk if at == JERK else self._max_acceleration(target, actual[VEL])
             self._low, self._high = -most, most
         if self._low > self._high:
             self._low, self._high = self._high, self._low
@@ -332,7 +332,7 @@ class JointLimiter:
             high = 0.0
         self._low, self._high = low, high
 
-    def _most_acceleration(self, target: float, speed: float) -> float:
+    def _max_acceleration(self, target: float, speed: float) -> float:
         slows_down = target * speed < 0.0
         if slows_down and math.isfinite(self.limits.max_deceleration):
             return self.limits.max_deceleration

@@ -191,7 +191,8 @@ TOO_SHORT: Final = 0.0
 ONE_UPDATE: Final = "one_update"
 """Kind of the event that reports a timeout of 0, with which a twist applies to a single update."""
 _NEVER: Final = -1
-_REQUIRED: Final = (("compute_commands",), ("velocities",), ("advance", "follow"))  # one method of each group
+# a subclass defines one method of each group
+_REQUIRED: Final = (("compute_commands",), ("velocities",), ("advance", "follow"))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -111,7 +111,7 @@ class HolonomicKinematics(PlanarPose):
         self._rows = list(rows)
         reach = max(abs(around) for _, _, around in rows)
         matrix = array([(along, across, around / reach) for along, across, around in rows])
-        # by the normal equations, which are exact if columns are orthogonal, as those of upstream's bases
+        # solved by the normal equations, which are exact if columns are orthogonal, as those of upstream's bases
         inverse: list[list[float]] = linalg.solve(matrix.T @ matrix, matrix.T).tolist()
         self._fit_forward, self._fit_left, around_fit = inverse
         self._fit_angular = [weight / reach for weight in around_fit]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _STRAIGHT: Final = 1e-6  # steering angle in rad below which the wheels are straight
 _ON_TARGET: Final = math.pi / 6  # deviation of the steering in rad up to which the speed is not reduced
-_MOST_OFF: Final = 1.5608  # deviation of the steering in rad from which the speed is not reduced further
+_MAX_OFF: Final = 1.5608  # deviation of the steering in rad from which the speed is not reduced further
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -135,13 +135,13 @@ class SteeringKinematics(PlanarPose):
         In closed loop, `reduce` slows down the wheels while the steering is far from the commanded angle.
         """
         angle = math.atan(quotient(angular * self.wheelbase, linear))
-        if not math.isfinite(angle):  # without speed and turn
+        if not math.isfinite(angle):  # undefined without speed and turn
             angle = 0.0
         speed = linear / self.radius
         if not open_loop and reduce:
             off = abs(self.angle - angle)
             if off >= _ON_TARGET:
-                speed *= math.cos(min(off, _MOST_OFF)) / math.cos(_ON_TARGET)
+                speed *= math.cos(min(off, _MAX_OFF)) / math.cos(_ON_TARGET)
         curve = angle if open_loop else self.angle
         self.set_traction(speed, curve)
         self.set_steering(angle, curve)

@@ -341,9 +341,9 @@ def _switches(
 ) -> tuple[tuple[HardwareComponent, tuple[str, ...], tuple[str, ...]], ...]:
     result = []
     for component in registry.components:
-        own = {interface.name for interface in component.command_interfaces}
-        start = tuple(name for controller in entering for name in controller.command_interface_names() if name in own)
-        stop = tuple(name for controller in leaving for name in controller.command_interface_names() if name in own)
+        names = {interface.name for interface in component.command_interfaces}
+        start = tuple(name for controller in entering for name in controller.command_interface_names() if name in names)
+        stop = tuple(name for controller in leaving for name in controller.command_interface_names() if name in names)
         if start or stop:
             result.append((component, start, stop))
     return tuple(result)

@@ -325,11 +325,11 @@ class AxisProcessData:
             mode: interface for mode, interface in self._modes_of_file() if node.config.motion.own_target(interface)
         }
         """Modes whose target object is set in bus.yml, and the command interface of each mode."""
-        own = {mode: node.config.motion.own_target(name) or (0, 0) for mode, name in self.own_modes.items()}
-        self.target_objects = {**TARGET_OBJECTS, **own}
+        targets = {mode: node.config.motion.own_target(name) or (0, 0) for mode, name in self.own_modes.items()}
+        self.target_objects = {**TARGET_OBJECTS, **targets}
         """Index and subindex of each mode's target on axis 0."""
         positions = {self.target_objects[mode] for mode, name in self.own_modes.items() if name == POSITION}
-        outputs = dict.fromkeys((*_TARGETS, *own.values()))
+        outputs = dict.fromkeys((*_TARGETS, *targets.values()))
         self._require_widths()
         self._targets = [
             (index in _POSITIONS or (index, sub) in positions, out)

@@ -194,8 +194,8 @@ def _feeds(axis: AxisProcessData, interface: str) -> bool:
 
 def _served(axis: AxisProcessData, interface: str) -> tuple[int, ...]:
     """Return the modes that can serve a command interface; modes whose target is set in bus.yml come first."""
-    own = [mode for mode, name in axis.own_modes.items() if name == interface]
-    return (*own, *(mode for mode in _SERVED[interface] if mode not in own and _starts_alone(axis, mode)))
+    preferred = [mode for mode, name in axis.own_modes.items() if name == interface]
+    return (*preferred, *(mode for mode in _SERVED[interface] if mode not in preferred and _starts_alone(axis, mode)))
 
 
 def _starts_alone(axis: AxisProcessData, mode: int) -> bool:
@@ -313,7 +313,7 @@ _OBJECTS: Final = (
 _PROFILE: Final = ((objects.PROFILE_VELOCITY, (0,)), (objects.PROFILE_ACCELERATION, (0,)))
 _HOMING_SPEEDS: Final = (1, 2)  # speed during search for the switch, and for the zero
 _UNLIMITED: Final = 0xFFFFFFFF
-_SLOWEST_S: Final = 60.0  # of a ramp, as in `check`
+_SLOWEST_S: Final = 60.0  # duration of a ramp, as in `check`
 # the scales of bus.yml if none is given
 _DEFAULT_SCALES: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 1000.0, "vel_from_dev": 0.001}
 
@@ -526,8 +526,8 @@ class AxisParameters:
         if counts is None or any(units[name] != value for name, value in _DEFAULT_SCALES.items()):
             axis.scale = configured_scale(axis.node, axis.number)
         else:
-            own = axis.node.config.units.with_scale(counts / math.tau)
-            axis.scale = Scale(**own.of_axis(axis.number))
+            units_of_joint = axis.node.config.units.with_scale(counts / math.tau)
+            axis.scale = Scale(**units_of_joint.of_axis(axis.number))
         scale, turn = axis.scale, self._counts_of_motor()
         axis.turn = turn or abs(scale.pos_to_dev) * math.tau
         axis.rpm_to_dev = math.copysign(60.0 / math.tau, scale.vel_to_dev)

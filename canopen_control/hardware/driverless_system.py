@@ -55,7 +55,7 @@ class WorldSensors(ComponentLifecycle):
         ]
         self.state_interfaces: Sequence[StateInterface] = self._states
         self.command_interfaces: Sequence[CommandInterface] = []
-        self._updated = False  # since the last cycle
+        self._updated = False  # True if updated since the last cycle
         self._last = 0
         self._known = False
 
@@ -238,8 +238,8 @@ class SimulatedSystem(ComponentLifecycle):
             limits = joints[part.name].limits
             motor = None if engine is None else engine.motor(part.name)
             if motor is None:
-                own = {**description.parameters, **part.parameters}
-                motor = make_motor(limits) if make_motor else _motor(limits, own)
+                parameters = {**description.parameters, **part.parameters}
+                motor = make_motor(limits) if make_motor else _motor(limits, parameters)
             self._joints.append(_Joint(part, motor))
         self._engine = engine
         by_name = {joint.name: joint for joint in self._joints}
@@ -369,17 +369,17 @@ def _extras(parts: Sequence[ControlJoint]) -> _Extras:
     commands: list[CommandInterface] = []
     mirrored: list[tuple[CommandInterface, StateInterface]] = []
     for part in parts:
-        own = {
+        interfaces = {
             name: StateInterface(
                 part.name, name, 0.0 if math.isnan(state_interface.initial_value) else state_interface.initial_value
             )
             for name, state_interface in part.state_interfaces.items()
         }
-        states += own.values()
+        states += interfaces.values()
         for name in part.command_interfaces:
             commands.append(CommandInterface(part.name, name))
-            if name in own:
-                mirrored.append((commands[-1], own[name]))
+            if name in interfaces:
+                mirrored.append((commands[-1], interfaces[name]))
     return states, commands, mirrored
 
 

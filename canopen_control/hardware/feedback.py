@@ -244,7 +244,7 @@ class Feedback:
         elapsed, count = stamp - self._derived_at, self._axis.unwrap.count
         if elapsed < _DERIVED_NS:
             return
-        if elapsed < _DERIVE_NS:  # else the node was absent in between
+        if elapsed < _DERIVE_NS:  # a longer interval means that the node was absent in between
             speed = (count - self._derived_from) * 1e9 / elapsed
             self._velocity_state.value = speed * self._axis.scale.pos_from_dev + 0.0
         self._derived_from, self._derived_at = count, stamp

@@ -247,7 +247,7 @@ class MotionWatch:
         self._axis, self._machine = axis, machine
         self.lacks_motion = self.late = self.moves_away = False
         self._standing = self._away = 0
-        self._moved = False  # since the axis was enabled
+        self._moved = False  # True if the axis has moved since it was enabled
         self._still: int | None = None  # position at the last check with motion
         self._rest: int | None = None  # position at which the current motion began
         self._last = 0
@@ -281,8 +281,8 @@ class MotionWatch:
         else:
             self._away = 0
             self._rest = here
-        stands = not step and self._rest == self._still == here
-        self._idle = target if stands and not self._commands_motion(target, scale) else None
+        at_standstill = not step and self._rest == self._still == here
+        self._idle = target if at_standstill and not self._commands_motion(target, scale) else None
         self._idle_at = target.output.value
 
     @property

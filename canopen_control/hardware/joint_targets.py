@@ -227,9 +227,9 @@ class JointTargets:
             return True
         if self.feed_forward.fed:
             self.feed_forward.zero()
-        stands = current.ramp_down(period)
+        at_standstill = current.ramp_down(period)
         self._machine.mode_bits = current.bits
-        return stands
+        return at_standstill
 
     def follow(self, now: int, period: float) -> None:
         """Send the command of this cycle, within the limits of the description."""
@@ -612,7 +612,7 @@ class PositionTarget(_PositionTarget):
         step = int(reach)
         self._rest = reach - step
         if step == 0:
-            self.value = _NAN  # so that the next cycle continues
+            self.value = _NAN  # nan, so that the next cycle continues
         return here + step if way > 0 else here - step
 
     def _send_position(self, here: int, count: int, period: float) -> None:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 def with_partners(joints: Iterable[JointDrive]) -> list[JointDrive]:
     """Return the joints, each followed by the joints that share its controlword."""
-    return list(dict.fromkeys(each for joint in joints for each in (joint, *joint.partners)))
+    return list(dict.fromkeys(member for joint in joints for member in (joint, *joint.partners)))
 
 
 def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Event], None]) -> None:

@@ -122,13 +122,13 @@ def _span(command: CommandInterface, most: float) -> None:
 # `rest`.
 
 
-_LEAST: Final = 1  # counts per cycle: the slowest motion
+_MIN: Final = 1  # counts per cycle: the slowest motion
 
 
 class TrapezoidalProfile:
     """Trapezoidal profile of one axis; `speed` is signed, in counts/s; `limited` if a limit is finite."""
 
-    __slots__ = ("_most", "_rise", "limited", "speed")
+    __slots__ = ("_max", "_rise", "limited", "speed")
 
     def __init__(self) -> None:
         self.speed = 0.0
@@ -136,7 +136,7 @@ class TrapezoidalProfile:
 
     def limit(self, most: float, rise: float) -> None:
         """Set the maximum speed and the maximum acceleration from the next step on."""
-        self._most, self._rise = most, rise
+        self._max, self._rise = most, rise
         self.limited = most < math.inf or rise < math.inf
 
     def rest(self) -> None:
@@ -149,8 +149,8 @@ class TrapezoidalProfile:
         `largest` is a further speed limit. A step is at least one count, so that the motion ends.
         """
         side, far = (1 if way >= 0 else -1), abs(way)
-        speed = min(self._most, largest, self.speed * side + self._rise * period, math.sqrt(2 * self._rise * far))
-        step = min(far, max(_LEAST, round(speed * period))) if speed >= 0 else round(speed * period)
+        speed = min(self._max, largest, self.speed * side + self._rise * period, math.sqrt(2 * self._rise * far))
+        step = min(far, max(_MIN, round(speed * period))) if speed >= 0 else round(speed * period)
         self.speed = speed * side if step != far else 0.0
         return step * side
 
@@ -239,7 +239,8 @@ class Tracking:
     def step(self, target: float, actual: float) -> None:
         """Add the set-point of this cycle and the last measured value; each may be nan (unknown)."""
         last = self._first
-        if target == actual and target == last == self._second == self._third:  # no error, as in the cycles before
+        # no tracking error, as in the previous cycles
+        if target == actual and target == last == self._second == self._third:
             self._count += 1
             self._still += 1
             if self._count >= self._full:

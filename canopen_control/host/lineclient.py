@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 MAX_LINE: Final = 1 << 20
 MAX_REQUEST: Final = 1 << 16
-MAX_VALUES: Final = 4096  # of a request: the decoding time depends on the number of values, not of bytes
+MAX_VALUES: Final = 4096  # maximum number of values in a request: the decoding time depends on values, not on bytes
 _COSTLY: Final = b",[{\\"  # every value, or escaped letter, that takes time contains one of these
 
 
@@ -56,7 +56,7 @@ class LineBuffer:
             return None
         data = self._data
         if self._searched == 0 and data[:1].isspace():
-            del data[: len(data) - len(data.lstrip())]  # all empty lines at once
+            del data[: len(data) - len(data.lstrip())]  # removes all empty lines at once
         end = data.find(b"\n", self._searched)
         length = len(data) if end < 0 else end
         if length > self._limit:

@@ -44,7 +44,7 @@ _ACCEPTS_PER_TURN: Final = 16
 _GRACE_NS: Final = 500_000_000  # new connections are not disconnected, those with a recent request last
 _LINGER_NS: Final = 1_000_000_000  # maximum time for sending a last answer
 _NO_DESCRIPTOR: Final = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))  # accept(2)
-_ACCEPT_PAUSE_NS: Final = 100_000_000  # without descriptors: try again later instead of spinning
+_ACCEPT_PAUSE_NS: Final = 100_000_000  # pause when no descriptors are left, instead of a busy loop
 _ANOTHER_USERS: Final = "this program belongs to another user"
 _EVICTED: Final = "too many connections are open and this one was idle; connect again for the next request"
 
@@ -314,7 +314,7 @@ class LineServer:
                 return
             except OSError as error:
                 if error.errno in _NO_DESCRIPTOR and self._make_room():
-                    self._make_room()  # one more, for a file that the new connection's request may need
+                    self._make_room()  # closes one more, for a file that the new connection's request may need
                     continue
                 self._pause()
                 return

@@ -114,7 +114,7 @@ def lazy_patterns() -> Iterator[None]:
 
     The patterns of compiled modules are compiled at once.
     """
-    compile_now = re.compile  # of an outer context, or the standard one
+    compile_now = re.compile  # function of an outer context, or the standard one
 
     def compile_later(pattern: Any, flags: int = 0) -> Any:  # noqa: ANN401 - as re.compile
         module = str(sys._getframe(1).f_globals.get("__name__", ""))  # noqa: SLF001 - the frame of its caller

@@ -192,7 +192,7 @@ class Reactor:
         self._alarm_at: int | None = None
         self._woken = False
         self._signals: dict[int, Callable[[], object]] = {}
-        self._restored = contextlib.ExitStack()  # of the handlers of signals
+        self._restored = contextlib.ExitStack()  # restores the signal handlers
         self._running = self._stopping = self._closed = False
         self._wake_in, self._wake_out = socket.socketpair()
         self._open()

@@ -117,7 +117,7 @@ class Child:
         """Open the child's gate, so that the child continues; no effect without a gate."""
         gate, self._gate = self._gate, -1
         if gate >= 0:
-            with contextlib.suppress(BrokenPipeError):  # it has ended
+            with contextlib.suppress(BrokenPipeError):  # the child has ended
                 os.write(gate, b"\n")
             os.close(gate)
 

@@ -314,7 +314,7 @@ def _write_optional(transfers: BootTransfers, index: int, data: bytes) -> Genera
 def _mismatch(plan: NodePlan, letter: str, title: str, actual: int, expected: int) -> BootError:
     actual_text = f"0x{actual:08X}" if actual >= 0 else "missing"
     hint = "check the device with this node-ID, and its EDS"
-    if letter == "C" and not actual:  # no profile, as boot-loaders show it (CiA 302-3)
+    if letter == "C" and not actual:  # device type without a profile, as boot-loaders show it (CiA 302-3)
         hint = "it may be in its boot-loader without a program, which `firmware` loads; else check device and EDS"
     return boot_error(plan, letter, f"{title} is {actual_text}, expected 0x{expected:08X} (from {plan.source}); {hint}")
 

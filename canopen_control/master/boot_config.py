@@ -135,7 +135,7 @@ def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, An
         if group[0].pdo is not None:
             yield from configure_pdo(plan, group, transfers, cob_ids)
         elif group[0].index == STORE:
-            if transfers.changed:  # else storing is unnecessary, and wears the flash memory
+            if transfers.changed:  # without a change storing is unnecessary, and wears the flash memory
                 yield from _write(plan, group[0], transfers)
         else:
             yield from _configure_object(plan, group[0], transfers)

@@ -208,7 +208,7 @@ class _Reader:
         self._unreadable: dict[str, int] = {}
         self._remarks: list[str] = []
         self._doubled: set[str] = set()  # nodes with the id of another node, so that their COB-IDs are not checked
-        self._spare_cob_ids = itertools.count(0x680)  # as ros2_canopen's generator, for `auto` above PDO 4
+        self._spare_cob_ids = itertools.count(0x680)  # range of ros2_canopen's generator, for `auto` above PDO 4
 
     def read(self) -> BusConfig:
         master = self._master()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 FIRST_WINDOW_NS: Final = 2_000_000_000
 WIDEST_WINDOW_NS: Final = 64_000_000_000
 FEW: Final = 5
-_MOST_OPEN: Final = 256
+_MAX_OPEN: Final = 256
 _NEVER: Final = 1 << 62
 #: kinds of deliberate actions and their results, which are reported one by one up to `FEW`
 _ACTS: Final = frozenset({"stop", "stop_latched", "stop_released", "stopping", "stopped", "recovered"})
@@ -124,7 +124,7 @@ class EventLog:
         key = (event.kind, event.node, _NUMBER.sub("#", event.text))
         repeated = self._open.get(key)
         if repeated is None or event.time >= repeated.until + repeated.window_ns:
-            events = self._close_oldest() if len(self._open) >= _MOST_OPEN else []
+            events = self._close_oldest() if len(self._open) >= _MAX_OPEN else []
             repeated = self._open[key] = _Repeated(event)
             self._recent.append(repeated)
             self.due = min(self.due, repeated.until)

@@ -20,7 +20,7 @@ from canopen_control.od.model import BIT_RATES
 from canopen_control.profiles import TYPES, object_of
 from canopen_control.yamlfile.convert import derived, part, setting
 
-DEFAULT_HEARTBEAT_MS = 100  # without a key in bus.yml, so that a lost node or master is always detected
+DEFAULT_HEARTBEAT_MS = 100  # default without a key in bus.yml, so that a lost node or master is always detected
 DEFAULT_BOOT_MS = 5000
 DRIVE_DRIVERS = ("Cia402", "MotionController")
 """Parts of the names of ros2_canopen's drivers for drives, in current and earlier versions."""
@@ -364,7 +364,7 @@ class MotionKeys:
     position_target: int | str | None = None
     velocity_target: int | str | None = None
     effort_target: int | str | None = None
-    motor_subindices: list[int] | None = setting(None, low=1, high=254)  # of each axis, for one object set
+    motor_subindices: list[int] | None = setting(None, low=1, high=254)  # subindex for each axis, in one object set
     feed_forward: list[Literal["velocity", "effort"]] = field(default_factory=list)
     homing_timeout_seconds: float = setting(10.0, low=0.001, high=3600.0)
     recovery: Literal["boot", "enable"] = "boot"

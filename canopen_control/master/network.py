@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 _GATHER_NS: Final = 500_000_000
 _FORGET_NS: Final = 60_000_000_000
 _EXAMPLES: Final = 4
-_SYNCS: Final = 20  # of the kernel; half as many more in that time are from another producer
+_SYNCS: Final = 20  # SYNCs of the kernel; half as many more in that time are from another producer
 _CUSTOMARY: Final = (1, 127)  # customary node-IDs of masters
 _COMMANDS: Final = {int(command): command.name.lower().replace("_", " ") for command in NmtCommand}
 

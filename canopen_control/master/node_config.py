@@ -167,14 +167,14 @@ def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: b
     for key, place in node.keys().items():
         if key in MISNAMED_NODE or (default := defaults.get(key)) is None or default.value == node.value:
             continue
-        here, there = _plain(own_first, key), _plain(defaults_first, key)
-        if here == there:
+        here, other = _plain(own_first, key), _plain(defaults_first, key)
+        if here == other:
             continue
         if peer_merge:
-            place.warning(f"{name} has {key}: {_brief(here)}, but --peer-merge uses {_brief(there)} from `defaults`")
+            place.warning(f"{name} has {key}: {_brief(here)}, but --peer-merge uses {_brief(other)} from `defaults`")
         else:
             place.warning(
-                f"the node's own {key} is used; ros2_canopen would use {_brief(there)} from `defaults` (--peer-merge)"
+                f"the node's own {key} is used; ros2_canopen would use {_brief(other)} from `defaults` (--peer-merge)"
             )
     return defaults_first if peer_merge else own_first
 

@@ -106,8 +106,8 @@ def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
     """Return the scale of a mapped object that is a signal; None if it is not, or if device objects determine it."""
     for signal in plan.signals.values():
         if signal.address == (mapped.index, mapped.subindex) and signal.bit is None and not signal.scales:
-            own = signal.data_type in (None, mapped.data_type)
-            return _Meaning(signal.factor, signal.offset, signal.unit) if own else None
+            same_type = signal.data_type in (None, mapped.data_type)
+            return _Meaning(signal.factor, signal.offset, signal.unit) if same_type else None
     return None
 
 

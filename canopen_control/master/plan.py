@@ -199,7 +199,7 @@ def plan_node(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePl
 
 def _names(od: ObjectDictionary, view: ObjectDictionary) -> tuple[dict[tuple[int, int], str], dict[int, str]]:
     """Return the names of all entries by address, and the names of the objects in the axes' view by index."""
-    entries = {address: entry.name for each in (od, view) for address, entry in each.entries.items()}
+    entries = {address: entry.name for dictionary in (od, view) for address, entry in dictionary.entries.items()}
     return entries, {index: info.name for index, info in view.objects.items()}
 
 
@@ -299,8 +299,8 @@ def _warn_of_another_node(builder: PlanBuilder) -> None:
     titles = {title.lower(): texts for title, texts in builder.od.sections.items()}
     section = next((titles[name] for name in COMMISSIONING if name in titles), {})
     text = next((value for key, value in section.items() if key.lower() == "nodeid"), "")
-    saved, own = int(text, 0) if _NODE_ID.fullmatch(text.strip()) else 0, builder.node.node_id
-    if not saved or saved == own or builder.node.boot.configuration_file:
+    saved, node_id = int(text, 0) if _NODE_ID.fullmatch(text.strip()) else 0, builder.node.node_id
+    if not saved or saved == node_id or builder.node.boot.configuration_file:
         return
     foreign = [
         _shown(write)
@@ -310,7 +310,7 @@ def _warn_of_another_node(builder: PlanBuilder) -> None:
     if foreign:
         builder.warn(
             "dcf",
-            f"{builder.file} was saved for node {saved}, and node {own} gets values of that node: "
+            f"{builder.file} was saved for node {saved}, and node {node_id} gets values of that node: "
             f"{', '.join(dict.fromkeys(foreign))}; use a DCF that was saved for this node, or the EDS of the device",
         )
 
@@ -448,14 +448,14 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
         entries[subindex][0] == master.node_id and entries[subindex][1] for subindex in listed & entries.keys()
     ):
         return  # the time is in the `sdo:` list
-    own = keys.heartbeat_consumer or not listed
-    usable = [sub for sub in subindices if builder.can_write(CONSUMER, sub) and (own or sub not in listed)]
+    overwrite = keys.heartbeat_consumer or not listed
+    usable = [sub for sub in subindices if builder.can_write(CONSUMER, sub) and (overwrite or sub not in listed)]
 
     def fitness(subindex: int) -> tuple[bool, bool, bool]:
         node_id, ms = entries[subindex]
         return node_id != master.node_id, bool(ms and node_id), subindex in listed
 
-    chosen = min(usable, key=fitness, default=subindices[0] if own else None)
+    chosen = min(usable, key=fitness, default=subindices[0] if overwrite else None)
     if chosen is None:
         return
     for subindex in subindices:

@@ -118,7 +118,7 @@ def _mapped(builder: PlanBuilder, number: int, pdo: PdoConfig) -> list[int]:
 # is written, with a warning. A period that the object cannot express, or that the drive refuses, is reported.
 
 
-_MOST: Final = 0xFF
+_MAX: Final = 0xFF
 _EXPONENTS: Final = range(-9, 2)
 
 
@@ -212,7 +212,7 @@ def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) ->
     elif value * Fraction(10) ** exponent != Fraction(sync_period_us, 1_000_000):
         builder.warn(
             "dcf",
-            f"0x{index:04X} can be 1 to {_MOST} units of a power of ten, but not {sync_period_us} us: "
+            f"0x{index:04X} can be 1 to {_MAX} units of a power of ten, but not {sync_period_us} us: "
             f"{value} * 10^{exponent} s is written, and motion is not smooth; choose another sync_period",
         )
     builder.write(index, 1, value, "dcf", reason, optional=True)
@@ -225,15 +225,15 @@ def _in_unit(period_us: int, exponent: int) -> int | None:
     if exponent not in _EXPONENTS:
         return None
     value, rest = divmod(period_us * 1000, 10 ** (exponent + 9))
-    return value if not rest and 0 < value <= _MOST else None
+    return value if not rest and 0 < value <= _MAX else None
 
 
 def _interpolation(period_us: int) -> tuple[int, int]:
     """Return a period as (value, power of ten) in s, rounded so that the value fits into one byte."""
     value, exponent = period_us, -6
-    while value % 10 == 0 or value > _MOST:
+    while value % 10 == 0 or value > _MAX:
         value, exponent = (value // 10 if value % 10 == 0 else round(value / 10)), exponent + 1
-        if exponent == -3 and value <= _MOST:
+        if exponent == -3 and value <= _MAX:
             break
     return value, exponent
 

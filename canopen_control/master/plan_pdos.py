@@ -393,7 +393,7 @@ def plan_downloaded_pdos(builder: PlanBuilder) -> None:
     for index, subindex, data in builder.downloads:
         pdo = pdo_of(index)
         if pdo is not None and not builder.node.boot.pdos(pdo[0]) and not builder.listed_pdos(pdo[0]):
-            records.setdefault(pdo, {})[index, subindex] = data  # of several writes the last one
+            records.setdefault(pdo, {})[index, subindex] = data  # the last of several writes counts
     for (kind, number), values in records.items():
         _plan_record(builder, kind, number, values, builder.download_reason)
     for kind in COMMUNICATION:
@@ -505,10 +505,10 @@ def _check_fixed_mapping(builder: PlanBuilder, planned: _Requested, objects: tup
         fixed = entry is not None and not entry.writable and held is not None
         if entry is not None and fixed and (held != value or (differs and not subindex)):
             default = _default_mapping(builder, planned.kind, planned.number)
-            own = ", ".join(f"0x{index:04X}:{sub:02X}" for index, sub, _ in default) or "empty"
+            current = ", ".join(f"0x{index:04X}:{sub:02X}" for index, sub, _ in default) or "empty"
             text = f"0x{planned.mapping:04X}:{subindex:02X} is {entry.access} in {builder.file}"
             builder.warn(
-                f"{planned.key}.mapping", f"{text}: the drive may keep its own mapping ({own}); use that mapping"
+                f"{planned.key}.mapping", f"{text}: the drive may keep its own mapping ({current}); use that mapping"
             )
             break
     (_, transmission), *_ = planned.settings

@@ -241,7 +241,7 @@ class RemoteNode:
         self.sent: list[SentPdo] = []
         self.fault: FaultEvent | None = None
         """Fault in the last EMCY message of the node, which may be an error reset."""
-        self.expected_state: NmtState | None = None  # by the last NMT command of a user
+        self.expected_state: NmtState | None = None  # state requested by the last NMT command of a user
         self.restart_command = ""
         """Shell command that starts the node's virtual drive again, after its process has ended; else ""."""
         self.log = NodeLog(config, owner.report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
@@ -323,7 +323,7 @@ class RemoteNode:
             return
         self._drop(now, f"NMT {command.name.lower().replace('_', ' ')} was commanded", Level.WARNING, kind="nmt")
         if not self.plan.supervision_ns:
-            self.nmt_state = _COMMANDED.get(command)  # no later message shows it
+            self.nmt_state = _COMMANDED.get(command)  # no later message shows the state
         self.expected_state = None if boot else _COMMANDED.get(command)
         self._retry_at = now + 2 * RETRY_NS if boot else None
         # CiA 301, 7.2.8.3.2.1: life guarding counts from the first remote frame on
@@ -372,7 +372,7 @@ class RemoteNode:
         self.nmt_state, self.last_seen = state, now
         self.log.heartbeat(now, since)
         # CiA 301, 7.3.2: PDOs exist only in OPERATIONAL
-        if self.ready and state is not NmtState.OPERATIONAL:  # of a node without heartbeat supervision
+        if self.ready and state is not NmtState.OPERATIONAL:  # a state change of a node without heartbeat supervision
             self._left_operational(state, now)
         elif self._task is not None:
             self._task.heartbeat(state, now)

@@ -21,7 +21,7 @@ _DOUBLE: Final = 16  # heartbeats in ten periods, more than jitter can explain
 _FORGET_NS: Final = 10 * _SECOND
 _BOOT_UPS_APART_NS: Final = 100_000_000  # less than the time between two boot-ups of any device
 _LONGEST_BEAT_NS: Final = 2 * _SECOND  # maximum interval of boot-ups that are sent like heartbeats
-_MOST_RESETS: Final = 8
+_MAX_RESETS: Final = 8
 _RESET_ANSWERED_NS: Final = 3 * _SECOND  # a gateway or an adapter may delay a boot-up by that time
 _STUCK: Final = 3  # number of intervals that equal the previous one
 
@@ -40,12 +40,12 @@ class PdoWatch:
     """Monitor of a bus's synchronous TPDOs: counts SYNCs without a response and sets `overdue`.
 
     For SYNCs that a late process sends in quick succession, the answers still have the time that follows from
-    `period_ns`, and at least `least_ns`. `reader` processes waiting frames before a TPDO becomes overdue.
+    `period_ns`, and at least `min_ns`. `reader` processes waiting frames before a TPDO becomes overdue.
     """
 
     def __init__(self, period_ns: int = 0) -> None:
         self.reader: BusReader | None = None
-        self.least_ns = 0
+        self.min_ns = 0
         self._period = period_ns
         self._pdos: list[ReceivedPdo] = []
         self._changes: list[ReceivedPdo] = []
@@ -82,7 +82,7 @@ class PdoWatch:
 
     def _is_late(self, pdo: ReceivedPdo, now: int) -> bool:
         """Whether a missing TPDO had enough time (allowing half a period of jitter), and does not wait at the port."""
-        time = max((2 * pdo.allowed_silence - 3) * self._period // 2, self.least_ns - self._period)
+        time = max((2 * pdo.allowed_silence - 3) * self._period // 2, self.min_ns - self._period)
         if now - pdo.since < time:
             return False
         if self.reader is not None:
@@ -184,7 +184,7 @@ class DuplicateWatch:
 
     def reset(self) -> None:
         """Record that a reset was sent to the node, so that the boot-up after it is expected."""
-        self._resets = min(self._resets + 1, _MOST_RESETS)
+        self._resets = min(self._resets + 1, _MAX_RESETS)
         self._reset_at = None
 
     def _age_resets(self, now: int) -> None:

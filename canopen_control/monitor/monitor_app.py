@@ -189,8 +189,8 @@ class WorkChoice(OptionList):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select", "Choose", show=False)]
 
     def __init__(self) -> None:
-        own = [Option(f"{SET:9} write the object with the cursor", id=SET)]
-        super().__init__(*own, *(Option(f"{name:9} {job.does}", id=name) for name, job in JOBS.items()), id="works")
+        options = [Option(f"{SET:9} write the object with the cursor", id=SET)]
+        super().__init__(*options, *(Option(f"{name:9} {job.does}", id=name) for name, job in JOBS.items()), id="works")
 
 
 class DrivePane(Vertical):

@@ -374,7 +374,7 @@ SUFFIXES = (".eds", ".dcf", ".xdd", ".xdc")
 MAX_BYTES = 32_000_000
 """Maximum length of a file in bytes; the largest files in use have a few MB."""
 _OBJECT = re.compile(r"([0-9a-f]{4})(?: ?sub ?([0-9a-f]{1,2}))?")
-_SECTION = re.compile(r"^\s*\[[0-9A-Fa-f]{4}", re.MULTILINE)  # of an object
+_SECTION = re.compile(r"^\s*\[[0-9A-Fa-f]{4}", re.MULTILINE)  # section of an object
 _RANGE_SUB = re.compile(r"([0-9a-f]{2,4}) ?sub ?0?1")
 _RANGES = range(0x40, 0x260)  # manufacturer-specific data types (CiA 301, 7.4.7)
 _COMPACT = re.compile(r"([0-9a-f]{4})(name|value)")

@@ -44,7 +44,7 @@ _NOT_CANOPEN = (  # beginning of the file, and the format it indicates
 class Pair(NamedTuple):
     """Line ``key=value`` of a section."""
 
-    key: str  # as in the file
+    key: str  # spelled as in the file
     value: str
     line: int
 
@@ -57,7 +57,7 @@ class Section:
     """
 
     name: str  # in lower case
-    title: str  # as in the file
+    title: str  # spelled as in the file
     line: int
     values: dict[str, str] = field(default_factory=dict)
     written: dict[str, str] = field(default_factory=dict)

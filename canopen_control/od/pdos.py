@@ -44,7 +44,7 @@ class Mapped:
 class Pdo:
     """Default configuration of one PDO; `count` is the number of mapped objects in subindex 0, None if absent."""
 
-    number: int  # from 1
+    number: int  # counted from 1
     is_rpdo: bool
     communication: int  # index of the communication parameter
     mapping: int  # index of the mapping parameter

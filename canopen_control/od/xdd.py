@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _CONTAINER: Final = "ISO15745ProfileContainer"
 _OBJECT, _SUB_OBJECT, _PARAMETER = "CANopenObject", "CANopenSubObject", "parameter"
-_ATTRIBUTES: Final = {  # of an object, and the equivalent keys of an EDS
+_ATTRIBUTES: Final = {  # attributes of an object, and the equivalent keys of an EDS
     "name": "ParameterName",
     "objectType": "ObjectType",
     "subNumber": "SubNumber",
@@ -108,7 +108,7 @@ _DEEPEST: Final = 64  # levels of elements; a device description has about ten
 
 @dataclass(slots=True)
 class _Element:
-    tag: str  # without its namespace
+    tag: str  # tag without its namespace
     line: int
     attributes: dict[str, str]
     children: list[_Element] = field(default_factory=list)
@@ -218,7 +218,8 @@ def _device_sections(root: _Element) -> Iterator[Section]:
 
 def _device_info(root: _Element) -> dict[str, str]:
     info: dict[str, str] = {}
-    for tag in ("identity", "DeviceIdentity"):  # of the communication profile, and of the device profile, which counts
+    # tags of the communication profile and of the device profile, which takes precedence
+    for tag in ("identity", "DeviceIdentity"):
         if (identity := root.find(tag)) is not None:
             info |= {
                 _IDENTITY[child.tag]: text

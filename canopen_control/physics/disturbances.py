@@ -66,12 +66,12 @@ class Disturbances:
         self._timeline, self._steps = world.timeline(), world.steps
         names = {str(self._model.body(number).name): number for number in range(1, self._model.nbody)}
         boxes = {name: number for name, number in names.items() if name.startswith(BOX)}
-        own = {robot: {name: link for name, link in body.links.items() if name not in boxes}
+        links_of_robots = {robot: {name: link for name, link in body.links.items() if name not in boxes}
                for robot, body in bodies.items()}  # fmt: skip
-        self._links = {robot: {**links, **boxes} for robot, links in own.items()}
+        self._links = {robot: {**links, **boxes} for robot, links in links_of_robots.items()}
         masses = self._model.body_mass
         self._heaviest = {robot: max(links.values(), key=lambda link: float(masses[link]), default=0)
-                          for robot, links in own.items()}  # fmt: skip
+                          for robot, links in links_of_robots.items()}  # fmt: skip
 
     def problems(self) -> Iterator[str]:
         """Yield an error with a line number for every step of the world file with an invalid disturbance."""

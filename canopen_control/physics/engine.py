@@ -119,12 +119,12 @@ def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: lis
     from canopen_control.physics.physics_world import WorldRobot
 
     joints = [str(body.model.joint(number).name) for number in range(body.model.njnt)]
-    own = [joint.removeprefix(body.prefix) for joint in joints if joint.startswith(body.prefix)]
+    names = [joint.removeprefix(body.prefix) for joint in joints if joint.startswith(body.prefix)]
     problems = [
         f"{path}:{encoder.here.line}:{encoder.here.column}: an encoder names the unknown joint {encoder.joint!r}"
-        f"{nearest(encoder.joint, own)}"
+        f"{nearest(encoder.joint, names)}"
         for encoder in file.encoders.values()
-        if encoder.joint not in own
+        if encoder.joint not in names
     ]
     if problems:
         raise PhysicsError("\n".join(problems))

@@ -77,7 +77,7 @@ class MecanumContact:
         centre = self._data.geom_xpos[self._wheel.geom]
         if float(centre[2]) > self._wheel.radius + _LIFTED_M:
             return
-        kind = mujoco.mjtObj.mjOBJ_XBODY  # of the frame, not of the centre of mass
+        kind = mujoco.mjtObj.mjOBJ_XBODY  # velocity of the frame, not of the centre of mass
         mujoco.mj_objectVelocity(self._model, self._data, kind, self._body, self._velocity, 0)
         point, axle = centre + self._down, self._axle()
         arm = point - self._data.xpos[self._body]
@@ -178,7 +178,7 @@ def _turning(model: Any, body: int) -> Iterator[int]:  # noqa: ANN401 - as above
 
 def _is_about(
     place: NDArray[np.float64],
-    own: NDArray[np.float64] | None,
+    axle: NDArray[np.float64] | None,
     anchor: NDArray[np.float64],
     axis: NDArray[np.float64],
     radius: float,
@@ -187,4 +187,4 @@ def _is_about(
     off = place - anchor
     distance = float(np.linalg.norm(off - (off @ axis) * axis))
     level = abs(float(axis[2])) < _LEVEL
-    return level and distance < _OFF_AXIS * radius and (own is None or abs(float(own @ axis)) > _PARALLEL)
+    return level and distance < _OFF_AXIS * radius and (axle is None or abs(float(axle @ axis)) > _PARALLEL)

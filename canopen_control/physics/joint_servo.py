@@ -93,17 +93,17 @@ class ServoLoop:
         self._velocity += self._share * (way / self._period - self._velocity)
         return place
 
-    def _velocity_loop(self, lacking: float, limit: float) -> float:
+    def _velocity_loop(self, error: float, limit: float) -> float:
         """Return the torque of the PI velocity loop for a velocity error, limited to `limit`."""
-        torque = self.kp * lacking + self._integral
+        torque = self.kp * error + self._integral
         if torque > limit:
             force = limit
         elif torque < -limit:
             force = -limit
         else:
             force = torque
-        if force == torque or lacking * torque < 0.0:  # anti-windup
-            self._integral += self._ki * lacking
+        if force == torque or error * torque < 0.0:  # anti-windup
+            self._integral += self._ki * error
         return force
 
     def _hold(self, limit: float) -> float:
@@ -157,8 +157,8 @@ class JointPlant:
         self._position = self.velocity = self.torque = 0.0
         self._external, self._stalled = 0.0, False
         self._friction = 1000.0 * place.motor.friction / self.rated_torque
-        self._held: bool | None = None  # by brake or stall
-        self._gains: ServoGains | None = None  # of the loop, set by the drive
+        self._held: bool | None = None  # True if the joint is held by its brake or by a stall
+        self._gains: ServoGains | None = None  # gains of the loop, set by the drive
         self.show(0.0)
 
     # -- drive side

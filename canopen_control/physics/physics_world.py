@@ -173,23 +173,23 @@ def patches_of(patches: Iterable[Patch]) -> tuple[WorldShape, ...]:
     )
 
 
-def shapes_of(model: Any, data: Any, own: str = "") -> tuple[WorldShape, ...]:  # noqa: ANN401 - MuJoCo has no types
-    """Return boxes, SDF shapes and other robots for display; `own` is the name prefix of the robot that is left out.
+def shapes_of(model: Any, data: Any, prefix: str = "") -> tuple[WorldShape, ...]:  # noqa: ANN401 - MuJoCo has no types
+    """Return boxes, SDF shapes and other robots for display; `prefix` is the name prefix of the robot that is left out.
 
     Poses are taken from `data`, in m and as quaternions w, x, y, z.
     """
-    return tuple(_shapes(model, data, own))
+    return tuple(_shapes(model, data, prefix))
 
 
-def _shapes(model: Any, data: Any, own: str) -> Iterator[WorldShape]:  # noqa: ANN401 - as above
+def _shapes(model: Any, data: Any, prefix: str) -> Iterator[WorldShape]:  # noqa: ANN401 - as above
     for number in range(model.ngeom):
         kind, name = int(model.geom_type[number]), str(model.geom(number).name)
         is_world = bool(model.geom_contype[number] & _WORLD)
-        is_other = bool(own) and not is_world and not name.startswith(own)
-        stands = is_world and (kind == _GEOMS.mjGEOM_BOX or name.startswith(SOLID))
-        if kind == _GEOMS.mjGEOM_MESH and (is_other or stands):
+        is_other = bool(prefix) and not is_world and not name.startswith(prefix)
+        is_scenery = is_world and (kind == _GEOMS.mjGEOM_BOX or name.startswith(SOLID))
+        if kind == _GEOMS.mjGEOM_MESH and (is_other or is_scenery):
             kind = int(_GEOMS.mjGEOM_BOX)  # the bounding box is enough for another robot, and for a convex part
-        if kind not in _KINDS or not (is_other or stands):
+        if kind not in _KINDS or not (is_other or is_scenery):
             continue
         turn = np.zeros(4)
         mujoco.mju_mat2Quat(turn, data.geom_xmat[number])
@@ -440,8 +440,8 @@ class PhysicsWorld:
 
     def shapes(self, robot: str | None = None) -> tuple[WorldShape, ...]:
         """Return the shapes around a robot (None: the first robot), including other robots."""
-        own = self._robots[self._first if robot is None else robot].body.prefix
-        return (*patches_of(self._disturbances.patches), *shapes_of(self.model, self.data, own))
+        prefix = self._robots[self._first if robot is None else robot].body.prefix
+        return (*patches_of(self._disturbances.patches), *shapes_of(self.model, self.data, prefix))
 
     def has_shaft(self, node_id: int) -> bool:
         """Whether a node on the first robot's main bus is an encoder on a joint."""

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 _NEEDED: Final = ("min_angle", "max_angle", "angle_increment")
 _CAMERA: Final = ("image_topic", "depth_topic", "info_topic")
 _DEFAULTS: Final[Mapping[str, float]] = {"range_min": 0.0, "range_max": 1000.0, "noise": 0.0, "seed": 0.0}
-_MOST_RAYS: Final = 10_000
+_MAX_RAYS: Final = 10_000
 _COUNTLESS: Final = 1e9
 _RATE: Final = "lidar_publish_rate"
 _FASTEST: Final = 1000.0
@@ -119,7 +119,7 @@ def _lidar(part: ControlJoint, hardware: Mapping[str, str], root: str, place: st
     for bad, text in (
         (increment <= 0.0, f"angle_increment is {increment:g}; it must be above 0"),
         (most < least, f"max_angle {most:g} is below min_angle {least:g}"),
-        (lidar.count > _MOST_RAYS, f"it has {lidar.count} rays; at most {_MOST_RAYS} are possible"),
+        (lidar.count > _MAX_RAYS, f"it has {lidar.count} rays; at most {_MAX_RAYS} are possible"),
         (not 0.0 <= lidar.range_min < lidar.range_max, "range_min must be 0 or more, and below range_max"),
         (lidar.noise < 0.0, f"noise is {lidar.noise:g}; it must be 0 or more"),
         (number["seed"] < 0.0 or number["seed"] != lidar.seed, "seed must be an integer of 0 or more"),
@@ -384,9 +384,9 @@ class DriverlessRobot:
         self._period = float(body.model.opt.timestep)
         self._period_ns = round(self._period * _NS)
         self._left_ns = 0
-        own = loops or {}
+        loops_by_joint = loops or {}
         self._motors = {
-            name: JointMotor(self, place, axes[name], self._period, own.get(name, {}))
+            name: JointMotor(self, place, axes[name], self._period, loops_by_joint.get(name, {}))
             for name, place in body.joints.items()
         }
         self._sensors = list(sensors)
@@ -399,7 +399,7 @@ class DriverlessRobot:
             self.data.qpos[place.qpos] = self.model.qpos0[place.qpos]
         mujoco.mj_forward(self.model, self.data)
         self._start: NDArray[np.float64] | None = None  # state before the first step
-        self._steps = 0  # since the start
+        self._steps = 0  # number of steps since the start
         around = WorldDescription() if world is None else world
         self._disturbances = Disturbances({"": body}, around.floor or FloorContact(), around)
         self._disturbances.blocker = self

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from canopen_control.yamlfile.node import Problems
 
 
-MOST_ROBOTS: Final = 24
+MAX_ROBOTS: Final = 24
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,29}")
 Timed = tuple[int, str, WorldAct]
 # ruff: noqa: RUF009 - `setting` and `position` make fields
@@ -216,8 +216,8 @@ def _check_robots(file: WorldDescription) -> None:
         if robot.name in names:
             robot.here.error(f"a robot named {robot.name} exists already; choose another name")
         names.add(robot.name)
-    if len(file.robots) > MOST_ROBOTS:
-        file.robots[MOST_ROBOTS].here.error(f"{len(file.robots)} robots: a world can have at most {MOST_ROBOTS}")
+    if len(file.robots) > MAX_ROBOTS:
+        file.robots[MAX_ROBOTS].here.error(f"{len(file.robots)} robots: a world can have at most {MAX_ROBOTS}")
     for step in file.steps:
         if step.robot and step.robot not in names:
             step.here.error(f"robot {step.robot!r} is not in this file{nearest(step.robot, names)}")

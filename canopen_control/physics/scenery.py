@@ -82,14 +82,14 @@ def _add_box(spec: Any, name: str, box: Box, solref: Sequence[float]) -> None:  
 def _add_solid(spec: Any, name: str, solid: Solid, solref: Sequence[float]) -> None:  # noqa: ANN401 - as above
     place, turn = solid.pose
     if solid.kind != "mesh":
-        size = [*solid.size, 0.0, 0.0, 0.05][:3]  # of a plane: infinite, and the spacing of its drawn grid
+        size = [*solid.size, 0.0, 0.0, 0.05][:3]  # size of a plane: infinite, and the spacing of its drawn grid
         _add_shape(spec.worldbody, name, size, place, turn, 0.0, _FIXED, solref, _SOLIDS[solid.kind])
     for number, part in enumerate(solid.parts):
-        own = f"{name} {number}"
-        # of a shell, since the volume of a thin hull may not be computable
-        spec.add_mesh(name=own, uservert=part.corners.flatten(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
-        shape = _add_shape(spec.worldbody, own, [0.0, 0.0, 0.0], place, turn, 0.0, _FIXED, solref, _GEOMS.mjGEOM_MESH)
-        shape.meshname = own
+        label = f"{name} {number}"
+        # inertia of a shell, since the volume of a thin hull may not be computable
+        spec.add_mesh(name=label, uservert=part.corners.flatten(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+        shape = _add_shape(spec.worldbody, label, [0.0, 0.0, 0.0], place, turn, 0.0, _FIXED, solref, _GEOMS.mjGEOM_MESH)
+        shape.meshname = label
 
 
 def _add_shape(

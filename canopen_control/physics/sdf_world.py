@@ -44,8 +44,8 @@ _FACE: Final = np.dtype([("normal", "<3f4"), ("corners", "<9f4"), ("rest", "<u2"
 _GRAIN_M: Final = 1e-5  # closer vertices are merged
 _THIN_M: Final = 1e-4
 _HALF_M: Final = 5e-4  # thickness added on each side of a flat piece
-_MOST_PARTS: Final = 500
-_MOST_FACES: Final = 200_000  # limit of MuJoCo
+_MAX_PARTS: Final = 500
+_MAX_FACES: Final = 200_000  # limit of MuJoCo
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +66,8 @@ def read_stl(file: Path) -> bytes:
 def stl_corners(stl: bytes, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Any:  # noqa: ANN401 - numpy's
     """Return the scaled vertices of a binary STL mesh; raise ValueError for too many faces or a non-finite number."""
     count = int.from_bytes(stl[80:84], "little")
-    if count > _MOST_FACES:
-        raise ValueError(f"{count} faces are more than the possible {_MOST_FACES}; use a simpler mesh")
+    if count > _MAX_FACES:
+        raise ValueError(f"{count} faces are more than the possible {_MAX_FACES}; use a simpler mesh")
     corners = np.frombuffer(stl, _FACE, count, _HEAD)["corners"].reshape(-1, 3).astype(float) * np.array(scale)
     if not np.isfinite(corners).all():
         raise ValueError("a coordinate is not a finite number")
@@ -79,8 +79,8 @@ def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
     corners = stl_corners(stl, scale)
     keys, faces = np.unique(np.round(corners / _GRAIN_M).astype(np.int64), axis=0, return_inverse=True)
     parts = tuple(_solid(keys[list(piece)] * _GRAIN_M) for piece in _pieces(faces.reshape(-1, 3), len(keys)))
-    if len(parts) > _MOST_PARTS:
-        raise ValueError(f"{len(parts)} separate pieces are more than the possible {_MOST_PARTS}")
+    if len(parts) > _MAX_PARTS:
+        raise ValueError(f"{len(parts)} separate pieces are more than the possible {_MAX_PARTS}")
     return tuple(MeshPart(part) for part in parts)
 
 
@@ -251,12 +251,12 @@ class _Reader:
         if len(models) != 1:
             self.mistake(file, root, f"{len(models)} models in an included file; there must be exactly one")
             return
-        own = models[0]
+        included = models[0]
         pose = element.child("pose")
-        place = self._place(scope, own if pose is None else element)
-        name = _text(element, "name") or own.attributes.get("name", "")
-        inner = _Scope(file, own, place, f"{scope.name}::{name}" if scope.name else name)
-        self._model(inner, depth, static=_flag(element, "static") or _flag(own, "static"))
+        place = self._place(scope, included if pose is None else element)
+        name = _text(element, "name") or included.attributes.get("name", "")
+        inner = _Scope(file, included, place, f"{scope.name}::{name}" if scope.name else name)
+        self._model(inner, depth, static=_flag(element, "static") or _flag(included, "static"))
 
     def _included(self, path: Path, element: Element, uri: str) -> Path | None:
         """Return the file of an include; add an error and return None if no model is found or the URI is not local."""
@@ -289,22 +289,22 @@ class _Reader:
         pose = element.child("pose")
         base = element.attributes.get("attached_to", "") if element.tag == "frame" else ""
         base = base if pose is None else pose.attributes.get("relative_to", "") or base
-        own = ORIGIN if pose is None else self._pose(scope.path, pose)
+        relative = ORIGIN if pose is None else self._pose(scope.path, pose)
         if base in ("", "__model__", "world"):
-            return own
+            return relative
         target = scope.frames.get(base)
         if target is None:
             self.mistake(scope.path, pose or element, f"no frame {base!r} in this scope{nearest(base, scope.frames)}")
-            return own
+            return relative
         if base in scope.open:
             self.mistake(
                 scope.path,
                 pose or element,
                 f"the pose of {base!r} depends on itself; give the pose relative to the model",
             )
-            return own
+            return relative
         scope.open.add(base)
-        placed = self._inside(scope, target).then(own)
+        placed = self._inside(scope, target).then(relative)
         scope.open.discard(base)
         return placed
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _FOREIGN: Final = ("ros2_control", "gazebo", "transmission", "mujoco_inputs", "mujoco")
 _FLAT_M: Final = 1e-9
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_LEAST_MOMENT: Final = 1e-15  # kg m2: MuJoCo's mjMINVAL
+_MIN_MOMENT: Final = 1e-15  # kg m2: MuJoCo's mjMINVAL
 _ROUNDED: Final = 1.001  # smaller excesses over the sum are rounding errors
 
 
@@ -159,7 +159,7 @@ def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[s
         return
     moments, axes = np.linalg.eigh(matrix)
     listed = ", ".join(f"{moment:.4g}" for moment in moments)
-    if moments[0] < _LEAST_MOMENT and (matrix.any() or _is_moved(description, name)):
+    if moments[0] < _MIN_MOMENT and (matrix.any() or _is_moved(description, name)):
         advice = "correct it, or omit <inertial>, so that the shapes define it"
         problems.append(f"{place}: no body of {mass:g} kg has the moments of inertia {listed} kg m²; {advice}")
         return

@@ -56,7 +56,7 @@ class WorldSensor:
     link: str
     noise: float = 0.0
     reach: float = 10.0
-    seed: int = 0  # of the noise
+    seed: int = 0  # seed of the noise
     scene: str = ""  # prefix of its parts in a scene
 
     @classmethod
@@ -83,8 +83,8 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
         body = spec.body(placed.link) if placed.link in links else None
         if body is None:
             raise PhysicsError(f"{path}: sensor {placed.name}: no link {placed.link!r}{nearest(placed.link, links)}")
-        looks = list(_Z_TO_X) if placed.kind == RANGE else [1.0, 0.0, 0.0, 0.0]
-        site = body.add_site(name=f"{_SITE}{placed.name}", quat=looks)
+        orientation = list(_Z_TO_X) if placed.kind == RANGE else [1.0, 0.0, 0.0, 0.0]
+        site = body.add_site(name=f"{_SITE}{placed.name}", quat=orientation)
         for number, kind in enumerate(_PARTS[placed.kind]):
             sensor = spec.add_sensor(name=f"{placed.name} {number}", type=kind)
             sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_SITE, site.name
@@ -124,8 +124,8 @@ class SensorReader:
         self._places: dict[str, list[tuple[int, int]]] = {}
         existing = {model.sensor(number).name for number in range(model.nsensor)}
         for sensor in sensors:
-            own = [f"{prefix}{name}" for name in sensor.own()]
-            parts = [model.sensor(name) for name in (own if own[0] in existing else sensor.of_scene())]
+            names = [f"{prefix}{name}" for name in sensor.own()]
+            parts = [model.sensor(name) for name in (names if names[0] in existing else sensor.of_scene())]
             self._places[sensor.name] = [(int(part.adr[0]), int(part.adr[0]) + int(part.dim[0])) for part in parts]
 
     def read(self) -> dict[str, tuple[float, ...]]:

@@ -335,7 +335,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     @abstractmethod
     def feedback(self, sample: S) -> RosMessage: ...
 
-    # ------------------------------------------------------------------------------------------------ goals that come
+    # ------------------------------------------------------------------------------------------------------ new goals
 
     def _begin(self, request: GoalRequest) -> None:
         """Send a new goal to the robot; refuse the goal if sending raises an exception."""
@@ -364,7 +364,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         self._ros.warn(f"{self._topic}: {without_numbers(text)}", f"{self._topic}: {text}")
         self._ros.call(partial(self._server.answer, followed.uuid, self.refused(verdict, text)))
 
-    # --------------------------------------------------------------------------------------------- goals that end
+    # ----------------------------------------------------------------------------------------------- end of goals
 
     def _on_end(self, followed: FollowedGoal[V], result: E | None, error: str | None) -> None:
         self._end(followed, result or self.failed(str(error)))
@@ -395,7 +395,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
             self._end(followed, self.failed("the ROS bridge has ended, which aborts the goal"))
         self._ros.call(self._server.destroy)
 
-    # ------------------------------------------------------------------------------------------ goals that are followed
+    # ---------------------------------------------------------------------------------------------------- running goals
 
     def on_state(self, state: StateSample) -> None:
         """Send feedback for the latest goal; cancel goals whose clients have left the graph."""

@@ -285,9 +285,9 @@ def endpoints_for(ros: NodeContext, controller: ControllerReading) -> list[Endpo
     kinds = (*kind.__mro__, JointStatesSample)  # its topics are named by the controller
     rows = [row for row in SAMPLE_TOPICS if row.bridge and row.kind in kinds and row.name(controller)]
     commands = OF_BASES if controller.is_base else BY_TOPIC.get(controller.topic, ())
-    own = (*commands, *BY_SAMPLE.get(controller.tells, ()))
+    declared = (*commands, *BY_SAMPLE.get(controller.tells, ()))
     offers = [BY_OFFER[offer] for offer in controller.offers if offer in BY_OFFER]
-    factories: list[Factory] = [*own, *offers, *(partial(SamplePublisher, row=row) for row in rows)]
+    factories: list[Factory] = [*declared, *offers, *(partial(SamplePublisher, row=row) for row in rows)]
     return [endpoint for make in factories for endpoint in _create(make, ros, controller)]
 
 

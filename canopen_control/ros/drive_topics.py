@@ -204,10 +204,10 @@ class ProxyNode(Endpoint):
         if view is None:
             self._report(f"no node drives joint {joint!r} or has this name; set `joint` to a joint or node of bus.yml")
         elif not self._closed:
-            own = self.own_joint()
-            moved = () if own is None else (own,)
+            own_joint = self.own_joint()
+            moved = () if own_joint is None else (own_joint,)
             below = view._replace(place=ros_name(name), namespace=namespace, remappings=(), joints=moved)
-            self._parts = [DriveTopics(self._ros, below), DriveServices(self._ros, below, DriveTargets(), own)]
+            self._parts = [DriveTopics(self._ros, below), DriveServices(self._ros, below, DriveTargets(), own_joint)]
 
     def _report(self, text: str) -> None:
         self._ros.warn(self._controller.name, f"{self._controller.name} has no topics: {text}")

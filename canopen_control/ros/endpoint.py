@@ -276,7 +276,7 @@ class PublisherWatch:
         if self._reported or self._returns < _RETURNS:
             return
         topics = {name: context for name, (context, at) in self._topics.items() if now - at <= _GAP_S}
-        infos = [info for name, each in topics.items() for info in each.node.get_publishers_info_by_topic(name)]
+        infos = [info for name, endpoint in topics.items() for info in endpoint.node.get_publishers_info_by_topic(name)]
         if len(infos) > 1:
             self._reported = True
             nodes = dict.fromkeys(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)

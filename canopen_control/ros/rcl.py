@@ -51,7 +51,7 @@ REFERENCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durab
 TF = QoSProfile(depth=100)
 TF_STATIC = LATCHED
 EVENTS = QoSProfile(depth=50)
-#: as in rcl for the log of every node
+#: depth as in rcl for the log of every node
 ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10))
 
 

@@ -95,7 +95,7 @@ def _orientation(sample: OdometrySample) -> tuple[float, float, float, float]:
     return x, y, z, w
 
 
-_BATTERY: Final = tuple(BatteryReading.__struct_fields__[1:])  # without the name
+_BATTERY: Final = tuple(BatteryReading.__struct_fields__[1:])  # fields without the name
 
 SAMPLE_TOPICS: Final = (
     SampleTopic(
@@ -292,7 +292,7 @@ def _put(messages: Messages, part: Any, field: str, value: Any, time: float) -> 
     Structures are filled by field names, vectors by axes.
     """
     target = getattr(part, field, None)
-    if target is None:  # not in this ROS
+    if target is None:  # the message does not exist in this ROS
         return
     if hasattr(value, "__struct_fields__"):
         for name in value.__struct_fields__:

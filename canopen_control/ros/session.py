@@ -162,10 +162,10 @@ class RosTime:
         self._simulated = message.sim_time is not None
         self._epoch, self._reached = self._epoch_of(message), message.sim_time or 0.0
         if (epoch := self._epoch) is not None:
-            own = {
+            restamped = {
                 name: stamped(sample, round(sample.time - epoch, _DIGITS)) for name, sample in message.samples.items()
             }
-            return stamped(message, self._reached, samples=own)
+            return stamped(message, self._reached, samples=restamped)
         now = self._now()
         if now is None:
             return message
@@ -223,7 +223,7 @@ class RosSession:
         self.node, self._reactor, self._client, self._on_end = node, reactor, client, on_end
         self.robot = client.robot
         self.controllers: dict[str, ControllerReading] = {}
-        self.publishers: dict[str, PublisherWatch] = {}  # by what is commanded
+        self.publishers: dict[str, PublisherWatch] = {}  # key: name of the commanded controller or joint
         self._endpoints: dict[str, list[Endpoint]] = {}
         self._common: list[Endpoint] = []
         self._published: dict[str, str] = {}

@@ -52,7 +52,7 @@ FEW: Final = 5
 WINDOW_NS: Final = 2_000_000_000
 _WIDEST: Final = 40  # characters of a value
 _COMMUNICATION: Final = range(0x1000, 0x2000)  # identifiers and mappings are hexadecimal
-_MOST: Final = 64  # remembered pairs of a client and a node
+_MAX: Final = 64  # remembered pairs of a client and a node
 
 
 #: objects by which a drive detects the loss of the master (CiA 301, 7.5.2.11, 7.5.2.12, 7.5.2.19)
@@ -103,7 +103,7 @@ class WriteLog:
         """Return the event text for a write by `source`; `now` is in monotonic ns."""
         count, last = self._counts.pop((node, source), (0, now))
         count = 1 if now - last > WINDOW_NS else count + 1
-        if len(self._counts) >= _MOST:
+        if len(self._counts) >= _MAX:
             del self._counts[next(iter(self._counts))]
         self._counts[node, source] = count, now
         return f"{source} wrote {value}" if count <= FEW else f"{source} wrote more objects"
@@ -290,7 +290,7 @@ class ObjectMethods:
 
     def _cancel(self, call: Call[CancelSdo]) -> None:
         node, session = self._robot.node(str(call.request.node)), call.request.session
-        self._end([each for each in self._transfers if each.node is node and each.session == session])
+        self._end([transfer for transfer in self._transfers if transfer.node is node and transfer.session == session])
         call.reply(Done())
 
     def _end(self, transfers: Iterable[_Transfer]) -> None:
@@ -305,8 +305,8 @@ class ObjectMethods:
         call.reply(Done())
         source = call.request.source or call.client
         now = self._robot.reactor.now()
-        what = written_words(node.od, ended.index, ended.subindex, data)
-        text = self._written.words(now, node.name, source, what)
+        written_value = written_words(node.od, ended.index, ended.subindex, data)
+        text = self._written.words(now, node.name, source, written_value)
         self._robot.report(Event(now, "object_written", node.name, text))
 
     def _progress(self, call: Call[GetSdoProgress]) -> None:

@@ -32,7 +32,7 @@ _THROUGH: Final = ("ParameterValue", "TextSubstitution", "str", "Path", "PythonL
                    "AnyLaunchDescriptionSource", "XMLLaunchDescriptionSource", "FrontendLaunchDescriptionSource",
                    "ParameterFile", "PathSubstitution", "ReplaceString", "RewrittenYaml")  # fmt: skip
 _DEEPEST: Final = 40  # nesting of expressions
-_LONGEST: Final = 20_000  # characters of a text
+_LONGEST: Final = 20_000  # maximum length of a text in characters
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,8 +341,8 @@ class _Reader:
         name = builder.args[0] if builder.args else _keyword(builder, "robot_name")
         robot = None if name is None else self.text(name)
         package = builder.args[2] if len(builder.args) > 2 else _keyword(builder, "package_name")
-        found = self.text(package) if package is not None else robot and f"{robot}_moveit_config"
-        return robot, None if found is None else f"$(find {found})"
+        package_name = self.text(package) if package is not None else robot and f"{robot}_moveit_config"
+        return robot, None if package_name is None else f"$(find {package_name})"
 
     def _moveit_package(self, launch: ast.Call) -> str | None:
         """Return $(find PACKAGE) of the configuration passed to a function of moveit_configs_utils.launches."""
@@ -463,7 +463,7 @@ def _assignments(tree: ast.Module) -> Iterator[tuple[str, ast.expr | None]]:
             continue
         elif isinstance(node, ast.AugAssign | ast.For) and isinstance(node.target, ast.Name):
             yield node.target.id, None
-            yield node.target.id, None  # never a single value
+            yield node.target.id, None  # a second entry: the variable has no single value
         elif isinstance(node, ast.arg):
             yield node.arg, None
             yield node.arg, None

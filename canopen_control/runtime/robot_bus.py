@@ -256,7 +256,7 @@ class RobotBus:
         self._drained_at = 0  # time at which no frame waited at the port
         self.network.reader = self.network.pdo_watch.reader = self
         if is_simulated(channel):
-            self.network.pdo_watch.least_ns = _SIMULATED_NS
+            self.network.pdo_watch.min_ns = _SIMULATED_NS
         self.watched = True
         times = [plan.heartbeat_timeout_ns for plan in config.plans.values()]
         times += [pdo.age_limit_ns for pdo in self.network.image.inputs.values()]
@@ -420,7 +420,7 @@ class RobotBus:
 
     def _sent_sync(self, now: int) -> None:
         network, port = self.network, self.port
-        if port is not None and not port.stats.queued:  # else SYNC is still queued
+        if port is not None and not port.stats.queued:  # with a non-empty queue SYNC is still queued
             network.synced(now)
 
     def catch_up(self) -> None:

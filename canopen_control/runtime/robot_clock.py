@@ -107,7 +107,7 @@ class RobotClock:
         self.paused = False
         self.edge = self.stood_ns = 0
         self._reactor, self._period_ns = reactor, period_ns
-        self._resumed = False  # since the last edge
+        self._resumed = False  # True if resumed since the last edge
         self._steps = 0
         self._request: StepRequest | None = None
 

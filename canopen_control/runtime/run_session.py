@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 
 SOURCE = "demo"
 _STEP_NS = 100_000_000
-_STEPS_EACH = 30  # three seconds of each phase
+_STEPS_EACH = 30  # number of steps of each phase: three seconds
 _PHASES = (0, 1, -1)
 _SPEED = 10.0  # rad/s (m/s)
 _TWIST = {"linear.x": 0.2, "linear.y": 0.1, "angular.z": 0.5}  # m/s, rad/s

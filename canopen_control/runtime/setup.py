@@ -341,8 +341,8 @@ def _require_bus(
         if kind_of(description, tag, mock=mock, real=real) is PluginKind.CANOPEN:
             named = tag.parameters.get("bus_config", "").strip().strip("\"'")
             problem = f"its bus_config {named} is not a file" if named else f"{files.controllers.parent} has no bus.yml"
-            found = sorted(Path(named).parent.glob("bus*.y*ml")) if named else []  # as bus.yaml instead of bus.yml
-            remedy = f"give --bus {found[0]}" if found else "write a bus.yml, give --bus"
+            candidates = sorted(Path(named).parent.glob("bus*.y*ml")) if named else []  # as bus.yaml instead of bus.yml
+            remedy = f"give --bus {candidates[0]}" if candidates else "write a bus.yml, give --bus"
             place = f"{description.path}:{tag.place.line}"
             raise RobotConfigError(f"{place}: {tag.name} moves CANopen drives, but {problem}; {remedy}, or use --mock")
 

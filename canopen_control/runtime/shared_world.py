@@ -86,7 +86,7 @@ def _read(start: RobotStart, world: Path) -> SharedRobot:
     config = str(folder) if folder.is_dir() else start.robot
     words = [f"{name}:={value}" for name, value in start.arguments.items()]
     files = find_robot(config, arguments=words)
-    files.refuse_hardware("the robots of a world are on virtual drives")
+    files.refuse_hardware("robots in a world file need virtual drives")
     buses = {
         name: f"local:{start.name}" if name == MAIN_BUS else f"local:{start.name}_{name}"[:38] for name in files.buses
     }

@@ -57,7 +57,7 @@ _ANSWER_CHECK_NS = 250_000_000
 _ON_TIME_NS = 50_000_000  # if later, this process was delayed too, and its children may have been
 _ANSWER_NS = 3_000_000_000  # timeout of a client that answers twice a second
 _FIRST_ANSWER_NS = 10_000_000_000  # for a client that starts, which takes a second
-_BUSY_FACTOR = 4  # by which these timeouts are longer while the client runs or waits for a processor
+_BUSY_FACTOR = 4  # factor for these timeouts while the client runs or waits for a CPU
 _GRACE_S = 5.0  # for a child to end by itself after SIGTERM
 _RECORDER_MODULE: Final = "canopen_control.trace.flight"
 _RECORDER = lean_python(_RECORDER_MODULE)
@@ -103,7 +103,8 @@ class Supervisor:
         self._name, self._reactor, self._report = name, reactor, report
         self._realtime, self._nodes = realtime, nodes or {}
         self._drives: list[Child] = []
-        self._drive_commands: dict[str, tuple[tuple[str, ...], str]] = {}  # by child name: nodes, and the shell command
+        # by child name: nodes, and the shell command that starts them
+        self._drive_commands: dict[str, tuple[tuple[str, ...], str]] = {}
         self._world: tuple[Child, tuple[str, ...]] | None = None  # process of all drives, names of their nodes
         self.refused = False  # the drives refused their files
         self._clients: list[Child] = []

@@ -37,7 +37,7 @@ _COLUMN: Final = 44
 _QUICK_STOP: Final = 3  # 0x6007
 _MODE_WORDS: Final = {
     OperationMode.PV: "profile velocity: the drive makes the ramp (0x6083, 0x6084)",
-    OperationMode.CSV: "cyclic synchronous velocity: a velocity every SYNC; this computer makes the ramp",
+    OperationMode.CSV: "cyclic synchronous velocity: a velocity every SYNC; this computer computes the ramp",
     OperationMode.VL: "velocity mode of frequency converters, revolutions per minute",
     OperationMode.CSP: "cyclic synchronous position: a position every SYNC",
     OperationMode.PP: "profile position: the drive makes the ramp (0x6081, 0x6083, 0x6084)",
@@ -300,7 +300,7 @@ def _pdos(drive: DriveChoice) -> list[str]:
     if not all(axis.feedback for axis in drive.axes):
         lines.append("# NO FEEDBACK: neither 0x6064 (position) nor 0x606C (velocity) can be mapped.")
     for key, words, uses in (("tpdo", "from the drive", drive.tpdos), ("rpdo", "to the drive", drive.rpdos)):
-        if any(use.own for use in uses):
+        if any(use.fixed for use in uses):
             numbers = ", ".join(str(use.number) for use in uses)
             lines.append(f"# {key} {numbers}, {words}: they cannot be changed, and are used unchanged")
             continue

@@ -38,7 +38,7 @@ class PdoRequirement:
 class PdoUse:
     """PDO in the new bus.yml; `remaps`: the mapping is written; `auto`: the COB-ID is set to the default.
 
-    `transmission` None keeps the device's type. `own` means that nothing can be changed, so that bus.yml omits the PDO.
+    `transmission` None keeps the device's type. `fixed` means that nothing can be changed; bus.yml then omits the PDO.
     """
 
     number: int
@@ -46,7 +46,7 @@ class PdoUse:
     remaps: bool
     auto: bool
     transmission: int | None
-    own: bool = False
+    fixed: bool = False
 
 
 def choose_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
@@ -58,7 +58,7 @@ def choose_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[P
     uses = _choose(od, pdos, fixed, required, (needed, useful))
     if any(not od[pdo.communication, 1].writable for pdo, _, _ in uses):
         live = [(pdo, _ordered(pdo), False) for pdo in fixed if pdo.enabled]
-        own = tuple(PdoUse(pdo.number, objects, False, False, None, own=True) for pdo, objects, _ in live)
+        own = tuple(PdoUse(pdo.number, objects, False, False, None, fixed=True) for pdo, objects, _ in live)
         return own, _missing(live, required.needed)
     return _result(od, uses, required), _missing(uses, required.needed)
 
@@ -75,8 +75,8 @@ def complete_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[PdoUs
     rest = [address for address in _missing(uses, dict.fromkeys(required.needed)) if _mappable(od, address, required)]
     disabled = [pdo for pdo in pdos if pdo.number not in live and _usable(od, pdo, required)]
     added = _covering([pdo for pdo in disabled if not _objects(pdo) & _carried(uses)], rest, ())
-    taken = live | {pdo.number for pdo, _, _ in added}
-    free = [pdo for pdo in pdos if pdo.number not in taken and _slots(od, pdo)]
+    used = live | {pdo.number for pdo, _, _ in added}
+    free = [pdo for pdo in pdos if pdo.number not in used and _slots(od, pdo)]
     added += _packed(od, free, _missing(added, rest))
     if not added:
         return ()

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 ANSWER_NS: Final = 2_000_000_000
 _RENEWED_NS: Final = 500_000_000  # maximum age of a velocity command that is renewed
 _KEPT: Final = 100  # number of reports kept
-_LEAST: Final = 5.0  # counts/s: slower is not a motion, and a slower command requires none
+_MIN: Final = 5.0  # counts/s: slower is not a motion, and a slower command requires none
 _WAY: Final = 0.02  # rad or m: a smaller distance to a target commands no motion
 _VELOCITIES, _POSITIONS = (OperationMode.PV, OperationMode.CSV), (OperationMode.PP, OperationMode.CSP)
 _REASONS: Final = (
@@ -163,7 +163,7 @@ class AnswerInvariants:
         """Whether a commanded velocity is too low for a visible motion of the shaft."""
         drive = self._drive_of(axis)
         return not velocity or (
-            drive is not None and abs(velocity) * axis.rate * abs(drive.objects.units.velocity) <= _LEAST
+            drive is not None and abs(velocity) * axis.rate * abs(drive.objects.units.velocity) <= _MIN
         )
 
     def _drive_of(self, axis: _Axis) -> VirtualDrive | None:
@@ -191,14 +191,14 @@ class AnswerInvariants:
 
     def _judge(self, axis: _Axis, drive: VirtualDrive, now: int) -> None:
         view = axis.view
-        if abs(drive.mover.plant.velocity) > _LEAST:
+        if abs(drive.mover.plant.velocity) > _MIN:
             axis.moved_at, axis.reported = now, False
         if not self._requests_motion(axis, drive):
             axis.requested_since = None
         elif axis.requested_since is None:
             axis.requested_since = now
         if axis.moved_at >= now - ANSWER_NS and not self._has_positions:
-            return  # it has moved in time; of a position the motion is noted below
+            return  # it has moved in time; the motion of a position command is recorded below
         quiet = max(self._disturbed.last(view.node_id), self._robot.started_ns, view.booted_at, view.limited_at)
         for since in self._since(axis, now):
             if not axis.reported and max(since, axis.moved_at, quiet) < now - self._limit(axis):
@@ -228,7 +228,7 @@ class AnswerInvariants:
         if not view.follows:
             return False
         if mode in _VELOCITIES:
-            return abs(view.targets.get(o.TARGET_VELOCITY, 0) * drive.objects.units.velocity) > _LEAST
+            return abs(view.targets.get(o.TARGET_VELOCITY, 0) * drive.objects.units.velocity) > _MIN
         target = view.targets.get(o.TARGET_POSITION)
         if mode not in _POSITIONS or target is None:
             return False

@@ -184,7 +184,7 @@ def _fault_event(kind: str, when: str, node: str, armed: int, drawn: float) -> S
 # then durations and start times are halved while the same rule still breaks. The number of tries is limited.
 
 
-MOST_TRIES: Final = 150
+MAX_TRIES: Final = 150
 _FIRST_NS: Final = 600_000_000  # the robot boots until then
 _SHORT_NS: Final = 20_000_000
 
@@ -192,9 +192,9 @@ _SHORT_NS: Final = 20_000_000
 class Shrinker:
     """Search for the smallest schedule for which `breaks(acts)` is true; `tries` counts the calls."""
 
-    def __init__(self, breaks: Callable[[Acts], bool], most: int = MOST_TRIES) -> None:
+    def __init__(self, breaks: Callable[[Acts], bool], most: int = MAX_TRIES) -> None:
         self.tries = 0
-        self._breaks, self._most = breaks, most
+        self._breaks, self._max = breaks, most
 
     def shrink(self, acts: Sequence[ScenarioEvent]) -> Acts:
         """Return the smallest schedule found that breaks the rule; in the worst case, `acts` itself."""
@@ -207,7 +207,7 @@ class Shrinker:
         return self._shorten(self._drop(acts))
 
     def _still(self, acts: Acts) -> bool:
-        if self.tries >= self._most:
+        if self.tries >= self._max:
             return False
         self.tries += 1
         return self._breaks(acts)
@@ -325,7 +325,7 @@ def _sum(counts: Iterable[Mapping[T, int]]) -> Counter[T]:
 class Campaign:
     """Campaign of simulations on a robot, one of `duration_ns` per seed; `tries` limits the minimisation."""
 
-    def __init__(self, setup: RobotSetup, duration_ns: int, faults: Sequence[str], tries: int = MOST_TRIES) -> None:
+    def __init__(self, setup: RobotSetup, duration_ns: int, faults: Sequence[str], tries: int = MAX_TRIES) -> None:
         self._tries = tries
         self._setup, self._duration_ns, self._faults = setup, duration_ns, list(faults)
         self._motions: Sequence[SampleMotion] = motions_of(setup)

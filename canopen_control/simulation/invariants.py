@@ -219,7 +219,7 @@ class ClientInvariants:
 
 GROUP: Final = "canopen_control.invariants"
 _CHECK_NS: Final = 20_000_000
-_MOST: Final = 100
+_MAX: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,7 +283,7 @@ class Invariants(SimulationObserver):
         robot.time.later(_CHECK_NS, self._observe)
 
     def _report(self, rule: str, text: str) -> None:
-        if len(self.breaches) < _MOST:
+        if len(self.breaches) < _MAX:
             self.breaches.append(Breach((self._robot.now_ns - self._began) / 1e9, rule, text))
 
     def requested(self, now: int, act: ScenarioEvent) -> None:

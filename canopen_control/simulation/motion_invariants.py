@@ -38,7 +38,7 @@ _OFF_NS: Final = 300 * _MS  # time in which a drive of a standing group must be 
 _SEEN_NS: Final = 100 * _MS  # maximum age of a statusword
 _NO_DISABLE: Final = ("axis halt was requested", "axis quick-stop was requested")
 _STANDING: Final = 0.03  # fraction of the largest speed of a shaft
-_LEAST: Final = 10.0  # minimum of this largest speed in counts/s
+_MIN: Final = 10.0  # minimum of this largest speed in counts/s
 _ON_A_FLOOR: Final = 2.0  # rad/s (m/s) instead with physics, where a robot rocks on its wheels
 
 
@@ -75,12 +75,12 @@ class MotionInvariants:
         self._latched = False
         self._fastest: dict[int, float] = {}
         joints = robot.core.joints.values() if robot.floor is not None else ()
-        self._least = {motion.node.node_id: _ON_A_FLOOR * abs(motion.scale.pos_to_dev) for motion in joints}
+        self._min = {motion.node.node_id: _ON_A_FLOOR * abs(motion.scale.pos_to_dev) for motion in joints}
         self._moving: set[int] = set()  # nodes whose motion was reported
         self._judged: dict[int, int] = {}  # node -> time of the last checked enable command
         self._excused: dict[int, int] = {}
         self._alone_since: dict[int, int] = {}  # node -> start of the loss of connection to the robot
-        self._alone_until: dict[int, int] = {}  # and when the node detects it
+        self._alone_until: dict[int, int] = {}  # node -> time at which the node detects this loss
         self._still_enabled: set[int] = set()  # nodes that remained enabled after a stop, already reported
         self._facts: dict[int, list[AxisFacts]] = {node.node_id: [] for node in self._nodes}
         for facts in axis_facts(robot.setup):
@@ -127,7 +127,7 @@ class MotionInvariants:
 
     def _standstill_speed(self, node_id: int) -> float:
         """Return the maximum speed in counts/s at which a node's shaft is considered at standstill."""
-        return _STANDING * self._fastest.get(node_id, self._least.get(node_id, _LEAST))
+        return _STANDING * self._fastest.get(node_id, self._min.get(node_id, _MIN))
 
     def on_sample(self, now: int) -> None:
         """Check all shafts and drives."""
@@ -233,7 +233,7 @@ class MotionInvariants:
         speed = abs(axis.mover.plant.velocity)
         fastest = self._fastest.get(node.node_id)
         if fastest is None or speed > fastest:
-            fastest = max(self._least.get(node.node_id, _LEAST) if fastest is None else fastest, speed)
+            fastest = max(self._min.get(node.node_id, _MIN) if fastest is None else fastest, speed)
             self._fastest[node.node_id] = fastest
         if speed <= _STANDING * fastest:
             self._moving.discard(node.node_id)

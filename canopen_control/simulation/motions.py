@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 _TWIST: Final = {"linear.x": 0.4, "linear.y": 0.3, "angular.z": 0.8}  # m/s, rad/s
-_MOST: Final = {VELOCITY: 8.0, POSITION: 0.6, EFFORT: 0.2}  # of joints without smaller limits: rad/s, rad, Nm
+_MAX: Final = {VELOCITY: 8.0, POSITION: 0.6, EFFORT: 0.2}  # limits of joints without smaller ones: rad/s, rad, Nm
 _MARGIN: Final = 0.9  # fraction of a limit, so that commands are valid
 
 
@@ -89,7 +89,7 @@ def _trajectory(controller: Controller, joints: object, *, starts: bool) -> Samp
 
 
 def _range(joint: Joint | None, interface: str) -> tuple[float, float] | None:
-    most = _MOST.get(interface)
+    most = _MAX.get(interface)
     if joint is None or most is None:
         return None
     limits = joint.limits

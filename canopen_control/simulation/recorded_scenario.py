@@ -190,7 +190,7 @@ def _is_consequence(code: int) -> bool:
     return code >> 8 in (0x81, 0x82) and code != 0x8120
 
 
-_LED_NS: Final = 20 * _MS  # from the start of a simulation to the start of its robot
+_LED_NS: Final = 20 * _MS  # delay from the start of a simulation to the start of its robot
 _BEFORE_NS: Final = 1 * _S
 _TOGETHER_NS: Final = 250 * _MS  # two equal commands within this time are merged
 
@@ -287,7 +287,7 @@ class RequestActs:
         try:
             request = decode(record.params, method.request)
         except ValueError:
-            return  # of another version
+            return  # file of another version
         for act in self._of(request):
             yield replace(act, at_ns=round(record.time * 1e9))
 

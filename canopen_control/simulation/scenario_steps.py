@@ -104,7 +104,7 @@ def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
 def _check_ends(file: ScenarioFile, length: int) -> None:
     """Report steps later than the end of the scenario."""
     for step in file.steps:
-        with contextlib.suppress(ValueError):  # of a time that is reported already
+        with contextlib.suppress(ValueError):  # an invalid time is already reported
             if (at := nanoseconds_of(step.at)) > length:
                 step.here.error(f"at: {at / 1e9:g} s is after the end of the scenario at {length / 1e9:g} s (for)")
 
@@ -232,8 +232,8 @@ class _Checked:
         plans = [plan for bus in self._setup.joined.values() for plan in bus.plans.values()]
         axes = next((len(plan.axes) for plan in plans if plan.node_id == self._step.node), None)
         if axis is not None and axes is not None and axis >= axes:
-            there = ", ".join(map(str, range(axes))) or "none"
-            self._step.here.error(f"node {self._step.node} has no axis {axis}; it has: {there}")
+            available = ", ".join(map(str, range(axes))) or "none"
+            self._step.here.error(f"node {self._step.node} has no axis {axis}; it has: {available}")
 
     def _check_times(self, kind: str) -> None:
         times = self._step.times

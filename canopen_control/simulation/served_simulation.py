@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 _CHUNK: Final = 1 << 16
-_MOST: Final = 1 << 20  # limit of the bytes that wait for a program; a slower program is disconnected
+_MAX: Final = 1 << 20  # limit of the bytes that wait for a program; a slower program is disconnected
 
 
 class OutsideClient(SimulatedClient):
@@ -58,7 +58,7 @@ class OutsideClient(SimulatedClient):
                 self._gone()
                 return
             del self._answers[:sent]
-        if len(self._answers) > _MOST:
+        if len(self._answers) > _MAX:
             self._gone()
 
     def close(self) -> None:

@@ -67,7 +67,7 @@ class SimulatedFloor:
     def release_joints(self, node_id: int, device: VirtualNode) -> None:
         """Detach the joints from a drive that has lost its supply."""
         for axis in device.drives:
-            self._world.plant(node_id, axis)  # without an owner
+            self._world.plant(node_id, axis)  # a plant without an owner
 
     def describe(self) -> WorldState:
         """Return the true state of the world, such as the pose of the robot's base."""

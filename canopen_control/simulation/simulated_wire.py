@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 RESTART_NS: Final = 100_000_000
 _PASSIVE, _BUS_OFF, _AT_ERROR = 128, 256, 8
-_MOST_IDENTIFIERS: Final = 2048
+_MAX_IDENTIFIERS: Final = 2048
 _ID_SIZE: Final = 4  # bytes of a record's can_id
 
 
@@ -211,7 +211,7 @@ class SimulatedWire:
                 port.put(record)
 
     def _find_listeners(self, record: bytes) -> Listeners:
-        if len(self._listeners) >= _MOST_IDENTIFIERS:
+        if len(self._listeners) >= _MAX_IDENTIFIERS:
             self._listeners.clear()
         can_id: int = RECORD.unpack(record)[0]
         observers = tuple(observer.hear for observer in self._observers if observer.wants(can_id))
@@ -271,7 +271,7 @@ class SimulatedPort:
         if not queue:
             return b""
         records = queue[0] if len(queue) == 1 else b"".join(queue)
-        self.stats.rx += len(queue)  # of one record each
+        self.stats.rx += len(queue)  # one record each
         queue.clear()
         self._actor.selector.clear_ready(self._fileno)
         if self._errors_wait:

@@ -41,7 +41,7 @@ _PUT_S: Final = 0.3  # a fault's new count appears within this time; it leaves i
 _FLOOD_NS: Final = 1500 * _MS  # time in which at least one of many EMCYs is reported
 _JUMPED: Final = "position_jump"
 _SLACK: Final = 0.02
-_LEAST: Final = 1e-3  # rad, rad/s, m or m/s
+_MIN: Final = 1e-3  # rad, rad/s, m or m/s
 _MARGIN_S: Final = 0.3  # an event may precede the observation of a listener by this time
 _POSITION, _VELOCITY = 1, 2
 _VALUES: Final = {_POSITION: "position", _VELOCITY: "velocity"}
@@ -111,7 +111,7 @@ class _Shaft:
         if which == _POSITION:
             offset = self.offset or 0.0
             low, high = low + offset - self._blur, high + offset + self._blur
-        slack = _LEAST + (high - low) + _SLACK * abs(self.truth[-1][2])
+        slack = _MIN + (high - low) + _SLACK * abs(self.truth[-1][2])
         return low - slack <= value <= high + slack
 
 
@@ -214,8 +214,8 @@ class StatusInvariants:
         if device is None:
             return
         calm = self._calm[view.node_id]
-        heard = self._heard_ns[reading.name]
-        self._judge_claim(reports, reading.name, "NMT", reading.nmt_state, device.nmt.state.name, calm, now, heard)
+        at_ns = self._heard_ns[reading.name]
+        self._judge_claim(reports, reading.name, "NMT", reading.nmt_state, device.nmt.state.name, calm, now, at_ns)
         for axis in reading.axes:
             drive = device.drives[axis.axis]
             self._judge_claim(reports, reading.name, "CiA 402", axis.state, drive.state.name, calm, now)
@@ -487,9 +487,11 @@ class GoalInvariants:
 
         Nothing is checked if the position of a joint is unknown, with physics, or after a newer request.
         """
-        ways = {joint: self._status.true_place(joint) for joint in goal.places}
-        travels = [(joint, high - low) for joint, (low, high) in ((name, way) for name, way in ways.items() if way)]
-        if len(travels) < len(ways) or self._newest is not goal.act or self._robot.floor is not None:
+        ranges = {joint: self._status.true_place(joint) for joint in goal.places}
+        travels = [
+            (joint, high - low) for joint, (low, high) in ((name, span) for name, span in ranges.items() if span)
+        ]
+        if len(travels) < len(ranges) or self._newest is not goal.act or self._robot.floor is not None:
             return False
         if not goal.rests_ns:
             goal.rests_ns = now + _REST_NS + round(self._brake_s(goal, dict(travels)) * 1e9)
@@ -501,15 +503,15 @@ class GoalInvariants:
                 self._report("goal_wrong", text)
         return False
 
-    def _brake_s(self, goal: _Open, ways: dict[str, float]) -> float:
-        """Return the braking time in s from the controller's parameters; `ways` are recent travels by joint."""
+    def _brake_s(self, goal: _Open, travels: dict[str, float]) -> float:
+        """Return the braking time in s from the controller's parameters; `travels` are recent travels by joint."""
         params = self._robot.core.manager.get(goal.act.target).params  # type: ignore[attr-defined]
         slow = dict(
             zip(
                 params.joints, (constraint.max_deceleration_on_cancel for constraint in params.constraints), strict=True
             )
         )
-        times = [way / (LAG_NS / 1e9) / slow[joint] for joint, way in ways.items() if slow[joint] > 0.0]
+        times = [travel / (LAG_NS / 1e9) / slow[joint] for joint, travel in travels.items() if slow[joint] > 0.0]
         return max(times, default=0.0)
 
     def _deviations(self, goal: _Open) -> dict[str, tuple[float, float]]:

@@ -46,7 +46,7 @@ _LIMIT: Final = 0x800  # statusword bit of an active limit
 _UNLIMITED_ABOVE: Final = 1 << 31
 _STOPS: Final = ("stop", "latch", "axis", "activate", "deactivate")
 _AT_ONCE: Final = 1e12  # counts/s^2
-_LEAST: Final = 5.0  # counts/s, or counts
+_MIN: Final = 5.0  # counts/s, or counts
 
 
 class _Followed:
@@ -136,7 +136,7 @@ class TargetInvariants:
         self._scales = _velocity_scales(robot)
         self._commanded: dict[str, deque[tuple[int, float]]] = {}  # joint -> its last commands
         self._stopped_at = 0  # time of the last request that may end a command
-        self._commanders: dict[str, _Commanders] = {}  # of each controller
+        self._commanders: dict[str, _Commanders] = {}  # state of each controller
         self._others_until = 0  # until when a command other than values per joint may be active
         self._wrong: set[str] = set()
         self._lost: set[str] = set()
@@ -218,7 +218,7 @@ class TargetInvariants:
             if low == high or target is None or low <= target <= high:
                 return ""
             place = float(drive.objects.units.user(drive.mover.plant.position))
-            inside = low - _LEAST <= place <= high + _LEAST  # otherwise it may hold its position
+            inside = low - _MIN <= place <= high + _MIN  # otherwise it may hold its position
             return f"to move to {target}, beyond its software position limits {low} and {high}" if inside else ""
         if mode not in (_PV, _CSV):
             return ""
@@ -237,7 +237,7 @@ class TargetInvariants:
         if not self._robot.up:  # nobody commands
             return ""
         targets = view.targets_since(_VELOCITY, now - _LAG_NS)
-        into_limit = bool(targets) and all(targets) and abs(drive.mover.plant.velocity) < _LEAST
+        into_limit = bool(targets) and all(targets) and abs(drive.mover.plant.velocity) < _MIN
         return f"to move at {targets[-1]}, against its active limit" if into_limit else ""
 
     def _not_at_rest(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
@@ -248,11 +248,11 @@ class TargetInvariants:
             return f"to move at {target} while disabled"
         place = view.targets.get(o.TARGET_POSITION)
         plant, units = drive.mover.plant, drive.objects.units
-        if place is None or abs(plant.velocity) > _LEAST:
+        if place is None or abs(plant.velocity) > _MIN:
             return ""
         here = float(units.user(plant.position))
         off = abs(wrap32(place - round(here)))
-        return f"to move to {place} while disabled at {here:.0f}" if off > _LEAST + _reach(drive) else ""
+        return f"to move to {place} while disabled at {here:.0f}" if off > _MIN + _reach(drive) else ""
 
     # -- the shaft follows the targets
 
@@ -298,7 +298,7 @@ class TargetInvariants:
         A drive that ignores set-points, or takes them from elsewhere, is healthy, but the robot must report this.
         """
         low, high = bounds
-        slack = _LEAST + _SLACK * max(abs(low), abs(high))
+        slack = _MIN + _SLACK * max(abs(low), abs(high))
         if low - slack <= value <= high + slack:
             axis.reported = False
         elif not axis.reported:
@@ -386,5 +386,5 @@ def _reach(drive: VirtualDrive) -> float:
 def _near_limit(drive: VirtualDrive, speed: float, slope: float) -> bool:
     """Whether a drive brakes for a position limit, or stands at one before its statusword shows that (bit 11)."""
     (low, high), place = drive.limits.bounds(), drive.mover.plant.position
-    way = speed * speed / (2.0 * slope) + speed * _LAG_NS / 1e9 + _LEAST
+    way = speed * speed / (2.0 * slope) + speed * _LAG_NS / 1e9 + _MIN
     return not low + way < place < high - way

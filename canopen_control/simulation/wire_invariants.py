@@ -57,7 +57,7 @@ class _Configured:
         self.name, self.plan = name, plan
         self.boots = 0
         self.version: tuple[object, int] = None, -1
-        self.records: tuple[int, ...] = ()  # of its PDOs
+        self.records: tuple[int, ...] = ()  # mapping records of its PDOs
         self.bad: set[int] = set()
         self.wide = [
             (layout.cob_id, position, mapped, deque[tuple[int, object]]())

@@ -70,7 +70,7 @@ _COUNT: Final = 512  # PDOs per direction
 # index of the first communication and mapping record
 _FIRST: Final[dict[Direction, tuple[int, int]]] = {"rpdo": (0x1400, 0x1600), "tpdo": (0x1800, 0x1A00)}
 _COB_ID, _TYPE, _EVENT_DRIVEN = 1, 2, 255
-_MOST_OBJECTS: Final = 64
+_MAX_OBJECTS: Final = 64
 
 
 class LearnedPdos:
@@ -115,7 +115,7 @@ class LearnedPdos:
         entry = self._held.get((communication, _COB_ID))
         count = self._held.get((mapping, 0), 0)
         can_id = self._cob_ids.get((direction, number)) if entry is None else can_id_of(entry)
-        if can_id is None or (entry is not None and entry & INVALID_BIT) or not 0 < count <= _MOST_OBJECTS:
+        if can_id is None or (entry is not None and entry & INVALID_BIT) or not 0 < count <= _MAX_OBJECTS:
             return None
         slots = [self._held.get((mapping, slot)) for slot in range(1, count + 1)]
         mapped = tuple(self._object(slot) for slot in slots if slot)

@@ -250,8 +250,8 @@ _REQUESTS: Final = "requests.jsonl"  # absent from files of earlier versions
 #: start of a name -> bytes that it may unpack to: more than the text form of the recorder's limits
 _LARGEST: Final = {_META: 16 << 20, _CAN: 96 << 20, _EVENTS: 4 << 20, _STATES: 32 << 20, _EDS: 16 << 20,
                    _REQUESTS: 32 << 20}  # fmt: skip
-_MOST_MEMBERS: Final = 1000
-_MOST_EDS: Final = 64 << 20  # bytes of all EDS files
+_MAX_MEMBERS: Final = 1000
+_MAX_EDS: Final = 64 << 20  # bytes of all EDS files
 _UNREADABLE: Final = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, KeyError, ValueError, EOFError, OverflowError,
     RuntimeError, MemoryError,  # a password is a RuntimeError, an unknown compression a NotImplementedError
@@ -433,7 +433,7 @@ def read_meta(path: Path) -> FlightMeta:
 def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
     try:
         with zipfile.ZipFile(path) as archive:
-            if len(archive.infolist()) > _MOST_MEMBERS:
+            if len(archive.infolist()) > _MAX_MEMBERS:
                 raise ConfigError(
                     f"{path}: this is not a flight recording: it contains {len(archive.infolist())} files"
                 )
@@ -505,6 +505,6 @@ def _read(archive: zipfile.ZipFile, meta: FlightMeta) -> FlightFile:
     for name in archive.namelist():
         if name.startswith(_EDS) and os.path.basename(name):
             file.eds[os.path.basename(name)] = _content(archive, name)
-            if sum(map(len, file.eds.values())) > _MOST_EDS:
-                raise _too_large("the content of " + _EDS, _MOST_EDS)
+            if sum(map(len, file.eds.values())) > _MAX_EDS:
+                raise _too_large("the content of " + _EDS, _MAX_EDS)
     return file

@@ -200,10 +200,10 @@ def _standstill_since(moves: Sequence[tuple[float, float]], small: float) -> flo
 
 _NS: Final = 1_000_000_000
 _BIN_S: Final = 0.5  # bin width of the bus load
-_MOST_BINS: Final = 20_000  # three hours
+_MAX_BINS: Final = 20_000  # number of bins in three hours
 _BEFORE, _AFTER = 40, 15  # number of frames shown before and after the fault
 _SILENT_S: Final = 0.5
-_MOST_NOTABLE: Final = 1000
+_MAX_NOTABLE: Final = 1000
 _LEVELS: Final = {Mark.NOTABLE: "info", Mark.WARNING: "warning", Mark.ERROR: "error"}
 
 
@@ -254,7 +254,7 @@ class FrameReader:
         self._services[bus][decoded.service] += 1
         self._follow(bus, time, decoded)
         self._remember(bus, time, decoded)
-        if decoded.mark is not Mark.PLAIN and len(self.notable) < _MOST_NOTABLE:
+        if decoded.mark is not Mark.PLAIN and len(self.notable) < _MAX_NOTABLE:
             self._note(time_ns, decoded)
 
     def _follow(self, bus: str, time: float, decoded: DecodedFrame) -> None:
@@ -349,7 +349,7 @@ class FrameReader:
 
 def _coarse(bits: Counter[int]) -> tuple[Counter[int], float]:
     """Return the bits by bin, and the bin width in s, which is larger if the times are days apart."""
-    many = 1 + (max(bits) - min(bits)) // _MOST_BINS
+    many = 1 + (max(bits) - min(bits)) // _MAX_BINS
     coarse: Counter[int] = Counter()
     for number, count in bits.items():
         coarse[number // many] += count

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 
-_MOST = 4  # maximum number of further faults in the summary
+_MAX = 4  # maximum number of further faults in the summary
 
 
 def clock(unix_s: float, *, date: bool = False) -> str:
@@ -54,10 +54,10 @@ def _wrong(facts: ReportFacts) -> Iterator[str]:
         return
     yield f"First error, {first.at:.3f} s after the beginning ({clock(first.time)}): {_sentence(first.text)}"
     later = [event for event in errors if event.time >= first.time and event.text != first.text]
-    for event in later[:_MOST]:
+    for event in later[:_MAX]:
         yield f"{1e3 * (event.time - first.time):.0f} ms later: {_sentence(event.text)}"
-    if len(later) > _MOST:
-        count = len(later) - _MOST
+    if len(later) > _MAX:
+        count = len(later) - _MAX
         words = "1 more error followed; it is" if count == 1 else f"{count} more errors followed; they are"
         yield f"{words} in the list of events."
 

@@ -195,7 +195,7 @@ def bars(title: str, labels: Sequence[str], counts: Sequence[int]) -> str:
 
 
 _UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "Nm"}
-_MOST_EVENTS: Final = 500
+_MAX_EVENTS: Final = 500
 _STYLE: Final = """
 :root{--bg:#fff;--fg:#1b1f24;--soft:#57606a;--grid:#d8dee4;--card:#f6f8fa;--cmd:#b35900;--act:#0a5fd0;--err:#a626a4;
 --ok:#2da44e;--mid:#8fb8ff;--off:#c9d1d9;--warn:#d4a72c;--bad:#e5484d;
@@ -343,7 +343,7 @@ def _measured(facts: ReportFacts) -> Iterator[str]:
 
 
 def _events(facts: ReportFacts) -> Iterator[str]:
-    events = facts.events[-_MOST_EVENTS:]
+    events = facts.events[-_MAX_EVENTS:]
     rows = [(event.level, _event_cells(event)) for event in events]
     if rows:
         left_out = len(facts.events) - len(events)

@@ -86,14 +86,14 @@ class XacroRun:
         self, lifeline: int, answer: int, mappings: Mapping[str, str]
     ) -> ForkedProcess | subprocess.Popen[bytes]:
         numbers = (self._limits.processor_s, self._limits.wall_s, self._limits.memory)
-        given = [os.fspath(self._path), *map(str, numbers), *(f"{key}:={mappings[key]}" for key in mappings)]
+        settings = [os.fspath(self._path), *map(str, numbers), *(f"{key}:={mappings[key]}" for key in mappings)]
         if can_fork():  # a third of the processor time: most of what xacro imports is imported already
-            main = ("canopen_control.urdf.xacro_child", [str(lifeline), "", *given])
+            main = ("canopen_control.urdf.xacro_child", [str(lifeline), "", *settings])
             title = ["xacro", os.fspath(self._path)]
             return fork(main, title, os.environ, output=answer, keep=(lifeline,))
         # Isolated and without site it starts in a third of the time; it imports modules from our paths.
         folders = "\n".join(folder for folder in sys.path if os.path.isabs(folder))
-        command = [sys.executable, "-I", "-S", xacro_child.__file__, "0", folders, *given]
+        command = [sys.executable, "-I", "-S", xacro_child.__file__, "0", folders, *settings]
         return subprocess.Popen(command, stdin=lifeline, stdout=answer, stderr=subprocess.DEVNULL)
 
     def __enter__(self) -> XacroRun:

@@ -94,7 +94,7 @@ class UrdfDocument:
         return named
 
     def _where_first(self, first: Element, second: Element) -> str:
-        if first.place == second.place:  # as far as the line in a xacro file can be determined
+        if first.place == second.place:  # compared as far as the line in a xacro file can be determined
             return "both are created here; call the macro with another name"
         return f"first at {self._path}:{first.place.line}:{first.place.column}; rename one"
 

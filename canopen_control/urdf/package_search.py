@@ -21,7 +21,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
 _INSTALLS = re.compile(r"\binstall\s*\(\s*DIRECTORY\b([^()]*)\)", re.IGNORECASE)
 _NEAR = 3  # number of folders above a file whose subfolders are searched
 _DEPTH = 5  # depth below a path of ROS_PACKAGE_PATH
-_MOST = 5_000  # maximum number of folders searched below a path of ROS_PACKAGE_PATH
+_MAX = 5_000  # maximum number of folders searched below a path of ROS_PACKAGE_PATH
 
 
 def find_package(package: str, file: str, environment: Mapping[str, str] | None = None) -> str:
@@ -110,7 +110,7 @@ def _around(package: str, file: Path) -> Iterator[Path]:
 
 def _below(package: str, folder: Path, depth: int) -> Iterator[Path]:
     """Yield `folder`, or the folders below it, that contain the package; do not search inside packages."""
-    remaining, level = _MOST, [folder]
+    remaining, level = _MAX, [folder]
     for _ in range(depth):
         deeper = list[Path]()
         for candidate in level[:remaining]:

@@ -179,9 +179,11 @@ def read_system(document: UrdfDocument, element: Element, joints: Mapping[str, J
     }
     text = plugin.text if plugin is not None else ""
     parameters = hardware.parameters() if hardware is not None else {}
-    own = read_transmissions(document, [child for child in element.children if child.tag == "transmission"], joints)
+    transmissions = read_transmissions(
+        document, [child for child in element.children if child.tag == "transmission"], joints
+    )
     return Ros2ControlSystem(
-        name, kind, text, parameters, parts["joint"], parts["sensor"], parts["gpio"], own, element.place
+        name, kind, text, parameters, parts["joint"], parts["sensor"], parts["gpio"], transmissions, element.place
     )
 
 
@@ -238,13 +240,13 @@ def check_owners(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem]) 
             document.error(system, f"two <ros2_control> tags have the name {system.name!r}; rename one")
         names.add(system.name)
         for part in (*system.joints, *system.sensors, *system.gpios):
-            own = [(kind, f"{part.name}/{interface}") for kind, interface in _interfaces(part)]
-            twice = next((exported[interface] for interface in own if interface in exported), None)
+            interfaces = [(kind, f"{part.name}/{interface}") for kind, interface in _interfaces(part)]
+            twice = next((exported[interface] for interface in interfaces if interface in exported), None)
             if owners.get(part.name) == system.name or twice is not None:
                 where = f"{twice} and {system.name}" if twice not in (None, system.name) else system.name
                 document.error(part, f"{part.name!r} is defined twice in <ros2_control> ({where}); remove one")
             owners[part.name] = system.name
-            exported.update((interface, system.name) for interface in own)
+            exported.update((interface, system.name) for interface in interfaces)
 
 
 def _interfaces(part: ControlJoint) -> Iterator[tuple[str, str]]:

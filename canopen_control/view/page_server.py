@@ -280,15 +280,15 @@ def _stop_route(stop: Callable[[], str | None]) -> Callable[[Request], Any]:
 async def access_problem(rules: AccessRules) -> str | None:
     """Send requests that the access check must refuse; return the problem if one is not refused with 403, else None."""
     host = f"127.0.0.1:{rules.port}"
-    own, foreign = f"Host: {host}", f"Origin: http://{_STRANGER}"
+    host_header, foreign = f"Host: {host}", f"Origin: http://{_STRANGER}"
     root = rules.root
     requests: list[tuple[str, str, Sequence[str]]] = [
-        ("a request without the token", "/", (own,)),
-        ("a file without the token", "/_nicegui/", (own,)),
-        ("a WebSocket without the token", _WEBSOCKET, (own, f"Origin: http://{host}", *_UPGRADE)),
-        ("a request with a foreign Origin", f"{root}/", (own, foreign)),
-        ("a WebSocket with a foreign Origin", f"{root}{_WEBSOCKET}", (own, foreign, *_UPGRADE)),
-        ("a WebSocket without Origin", f"{root}{_WEBSOCKET}", (own, *_UPGRADE)),
+        ("a request without the token", "/", (host_header,)),
+        ("a file without the token", "/_nicegui/", (host_header,)),
+        ("a WebSocket without the token", _WEBSOCKET, (host_header, f"Origin: http://{host}", *_UPGRADE)),
+        ("a request with a foreign Origin", f"{root}/", (host_header, foreign)),
+        ("a WebSocket with a foreign Origin", f"{root}{_WEBSOCKET}", (host_header, foreign, *_UPGRADE)),
+        ("a WebSocket without Origin", f"{root}{_WEBSOCKET}", (host_header, *_UPGRADE)),
     ]
     if is_loopback(rules.host):
         requests.append(("a request with a foreign Host", f"{root}/", (f"Host: {_STRANGER}",)))

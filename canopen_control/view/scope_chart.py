@@ -1,6 +1,6 @@
 """Scope captures and frequency responses as options of ECharts charts, without NiceGUI.
 
-A capture has a plot per unit, with an overlay in grey and cursors. The data are thinned to `MOST_POINTS` for each
+A capture has a plot per unit, with an overlay in grey and cursors. The data are thinned to `MAX_POINTS` for each
 signal by sending the smallest and the greatest value of each time interval, so that no peak is lost; files contain
 every sample.
 """
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.scope_capture import NamedShot, Shot
 
 
-MOST_POINTS: Final = 2400
+MAX_POINTS: Final = 2400
 _FIELD, _GAP, _TOP, _BOTTOM = 150, 44, 50, 40  # pixels
 _COLORS: Final = ("#1d5fd1", "#d1491d", "#1f8a4c", "#8a3fc0", "#b07d00", "#0097a7", "#c2185b", "#5d4037")
 _OVERLAY: Final = "#9aa5b1"
@@ -31,7 +31,7 @@ _TIME_LABEL: Final[Options] = {
 _LINE: Final[Options] = {"color": "#16324f", "width": 1, "type": "solid"}
 
 
-def thinned(shot: Shot, place: int, most: int = MOST_POINTS) -> list[tuple[float, float | None]]:
+def thinned(shot: Shot, place: int, most: int = MAX_POINTS) -> list[tuple[float, float | None]]:
     """Return at most about `most` points of a signal, as pairs of time since the capture's zero and value."""
     points = [(round(time - shot.zero, 6), _known(row[place])) for time, row in shot.rows]
     if len(points) <= most:
@@ -164,7 +164,7 @@ def _marks(named: NamedShot, cursors: tuple[float, float] | None) -> list[Option
             "markLine": {
                 "silent": True,
                 "symbol": "none",
-                "precision": 9,  # else ECharts rounds cursors to hundredths of a second
+                "precision": 9,  # without it ECharts rounds cursors to hundredths of a second
                 "animation": False,
                 "label": {"formatter": "{b}", "fontSize": 11, "position": "end"},
                 "lineStyle": _LINE,

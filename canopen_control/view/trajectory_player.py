@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # The preview shows the points of the file; the controller of the robot interpolates between them. No toolkit.
 
 
-MOST_BYTES: Final = 1_000_000  # parsing a larger file could delay STOP; the command line accepts larger ones
+MAX_BYTES: Final = 1_000_000  # parsing a larger file could delay STOP; the command line accepts larger ones
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,8 +72,8 @@ class DriveUnits:
             resolution, gear = objects.ratio(o.POSITION_ENCODER_RESOLUTION), objects.ratio(o.GEAR_RATIO)
             self.length = resolution * gear / objects.ratio(o.FEED_CONSTANT)
         factor = objects.ratio(o.VELOCITY_FACTOR)
-        own = self.own_speed if not objects.speed_unit and factor == 1.0 else 1.0
-        per_second = (objects.speed_unit or self.length) * own
+        own_factor = self.own_speed if not objects.speed_unit and factor == 1.0 else 1.0
+        per_second = (objects.speed_unit or self.length) * own_factor
         self.speed = per_second / factor
         self.acceleration = per_second / objects.ratio(o.ACCELERATION_FACTOR)
         self.turn = -1.0 if polarity & _TURN_VELOCITY else 1.0
@@ -256,14 +256,14 @@ class VelocityLoop:
         if end_ns > start_ns:
             plant.apply_torque(cruise(start_ns, 0.0, self._torque), start_ns, end_ns)
 
-    def _control(self, lacking: float, limit: float, plant: Plant) -> None:
+    def _control(self, error: float, limit: float, plant: Plant) -> None:
         """Compute the torque until the next point; the integrator stops while the torque is limited."""
         gains = self.gains
-        effort = gains.velocity_p * lacking + self._integral + self.fed[1]
+        effort = gains.velocity_p * error + self._integral + self.fed[1]
         limited = max(-limit, min(limit, effort))
         bounded = limited != effort or abs(plant.torque) < abs(self._torque) * (1.0 - 1e-9)
-        if not bounded or lacking * effort < 0.0:
-            self._integral += gains.velocity_i * lacking * _PERIOD_S
+        if not bounded or error * effort < 0.0:
+            self._integral += gains.velocity_i * error * _PERIOD_S
         self._torque = limited
 
 

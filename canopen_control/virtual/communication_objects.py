@@ -273,7 +273,7 @@ class ErrorControl:
         self._store, self._nmt, self._heartbeats, self._outbox = store, nmt, heartbeats, outbox
         self._model, self._axes = model, axes
         self._off_the_bus = False
-        self.function: PoweredAxis | None = None  # of a device that is not a drive
+        self.function: PoweredAxis | None = None  # axis functions of a device that is not a drive
 
     def watch(self, periods: Mapping[int, int]) -> None:
         """Monitor the heartbeats of exactly the nodes in `periods`: node-ID to consumer time in ns."""

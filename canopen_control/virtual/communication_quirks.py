@@ -351,10 +351,10 @@ def _mapping_swapped(hooks: QuirkHooks, _strength: float) -> None:
 
 
 def _cob_ids_of_node(hooks: QuirkHooks, node_id: float) -> None:
-    store, own = hooks.node.store, hooks.node.node_id
+    store, own_id = hooks.node.store, hooks.node.node_id
     for record in pdo_records(hooks.node):
         value = store.number(record, 1)
-        if value & 0x7F == own:
+        if value & 0x7F == own_id:
             hooks.preset(record, 1, value & ~0x7F | int(node_id))
 
 

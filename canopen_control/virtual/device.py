@@ -274,10 +274,10 @@ def make_device(
 
 def take_personality(node: VirtualNode, like: Personality) -> None:
     """Set 0x6502 to the modes of a personality; raise ConfigError if the EDS lacks an object of the personality."""
-    lacking = [f"0x{index:04X}" for index in like.objects if not node.od.subindices(index)]
-    if lacking:
+    missing = [f"0x{index:04X}" for index in like.objects if not node.od.subindices(index)]
+    if missing:
         raise ConfigError(
-            f"{like.line_of('objects')}: {like.title} has {', '.join(lacking)}, which the EDS of node {node.node_id} "
+            f"{like.line_of('objects')}: {like.title} has {', '.join(missing)}, which the EDS of node {node.node_id} "
             f"({node.name}) lacks; use an EDS with these objects"
         )
     if like.modes:

@@ -136,9 +136,9 @@ class DeviceModel:
     """
 
     name: str = ""  # empty: the product name in the EDS
-    boot_ns: int = 10_000_000  # from power-on or reset to the boot-up message
+    boot_ns: int = 10_000_000  # time from power-on or reset to the boot-up message
     unset_ramp: float = math.inf
-    unset_velocity: float = 100_000.0  # of a profile velocity that is absent or 0
+    unset_velocity: float = 100_000.0  # value of a profile velocity that is absent or 0
     velocity_ramp_both_ways: bool = False  # PV: 0x6083 also decelerates
     ramps_positions: bool = False  # also in velocity modes, as in steppers: a lost distance is caught up
     single_set_point: bool = False
@@ -146,21 +146,22 @@ class DeviceModel:
     homing_halts: bool = True
     homes_without_power: bool = False  # methods 35 and 37, in every state of the power state machine
     max_velocity: float = math.inf
-    counts_per_revolution: int = 4096  # without 0x608F
+    counts_per_revolution: int = 4096  # value without 0x608F
     delays: Mapping[int, int] = field(default_factory=dict)
     communication_data: bytes = b""  # the manufacturer's bytes of EMCY 0x8130
-    rtr_supported: bool = True  # else the COB-IDs of its TPDOs must keep bit 30
+    rtr_supported: bool = True  # if False, the COB-IDs of its TPDOs must keep bit 30
     rpdo_error: tuple[int, bytes] | None = None  # EMCY code and bytes when a value in an RPDO is refused
     software_limit: Limit | None = None
     switch_limit: Limit | None = None
     switches_disabled: Callable[[VirtualStore], bool] = lambda _store: False
     missing: MissingSetPoint = MissingSetPoint()
     recovers_sync: bool = (
-        True  # by a phase lock: set-points are timed by the recovered period of SYNC, not by each single SYNC
+        True  # phase lock: set-points are timed by the recovered period of SYNC, not by each single SYNC
     )
     follows_sync: bool = False  # measures the SYNC, so that clock drift does not matter in cyclic modes
-    velocity_bits: Callable[[float], int] | None = None  # of the statusword, from the measured velocity
-    identity: Mapping[tuple[int, int], int | str] = field(default_factory=dict)  # without a default in the EDS
+    velocity_bits: Callable[[float], int] | None = None  # bits of the statusword, from the measured velocity
+    # values of identity objects without a default in the EDS
+    identity: Mapping[tuple[int, int], int | str] = field(default_factory=dict)
     display: Mapping[tuple[int, int], Callable[[VirtualStore], int]] = field(default_factory=dict)
 
 

@@ -406,7 +406,7 @@ class InterpolatedPosition(CyclicPosition):
 
     def __init__(self, axis: AxisParts) -> None:
         self.buffer = SetPointBuffer(axis)
-        self.position_subindex = 1  # of the data record
+        self.position_subindex = 1  # subindex in the data record
         super().__init__(axis)
 
     def reset(self) -> None:

@@ -207,7 +207,7 @@ class FaultSwitches:
         self._started = False
         self._flood_at: int | None = None
         self._second: VirtualNode | None = None
-        self._outgoing: tuple[Outgoing, ...] = ()  # of quirks, which act nearer to the node than faults
+        self._outgoing: tuple[Outgoing, ...] = ()  # hooks of quirks, which act nearer to the node than faults
         self._incoming: tuple[Incoming, ...] = ()
         node.fault_switches = self
 
@@ -286,7 +286,7 @@ class FaultSwitches:
     def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
         leaving, self._ready = self._ready, []
         if self._second is not None:
-            self._second.events()  # without a notification
+            self._second.events()  # discards the notification
             leaving += self._second.frames()
         for frame in frames:
             for delay, changed in self._changed(frame, now):

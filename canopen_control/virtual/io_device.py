@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 
 KINDS: Final = ("stuck", "noise", "jump")
-NOISE: Final = 0.02  # of the full scale
+NOISE: Final = 0.02  # fraction of the full scale
 JUMP: Final = 0.25
 _NOISE_NS: Final = 20_000_000
-_INPUT_STEPS: Final = 101  # of the course of the noise, which is the same each time
+_INPUT_STEPS: Final = 101  # steps of the noise pattern, which is the same each time
 
 
 class InputFaults:
@@ -91,7 +91,7 @@ _IN_POLARITY, _OUT_POLARITY = 0x6002, 0x6202
 _DIGITAL_ENABLE, _ANY, _RISING, _FALLING = 0x6005, 0x6006, 0x6007, 0x6008
 _TRIGGER, _SOURCE, _UPPER, _LOWER, _FALL, _RISE = 0x6421, 0x6422, 0x6424, 0x6425, 0x6427, 0x6428
 _TRIGGERS: Final = 0x07  # upper, lower, delta: without 0x6421
-_CHANNELS = 32  # of one subindex of 0x6422
+_CHANNELS = 32  # channels in one subindex of 0x6422
 
 
 class TerminalDevice:
@@ -269,7 +269,7 @@ class IoDevice(TerminalDevice):
     def tpdos_checked(self) -> None:
         self._fired.clear()
 
-    # -- life
+    # -- start and power
 
     def power_on(self, now: int) -> None:
         self._fired.clear()
@@ -409,7 +409,7 @@ class SensorDevice(TerminalDevice):
     def move(self, seconds: float) -> None:
         """Advance the values that change over time by `seconds`."""
 
-    # -- the gate of its TPDOs
+    # -- conditions for sending TPDOs
 
     def starts(self, mapped: Collection[Address]) -> bool:
         del mapped
@@ -499,8 +499,8 @@ class Encoder(SensorDevice):
     def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
         shown = [signal for signal in signals if signal.name != "position_absolute"]
         super().__init__(store, outbox, clock, shown)
-        self._shift = 0.0  # of the preset, in steps
-        self._world: ShaftWorld | None = None  # with the shaft of this node
+        self._shift = 0.0  # shift by the preset, in steps
+        self._world: ShaftWorld | None = None  # world with the shaft of this node
         self._node_id = 0
         store.on_write([_OPERATION], self.scale_written)
         store.on_write([_PRESET], self._preset_written)
@@ -580,7 +580,7 @@ class Inclinometer(SensorDevice):
         0x6110: (0x6010,),
         0x6120: (0x6020,),
     }
-    _INVERT, _SCALE = 0x01, 0x02  # of 0x6x11
+    _INVERT, _SCALE = 0x01, 0x02  # bits of 0x6x11
 
     def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
         super().__init__(store, outbox, clock, signals)

@@ -115,7 +115,8 @@ def run_drives(
                 eds_files=options.others,
             )
             check.finish()
-            renamed = [node.node_id for node in devices.nodes if node.node_id not in node_ids]  # by LSS, from the store
+            # nodes whose node-ID LSS has changed, from the store
+            renamed = [node.node_id for node in devices.nodes if node.node_id not in node_ids]
             if renamed:
                 NodeIdCheck(reactor, port, renamed).finish()
             with contextlib.closing(devices.world):

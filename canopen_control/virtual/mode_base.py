@@ -118,7 +118,7 @@ class SetpointStatistics:
         for sums in (self._velocities, self._accelerations, self._phases):
             sums.clear()
         self._set_point: float | None = None
-        self._step = 0.0  # of the set-points, when they last changed
+        self._step = 0.0  # step of the set-points at their last change
         self._moved_ns = self._repeats = 0
         self.pause()
 
@@ -228,7 +228,7 @@ class SetpointStatistics:
 
 
 REACHED, BIT_12, BIT_13 = 1 << 10, 1 << 12, 1 << 13
-NEW_SET_POINT = 1 << 4  # of the controlword; HM and IP use the bit as well
+NEW_SET_POINT = 1 << 4  # bit of the controlword; HM and IP use it as well
 
 
 class AxisParts:

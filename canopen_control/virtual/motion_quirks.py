@@ -74,9 +74,9 @@ def _in_homing(cleared: int) -> AxisAct:
 
 
 def _controlword_write_only(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
-    own = o.CONTROLWORD + drive.objects.offset
+    controlword = o.CONTROLWORD + drive.objects.offset
     hooks.incoming.append(
-        refusing(AbortCode.WRITE_ONLY, lambda command, index: command >> 5 in (2, 5) and index == own)
+        refusing(AbortCode.WRITE_ONLY, lambda command, index: command >> 5 in (2, 5) and index == controlword)
     )
 
 

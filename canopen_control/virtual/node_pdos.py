@@ -369,7 +369,7 @@ class PdoExchange:
         self._event_tpdos: list[MappedTpdo] = []
         self._valid_tpdos: list[MappedTpdo] = []
         self._valid_rpdos: list[MappedRpdo] = []
-        self._timed_rpdos: list[MappedRpdo] = []  # that have a deadline
+        self._timed_rpdos: list[MappedRpdo] = []  # RPDOs with a deadline
         self._timed: list[TpdoProducer | RpdoConsumer] = []
         for base, numbers in ((RPDO, [*self.rpdos]), (TPDO, [*self.tpdos])):
             for number in numbers:

@@ -66,7 +66,7 @@ class AxisOwner(Protocol):
     demand: DemandCurve
     torque_limit: float  # torque limit of the drive in per mille of the rated torque
     velocity_mode: bool  # the loops follow only the velocity of the demand
-    gains: ServoGains | None  # of the drive's loops, None: the loops are tuned automatically
+    gains: ServoGains | None  # gains of the drive's loops; None: the loops are tuned automatically
 
     def advance(self, now: int) -> None:
         """Advance the axis to `now`, calling each timer at its due time."""

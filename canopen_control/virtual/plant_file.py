@@ -133,8 +133,8 @@ class BaseFile:
 
     def radius(self, side: int) -> float:
         """Return the true radius of a wheel in m; `side` is LEFT or RIGHT."""
-        own = (self.left_wheel_radius, self.right_wheel_radius)[side]
-        return self.wheel_radius if own is None else own
+        wheel = (self.left_wheel_radius, self.right_wheel_radius)[side]
+        return self.wheel_radius if wheel is None else wheel
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ class OwnWorld:
         self._base: DiffBase | SharedBase | None = None
         self._wheels: list[WheelPlant] = []
         self._encoders = {_address(name)[0]: encoder for name, encoder in file.encoders.items()}
-        self._shafts: dict[tuple[int, int], Plant] = {}  # that are turned in this process
+        self._shafts: dict[tuple[int, int], Plant] = {}  # plants turned in this process
         self._files = {
             encoder.share: ShaftFile(shared_path(encoder.share)) for encoder in self._encoders.values() if encoder.share
         }

@@ -359,7 +359,7 @@ class DriveLimits:
         self._objects, self._mover, self._outbox, self._power = objects, mover, outbox, power
         self.active = False
         self.following_error = 0.0
-        self._bound: float | None = None  # where the present demand ends because of a limit
+        self._bound: float | None = None  # position at which a limit ends the present demand
         self._side = 0
         self._max_velocity_inputs: tuple[object, ...] = ()  # inputs from which `_max_velocity` was computed
         self._max_velocity = 0.0

@@ -61,14 +61,14 @@ def _further_mode(like: OperationMode) -> AxisAct:
     """Return a quirk action that makes a manufacturer-specific mode number behave like a standard mode."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, number: float) -> None:
-        own = int(number)
-        drive.modes.add(own, like)
-        hooks.later(lambda: drive.modes.remove(own))
+        mode = int(number)
+        drive.modes.add(mode, like)
+        hooks.later(lambda: drive.modes.remove(mode))
         index = o.MODES_OF_OPERATION + drive.objects.offset
         beyond = hooks.node.store.beyond_limits
-        beyond.add((index, own))
-        hooks.later(partial(beyond.discard, (index, own)))
-        hooks.guard([index], lambda entry, value, before: value if value == own else before(entry, value))
+        beyond.add((index, mode))
+        hooks.later(partial(beyond.discard, (index, mode)))
+        hooks.guard([index], lambda entry, value, before: value if value == mode else before(entry, value))
 
     return act
 

@@ -134,7 +134,8 @@ class ServedBus:
         which = f"{kind} {ids[0]}" if len(ids) == 1 else f"{kind}s {', '.join(map(str, ids))}"
         name = self.nodes[0].name
         if ids == [UNCONFIGURED]:
-            name += f", serial number {self.nodes[0].store.number(0x1018, 4)}"  # by which LSS finds the node
+            # LSS finds the node by its serial number
+            name += f", serial number {self.nodes[0].store.number(0x1018, 4)}"
         return f"{which} ({name}) ready on {self.port.channel}"
 
     # -- events

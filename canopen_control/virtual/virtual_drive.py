@@ -215,7 +215,7 @@ class OverloadGuard:
 
 _ENABLE, _CONTINUOUS, _INDEX, _RISING, _FALLING = 1 << 0, 1 << 1, 1 << 2, 1 << 4, 1 << 5
 _CAUGHT_RISING, _CAUGHT_FALLING = 1 << 1, 1 << 2
-_SHIFTS = (0, 8)  # of probe 1 and 2 in 0x60B8 and 0x60B9
+_SHIFTS = (0, 8)  # bit offsets of probe 1 and 2 in 0x60B8 and 0x60B9
 _FIRST_INPUT = 16
 _POSITIONS = (
     (o.TOUCH_PROBE_1_POSITIVE, o.TOUCH_PROBE_1_NEGATIVE),

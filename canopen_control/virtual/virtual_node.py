@@ -253,7 +253,7 @@ class ParameterKeeper(Protocol):
         ...
 
 
-_FAULT_BIT = 1 << 3  # of a statusword
+_FAULT_BIT = 1 << 3  # bit of a statusword
 _SERVO_DRIVE = 0x0002_0192  # device type of a servo drive (CiA 402-2, object 0x1000)
 
 

@@ -88,13 +88,13 @@ def _build(node: yaml.Node, dotted: str, problems: Problems) -> Node:
 def _flatten(node: yaml.Node, entries: dict[str, tuple[yaml.Node, yaml.Node]]) -> None:
     """Add the pairs of a mapping by key: own keys first, then new keys from merge keys (YAML 1.1)."""
     merged: list[yaml.Node] = []
-    own: dict[str, tuple[yaml.Node, yaml.Node]] = {}
+    pairs: dict[str, tuple[yaml.Node, yaml.Node]] = {}
     for key, value in node.value:
         if key.tag == _MERGE:
             merged += value.value if isinstance(value, yaml.SequenceNode) else [value]
         elif isinstance(key, yaml.ScalarNode):
-            own[key.value] = (key, value)
-    for name, pair in own.items():
+            pairs[key.value] = (key, value)
+    for name, pair in pairs.items():
         entries.setdefault(name, pair)
     for mapping in merged:
         if isinstance(mapping, yaml.MappingNode):

@@ -44,7 +44,7 @@ def test_the_wheels_are_reported_with_the_limits_and_can_be_set(floor):
     _, _, link = floor("values")
     values = link.wheel_values()
     assert (values.separation, values.factors) == (0.24, (1.0, 1.0, 1.0))
-    assert (values.most_linear, values.angular_ramp) == (1.0, 12.0)
+    assert (values.max_linear, values.angular_ramp) == (1.0, 12.0)
     link.set_factors((1.1, 0.9, 1.2))
     assert link.wheel_values().separation == pytest.approx(0.264)
     assert link.wheel_values().factors == (1.1, 0.9, 1.2)

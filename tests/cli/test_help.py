@@ -1,7 +1,7 @@
 import pytest
 
 from canopen_control.cli.main import main
-from canopen_control.cli.verbs import GROUPS, MOST_USED, VERBS
+from canopen_control.cli.verbs import GROUPS, MAX_USED, VERBS
 
 
 def printed(capsys, *words):
@@ -21,7 +21,7 @@ def test_without_a_verb_it_is_the_help_of_the_program(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])
     assert capsys.readouterr().out == said
-    assert all(verb in VERBS for verb in MOST_USED)
+    assert all(verb in VERBS for verb in MAX_USED)
 
 
 @pytest.mark.parametrize("words", [["run"], ["bus", "status"]])

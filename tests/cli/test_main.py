@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from canopen_control.cli.main import main
-from canopen_control.cli.verbs import MOST_USED, VERBS
+from canopen_control.cli.verbs import MAX_USED, VERBS
 from canopen_control.version import PURE, TO_COMPILE, __version__, build
 
 
@@ -20,7 +20,7 @@ def test_the_help_fits_a_terminal_and_names_the_most_used_verbs(capsys):
     assert len(lines) <= 36
     assert max(map(len, lines)) <= 80
     shown = {line.split()[0] for line in lines if line.startswith("  ")}
-    assert shown == set(MOST_USED)
+    assert shown == set(MAX_USED)
     assert lines[-1].endswith("canopen-control help --all")
 
 

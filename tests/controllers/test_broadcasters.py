@@ -149,10 +149,10 @@ def read(**params):
 
 
 def test_the_older_spellings_are_taken():
-    assert read(state_joints=["main"], main={"capacity": 2.0}).own[0].capacity == 2.0
+    assert read(state_joints=["main"], main={"capacity": 2.0}).facts[0].capacity == 2.0
     one = read(sensor_name="pack", design_capacity=8.0, power_supply_technology=2)
     assert one.measured("pack") == ["pack/voltage", *[""] * (len(QUANTITIES) - 1)]
-    assert (one.names, one.own[0].design_capacity, one.own[0].power_supply_technology) == (("pack",), 8.0, 2)
+    assert (one.names, one.facts[0].design_capacity, one.facts[0].power_supply_technology) == (("pack",), 8.0, 2)
 
 
 @pytest.mark.parametrize(

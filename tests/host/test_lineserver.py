@@ -423,10 +423,10 @@ def test_out_of_descriptors_an_idle_client_is_closed_for_one_that_stops_the_robo
         """A listener whose process may have as many descriptors as it has now."""
 
         def __init__(self, real, most):
-            self.fileno, self._real, self._most = real.fileno, real, most
+            self.fileno, self._real, self._max = real.fileno, real, most
 
         def accept(self):
-            if len(owner.server.connections) >= self._most:
+            if len(owner.server.connections) >= self._max:
                 raise OSError(errno.EMFILE, "too many open files")
             return self._real.accept()
 

@@ -179,7 +179,7 @@ def test_drives_that_are_processes_have_the_time_of_a_process():
     pdo, _ = make_pdo(1)
     watch = PdoWatch(20 * MS)
     watch.add(pdo)
-    watch.least_ns = 250 * MS
+    watch.min_ns = 250 * MS
     told = [now for now in range(0, 1000, 20) if watch.sync(now * MS)]
     assert told == [240], "the first SYNC that nobody answered was one period before it was missed"
 

@@ -24,7 +24,7 @@ def test_an_encoder_turns_with_the_joint_that_it_sits_on_behind_its_gear(tmp_pat
 
 def test_an_encoder_on_no_joint_is_reported_with_its_line(tmp_path):
     with pytest.raises(
-        PhysicsError, match=r"physics\.yml:7:17: an encoder names the unknown joint 'left_weel_joint'.* did you mean"
+        PhysicsError, match=r"physics\.yml:7:17: an encoder names the unknown joint 'left_weel_joint'.* \(did you mean"
     ):
         robby(tmp_path, ENCODERS.replace("{{joint: left_wheel_joint, gear", "{{joint: left_weel_joint, gear"))
     with pytest.raises(PhysicsError, match="'x' is not a node"):

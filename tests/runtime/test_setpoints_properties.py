@@ -9,7 +9,7 @@ import pytest
 from canopen_control_bench.arm import ENDS, NODES, arm_at
 from canopen_control_bench.simulated_arm import MS, SimulatedArm
 
-MOST_LATE = 2 * MS
+MAX_LATE = 2 * MS
 THERE = [0.3 * each for each in ENDS]
 OTHER = "\n  sync_producer: other\n  sync_order: first"
 
@@ -51,7 +51,7 @@ def moving(points):
 
 def jitter(seed):
     chance = random.Random(seed)
-    return lambda: round(chance.random() * MOST_LATE)
+    return lambda: round(chance.random() * MAX_LATE)
 
 
 @pytest.fixture(scope="module")

@@ -40,7 +40,7 @@ def test_with_granularity_0_the_devices_own_mapping_goes_first():
 
 def test_where_nothing_can_be_changed_all_that_is_live_is_used():
     uses, missing = choose_pdos(shape(pdos=TWO_PAIRS, access="const", cob_access="const"), COMMANDS)
-    assert [(use.number, use.own, use.auto, use.transmission) for use in uses] == [
+    assert [(use.number, use.fixed, use.auto, use.transmission) for use in uses] == [
         (1, True, False, None),
         (2, True, False, None),
     ]

@@ -48,7 +48,7 @@ class Sniffer(threading.Thread):
 
 def main():
     with open("/proc/sys/net/ipv6/conf/default/disable_ipv6", "w") as file:
-        file.write("1")  # the kernel's own announcements are no packets of ours
+        file.write("1")  # no packets of the kernel's own announcements
     for words in LINKS:
         subprocess.run(["ip", *words.split()], check=True)
     sniffer = Sniffer()

@@ -84,9 +84,10 @@ class RobotPage:
         self.page.get_by_text("cycle 20 ms").wait_for()
         if scene:
             self.page.wait_for_function("() => !!window.ccScene")
-        # Without a graphics card the first picture takes a busy machine many seconds, and nothing else is done then.
+        # Without a graphics card the first picture takes many seconds on a busy machine, during which nothing else
+        # runs.
         self.pictures(2)
-        self.page.wait_for_timeout(500)  # nothing moves on it any more: a button that slides away is let go
+        self.page.wait_for_timeout(500)  # the page is at rest: a button that moves under the pointer is released
         return self
 
     def pictures(self, count: int) -> None:

@@ -94,7 +94,7 @@ TWO_PAIRS = [
     (False, 1, 0x280, [PLACE, ACTUAL]),
 ]
 
-#: what a maker does -> (the dictionary, the interface and the mode that are chosen)
+#: habit of a manufacturer: the dictionary, and the interface and mode that are chosen
 SHAPES = {
     "every mode": (lambda: shape(), "velocity", "PV"),
     "profile modes alone": (lambda: shape(**modes(0x25)), "velocity", "PV"),
@@ -193,7 +193,7 @@ RAMPS = [
     (False, 1, 0x280, [ACTUAL]), (False, 2, 0x380 | OFF, []), (False, 3, 0x480 | OFF, []),
 ]  # fmt: skip
 
-#: how the files of one maker describe PDOs, modes and supervision, all at once -> the dictionary, interface and mode
+#: how the files of one manufacturer describe PDOs, modes and supervision: dictionary, interface and mode
 MAKERS = {
     "maxon EPOS4": (lambda: more_slots(as_maker(shape(pdos=FIRST_ON), timers=False), 12), "velocity", "PV"),
     "Technosoft iPOS": (lambda: shape(pdos=PAIRS_OFF, **modes(0x6D)), "velocity", "PV"),
@@ -219,7 +219,7 @@ MAKERS = {
     "Yiyou": (lambda: as_maker(shape(pdos=RAMPS), timers=False), "velocity", "PV"),
 }  # fmt: skip
 
-#: drives that nothing stops when the master is lost
+#: drives that do not stop when the master is lost
 UNWATCHED = {"neither heartbeat nor guarding": lambda: shape(drop=(0x1016, 0x1017, 0x100C, 0x100D))}
 
 

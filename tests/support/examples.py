@@ -12,7 +12,7 @@ from canopen_control.cli.verbs import VERBS
 
 PROGRAM = "canopen-control"
 
-#: What a line needs that no test has here -> why it is only understood, and who runs it elsewhere.
+#: Commands that need something that no test has here: the reason why they are only parsed, and where they run.
 NOT_RUN = {
     r"\bcan\d+\b": "a CAN card: tests/hardware_can runs the page on emulated ones",
     r"\bvcan\d+\b": "a kernel with CAN: tests/socketcan runs the page on one",
@@ -43,7 +43,7 @@ NOT_RUN = {
     r"^simulate .*--(serve|ros)\b": "minutes of real time: tests/simulation/test_served_simulation.py serves one",
     r"^bench\b": "minutes of measuring: tests/bench runs every family of it",
 }
-#: Other programs in the blocks of the pages -> why they are not run from there.
+#: Other programs in code blocks of the pages: the reason why they are not run.
 OTHER_PROGRAMS = {
     "./tools/demo": "installs what it needs: CI's first run of it is that of any user",
     "./tools/test": "runs this test",

@@ -89,7 +89,7 @@ class ZephyrDevice:
         elif command == START:
             self.status = START
             self.boot()
-            return None  # it is gone before the answer has left
+            return None  # the process has ended before the answer was sent
         else:
             raise ProgramAbort(RANGE)
         return b""

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-#: what the programs of the guests import
+#: modules that the programs of the guests import
 MODULES = (
     *(f"canopen_control.cli.{verb}" for verb in ("axis", "bus", "command", "drive", "main", "run", "stop", "twist")),
     "canopen_control.cli.support.target",
@@ -39,8 +39,8 @@ MODULES = (
     "canopen_control.virtual.process",
 )
 _TESTS = str(Path(__file__).parents[1])
-_ROOM = "x" * 8192  # the command line and the environment of a child are written over those of the server
-_OF_A_TEST = ("XDG_RUNTIME_DIR", "XDG_STATE_HOME")  # by these a test finds its processes
+_ROOM = "x" * 8192  # command line and environment of a child overwrite those of the server
+_OF_A_TEST = ("XDG_RUNTIME_DIR", "XDG_STATE_HOME")  # a test identifies its processes by these variables
 
 
 class ForkedProgram:
@@ -132,7 +132,7 @@ def serve(descriptor: int) -> None:
 
     for module in MODULES:
         importlib.import_module(module)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal: the tests end first
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # SIGINT of the terminal: the tests end first
     children: dict[int, ForkedProcess] = {}
     with socket.socket(fileno=descriptor) as connection, connection.makefile("rw") as stream:
         for line in stream:
@@ -144,7 +144,7 @@ def serve(descriptor: int) -> None:
                 children[child.pid] = child
                 answer = child.pid
             print(answer, file=stream, flush=True)
-    for child in children.values():  # the tests were ended before they could
+    for child in children.values():  # the tests were ended before they could end them
         if child.poll() is None:
             os.kill(child.pid, signal.SIGKILL)
 

@@ -28,7 +28,8 @@ GUEST = os.environ.get("CANOPEN_CONTROL_GUEST", "")
 """Which guest this is, empty outside of any."""
 
 LEFT, RIGHT = 3, 2
-RAD = {LEFT: -0.003926990816987242, RIGHT: 0.003926990816987242}  # per microstep; the left motor is mirrored
+# rad per microstep; the left motor is mounted in mirror image
+RAD = {LEFT: -0.003926990816987242, RIGHT: 0.003926990816987242}
 SYNC, NMT = 0x080, 0x000
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 
@@ -87,7 +88,7 @@ def ip(*words: str) -> str:
 
 def throttle(interface: str, rate: str, limit: int = 320) -> None:
     """Let an interface send at a rate, 128 bits a frame, and hold `limit` bytes back; beyond, it refuses (ENOBUFS)."""
-    if not Path("/sys/module/sch_tbf").is_dir():  # the emulated PC has loaded it, and has no folder of modules
+    if not Path("/sys/module/sch_tbf").is_dir():  # already loaded in the emulated PC, which has no module folder
         _run("modprobe", "sch_tbf")
     words = f"qdisc replace dev {interface} root tbf rate {rate} burst 160 limit {limit}"
     _run("tc", *words.split())

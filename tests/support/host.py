@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[2]
 SECOND_NS = 1_000_000_000
-_FUTEX = ("202", "98")  # by its number on x86-64 and arm64
-TIME_SCALE = float(os.environ.get("CANOPEN_CONTROL_TIME_SCALE", "1"))  # of a slow machine
-#: How long a test waits at most for another process or thread: no limit of a reaction, and long for a busy machine.
+_FUTEX = ("202", "98")  # system call number on x86-64 and arm64
+TIME_SCALE = float(os.environ.get("CANOPEN_CONTROL_TIME_SCALE", "1"))  # factor for a slow machine
+#: Timeout in s for another process or thread; it is long enough for a busy machine, and not a limit of a reaction time.
 TIMEOUT_S = 60.0 * TIME_SCALE
 
 
@@ -44,7 +44,7 @@ def eventually(condition: Callable[[], bool], seconds: float = TIMEOUT_S) -> boo
     while not condition():
         if time.monotonic() > deadline:
             return False
-        time.sleep(0.005 * TIME_SCALE)  # to look is work too, for a slow machine
+        time.sleep(0.005 * TIME_SCALE)  # checking also costs CPU time on a slow machine
     return True
 
 

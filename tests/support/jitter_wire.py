@@ -7,7 +7,7 @@ from canopen_control.bus.arbitration import duration_ns, frame_bits
 from canopen_control.frame import frames_of, pack_records
 
 BITRATE = 1_000_000
-JITTER_NS = 300_000  # of a computer that is busy, or of an adapter
+JITTER_NS = 300_000  # jitter of a busy computer or of an adapter
 
 
 class Relay:

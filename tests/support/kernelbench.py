@@ -16,7 +16,7 @@ from canopen_control.runtime.setup import read_robot
 CHANNEL = os.environ.get("CANOPEN_CONTROL_TEST_CHANNEL", "vcan0")
 """The SocketCAN interface of the tests that take what there is."""
 
-SCALE = max(1.0, TIME_SCALE / 2.5)  # one process needs less time than many
+SCALE = max(1.0, TIME_SCALE / 2.5)  # one process needs less time than several
 
 
 class KernelBench(Bench):

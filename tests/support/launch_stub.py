@@ -89,7 +89,7 @@ def launched(name, packages=(), **arguments):
     ]
 
     def text(word):
-        if isinstance(word, list):  # of substitutions, which launch joins
+        if isinstance(word, list):  # list of substitutions, which launch joins
             return "".join(map(text, word))
         return values[word] if isinstance(word, Configuration) else word
 

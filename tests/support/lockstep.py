@@ -31,7 +31,7 @@ _NEVER = 1 << 62
 _REAL_SLEEP, _REAL_POLL, _REAL_SELECT = time.sleep, select.poll, select.select
 _REAL_EVENT_WAIT, _REAL_CONDITION_WAIT = threading.Event.wait, threading.Condition.wait
 _REAL_START, _REAL_JOIN = threading.Thread.start, threading.Thread.join
-_LOOK_S = 0.001  # how often it is looked for what comes from outside
+_LOOK_S = 0.001  # polling interval for events from outside
 
 
 @dataclass
@@ -81,7 +81,7 @@ class Lockstep:
         found = ready()
         if found or (seconds is not None and seconds <= 0):
             return found
-        # rounded up: whoever waits for the last bit of a nanosecond must not find that no time has passed
+        # rounded up: a wait for the last fraction of a nanosecond must advance the time
         deadline = _NEVER if seconds is None else self.now_ns + math.ceil(seconds * _SECOND)
         self._wait_for_turn(_Wait(ready, deadline), pass_on=True)
         return ready()
@@ -126,7 +126,7 @@ class Lockstep:
         while not self._over:
             self._turn = next((thread for thread in self._threads if self._goes_on(thread)), None)
             if self._turn is not None:
-                # who had the turn is the last to get it again
+                # the thread that had the turn is the last to get it again
                 self._threads[self._turn] = self._threads.pop(self._turn)
                 break
             due = min((wait.deadline for wait in self._waits.values()), default=_NEVER)

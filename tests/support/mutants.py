@@ -186,7 +186,7 @@ def joint_states_stand(patch):
 def states_told_as_they_were(patch):
     real, first = node_readings._axis, {}
     patch.setattr(node_readings, "_axis", lambda joint: first.setdefault(joint, real(joint)))
-    patch.setattr(node_readings._ReadNode, "_inputs", lambda self: (object(),))  # gathered anew each time
+    patch.setattr(node_readings._ReadNode, "_inputs", lambda self: (object(),))  # read again each time
 
 
 def velocities_told_reversed(patch):

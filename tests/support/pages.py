@@ -130,7 +130,7 @@ async def visited(build, context=None):
 
     made = []
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the toolkit's own
+        warnings.simplefilter("ignore")  # warning of the toolkit
         async with user_simulation(root=lambda: made.append(build())) as user:
             await user.open("/")
             with user:

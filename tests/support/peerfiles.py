@@ -11,7 +11,7 @@ from canopen_control.data_files import data_path
 
 _DATA = Path(__file__).parents[1] / "data" / "ros2_canopen"
 NAMES = sorted(path.stem for path in _DATA.glob("*.yml"))
-ROBOTS = sorted(path.parent.name for path in _DATA.glob("*/bus.yml"))  # those with controllers
+ROBOTS = sorted(path.parent.name for path in _DATA.glob("*/bus.yml"))  # robots with controllers
 _U8, _U16, _U32, _I8, _I16, _I32 = 5, 6, 7, 2, 3, 4
 _OBJECTS = {
     "1000": ("Device type", _U32, "ro", "0", 0),
@@ -42,6 +42,6 @@ def write_peer_files(folder, name):
         shutil.copy(_DATA / f"{name}.yml", config / "bus.yml")
     (config / "simple.eds").write_text(eds_of("simple.eds", _OBJECTS, _RECORDS))
     text = data_path("eds", drive).read_text()
-    # the device type that their tests expect: servo drive and stepper at once, CiA 402-2
+    # device type expected by their tests: both servo drive and stepper (CiA 402-2)
     (config / "cia402_slave.eds").write_text(text.replace("DefaultValue=0x00020192", "DefaultValue=0x60192"))
     return config

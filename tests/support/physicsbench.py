@@ -10,7 +10,7 @@ from canopen_control.virtual.axis_motion import AxisMotion
 from canopen_control.virtual.trajectory import hold, ramp_to
 
 MS, S = 1_000_000, 1_000_000_000
-START = 1000 * S + 1_234_567  # off every grid
+START = 1000 * S + 1_234_567  # not on the grid of any period
 ROBBY = """
 engine: mujoco
 urdf: {urdf}

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from canopen_control.client import RobotClient
 
-_COVERAGE = "COVERAGE_PROCESS_CONFIG"  # measured processes begin with an interpreter
-GONE_S = 10.0  # nobody may be there longer than this after the death of whom he depends on
+_COVERAGE = "COVERAGE_PROCESS_CONFIG"  # a process measured for coverage starts with an interpreter
+GONE_S = 10.0  # maximum lifetime of a process after the process that it depends on has ended
 
 
 def go_first(pid: int) -> None:

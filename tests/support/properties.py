@@ -11,7 +11,8 @@ import os
 from hypothesis import HealthCheck, settings
 
 FACTOR = os.environ.get("CANOPEN_CONTROL_EXAMPLES")
-#: Of the examples that a test asks for, the share that a run without a seed tries; on the compiled package fewer, since
+#: Fraction of a test's examples that a run without a seed uses; fewer with the compiled package, since the pure-Python
+#: run tests the same property.
 #: the sources pass the same property.
 SHARE = float(os.environ.get("CANOPEN_CONTROL_EXAMPLES_SHARE", "0.25"))
 
@@ -33,7 +34,7 @@ def load_profile():
         max_examples=examples(100),
         derandomize=not FACTOR,
         database=None,
-        deadline=None,  # other tests use these processors too: pytest's timeout ends a test that hangs
+        deadline=None,  # other tests share these CPUs; pytest's timeout ends a test that hangs
         print_blob=True,
         suppress_health_check=[HealthCheck.too_slow],
     )

@@ -53,8 +53,8 @@ def _bundled(config, how):
 class Bench:
     """Robby, its drives and its bus under a manual clock; `robot` is the core, `drives` the devices by node-ID."""
 
-    scale = 1.0  # by how much its times are longer than those of the test
-    jitter = 0.0  # by what share a cycle may be longer or shorter than the others
+    scale = 1.0  # factor by which its times are longer than those of the test
+    jitter = 0.0  # fraction by which a cycle may be longer or shorter than the others
 
     def __init__(self, name, *, config="robby", drives=(LEFT, RIGHT), faults=(), **how):
         self.channel = f"memory:{name}"
@@ -142,7 +142,7 @@ class Bench:
         self.reactor.close()
 
 
-#: edits of a bus.yml whose robot and drives bear a machine that is busy with other things for seconds
+#: edits of a bus.yml for robots and drives on a machine that is busy for seconds
 PATIENT = {"heartbeat_multiplier: 5": "heartbeat_multiplier: 100"}
 PATIENT_ROBBY = {**PATIENT, "missed_syncs: 10": "missed_syncs: 500"}
 

@@ -32,13 +32,13 @@ TIMEOUT = host.TIMEOUT_S
 
 def forget_ports(number, folder=Path("/dev/shm")):
     """Remove the ports in shared memory that killed programs of a ROS domain have left: the next would take them."""
-    first = 7400 + 250 * number  # clause 9.6.1.1 of DDSI-RTPS
+    first = 7400 + 250 * number  # DDSI-RTPS, clause 9.6.1.1
     for port in range(first, first + 250):
         for name in (f"fastrtps_port{port}", f"fastrtps_port{port}_el", f"sem.fastrtps_port{port}_mutex"):
             (folder / name).unlink(missing_ok=True)
 
 
-_DOMAINS = range(20, 100)  # up to 101 the ports are no ephemeral ones
+_DOMAINS = range(20, 100)  # up to domain 101 the ports are below the ephemeral ports
 _TURNS = itertools.count(os.getpid())
 
 
@@ -134,7 +134,7 @@ class Peer:
         for line in self._process.stdout:
             try:
                 answer = json.loads(line)
-            except ValueError:  # what DDS prints there by itself, for who waits for an answer in vain
+            except ValueError:  # DDS itself printed this, after waiting in vain for an answer
                 self._errors.append(line)
                 continue
             if "topic" in answer:
@@ -220,7 +220,7 @@ class Peer:
         self._process.kill()
 
     def close(self):
-        with contextlib.suppress(BrokenPipeError):  # it has died, and left an order unread
+        with contextlib.suppress(BrokenPipeError):  # it has ended without reading a request
             self._process.stdin.close()
         try:
             self._process.wait(TIMEOUT)
@@ -265,7 +265,7 @@ class FakeRobot:
 
     def __init__(self, name="fake"):
         self.reactor, self.raised, self.told = Reactor(), [], []
-        self.listed = {}  # the state of each controller as it was answered last
+        self.listed = {}  # state of each controller in the last answer
         self.reactor.on_error = self.raised.append
         self.controllers = json.loads(json.dumps(CONTROLLERS))
         self.joints = {"right": {"position": 2.0, "velocity": 20.0, "effort": None, "command": None},

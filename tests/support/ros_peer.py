@@ -111,7 +111,7 @@ class Peer:
         self.say(done="publish", subscribers=publisher.get_subscription_count())
 
     def _again(self, topic, publisher, message):
-        if self.publishers.get(topic) is publisher:  # else the timer was due already when it was renewed
+        if self.publishers.get(topic) is publisher:  # otherwise the timer had already fired when it was renewed
             publisher.publish(message)
 
     def silence(self, topic):
@@ -148,7 +148,8 @@ class Peer:
             self.say(done="call", error="no such service")
             return
         if new:
-            time.sleep(0.2)  # the server must know the client too, else rmw drops its answer, and nothing tells when
+            # the server must have discovered the client too, else rmw drops its answer; no event reports this
+            time.sleep(0.2)
         future = client.call_async(filled(cls.Request(), data))
         future.add_done_callback(lambda future: self.say(done="call", response=plain(future.result())))
 
@@ -280,7 +281,7 @@ def main():
     def obey():
         for line in sys.stdin:
             order = json.loads(line)
-            # everything happens between callbacks, in the thread that spins
+            # everything runs between callbacks, in the spinning thread
             executor.create_task(lambda order=order: getattr(peer, order.pop("do"))(**order))
         executor.create_task(rclpy.shutdown)
 

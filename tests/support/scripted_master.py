@@ -102,7 +102,7 @@ class ScriptedMaster:
     def write(self, index, subindex, value, size):
         return self.transfer(struct.pack("<BHBI", SIZED[size], index, subindex, value))
 
-    # -- the boot
+    # -- boot
 
     def boot(self):
         self.started = False
@@ -197,7 +197,7 @@ class ScriptedMaster:
     def command(self, word, target=0):
         self.put(RPDO, struct.pack("<Hi", word, target))
 
-    # -- the whole
+    # -- complete run
 
     def work(self):
         """Boot the device and enable it."""

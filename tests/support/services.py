@@ -28,7 +28,7 @@ def frame(text: str) -> CanFrame:
     return CanFrame(int(identifier, 16), bytes.fromhex(data))
 
 
-# Every identifier the services use, with and without flags, and any other.
+# All identifiers of the services, with and without flags, and others.
 identifiers = st.one_of(
     st.sampled_from([0x000, 0x080, 0x100, 0x7E4, 0x7E5, 0x083, 0x183, 0x203, 0x703, 0x70A]),
     st.sampled_from([0x183 | REMOTE_FLAG, 0x703 | REMOTE_FLAG]),

@@ -11,7 +11,7 @@ from canopen_control.virtual.device_model import GENERIC
 
 MS = 1_000_000
 RPDO, TARGETS = 0x305, struct.Struct("<ii")
-STEP = 1000  # counts in 10 ms: the velocity V
+STEP = 1000  # counts in 10 ms, at velocity V
 
 
 class StreamBench(Bench):

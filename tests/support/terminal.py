@@ -65,7 +65,7 @@ class Tmux:
     """A tmux server of its own with one window; `keys` types, `screen` is what stands there."""
 
     def __init__(self, folder, width=120, height=40):
-        # a socket of its own too: a server that was told to end takes clients until it has
+        # with its own socket: a server that was asked to end accepts clients until it has ended
         self._socket = str(folder / f"tmux{next(_numbers)}")
         size = ["-x", str(width), "-y", str(height)]
         self._run("-f", "/dev/null", "new-session", "-d", "-s", "test", *size, "env", "PS1=$ ", "bash", "--norc")

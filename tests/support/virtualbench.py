@@ -23,7 +23,7 @@ S = 1_000_000_000
 TMCM = Path(__file__).parents[2] / "eds" / "TMCM-1270.eds"
 T = DataType
 SIZES = {1: 0x2F, 2: 0x2B, 3: 0x27, 4: 0x23}
-REACHED, LIMIT, BIT_12 = 1 << 10, 1 << 11, 1 << 12  # of a statusword
+REACHED, LIMIT, BIT_12 = 1 << 10, 1 << 11, 1 << 12  # bits of a statusword
 
 
 class Aborted(Exception):

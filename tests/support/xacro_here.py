@@ -32,7 +32,7 @@ class XacroHere:
         path = Path(self._path)
         beside = sorted(
             (sibling.name, sibling.stat().st_mtime_ns) for sibling in path.parent.glob("*")
-        )  # it may include them
+        )  # which may include them
         kind, text = expanded(str(path), tuple(sorted(dict(self._mappings).items())), tuple(beside))
         if kind == xacro_child.URDF:
             return text

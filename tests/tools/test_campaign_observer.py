@@ -79,7 +79,7 @@ def test_a_command_that_outlives_its_time_is_a_breach(observer):
     commanded(observer, 1.0)
     turn(observer, 1.1, 3.01 + LATE + 0.1)
     assert rules(observer) == ["stop"]
-    assert "the life of the last command (of a client) was over" in observer.breaches[0].text
+    assert "the last command (of a client) had expired" in observer.breaches[0].text
 
 
 def test_a_stop_ends_what_was_enabled_and_commanded(observer):

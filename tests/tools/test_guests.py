@@ -67,7 +67,7 @@ def test_words_exit_code_variables_and_place_go_in_and_out_unchanged(guest, tmp_
 def test_a_command_without_end_is_ended_and_named(guest):
     done = guest("-t", "8", "sleep", "1000")
     assert done.returncode == 124
-    assert "the command had not ended after 8 s" in done.stderr
+    assert "the command did not end within 8 s" in done.stderr
 
 
 def test_the_command_of_the_docs_for_this_guest_runs(guest, tmp_path):

@@ -42,24 +42,21 @@ def checkout(tmp_path):
     return checkout
 
 
-def test_a_package_that_cannot_be_had_is_named_in_one_sentence(checkout):
+def test_a_package_that_cannot_be_found_is_named_in_one_sentence(checkout):
     done = checkout(
         "WARNING: Retrying after connection broken by 'NewConnectionError'\n"
         "ERROR: Could not find a version that satisfies the requirement msgspec>=0.19 (from canopen-control)\n"
         "ERROR: No matching distribution found for msgspec>=0.19"
     )
     assert done.returncode == 2
-    assert done.stderr == (
-        "the package msgspec>=0.19 cannot be had: pip found no server that has it; check the network, or set "
-        "PIP_INDEX_URL\n"
-    )
+    assert done.stderr == ("pip could not find the package msgspec>=0.19; check the network, or set PIP_INDEX_URL\n")
 
 
 def test_another_failure_of_the_installation_shows_what_pip_reported(checkout):
     done = checkout("ERROR: Disk quota exceeded")
     assert done.returncode == 2
     assert "Disk quota exceeded" in done.stderr
-    assert done.stderr.endswith("the installation failed; the lines above say why\n")
+    assert done.stderr.endswith("the installation failed; see the lines above\n")
 
 
 def test_an_old_python_is_refused_in_a_sentence(tmp_path):
@@ -78,4 +75,6 @@ def test_an_old_python_is_refused_in_a_sentence(tmp_path):
         env={"PATH": str(programs)}, capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr == "Python 3.11 or newer is needed and none was found; set CANOPEN_CONTROL_PYTHON to one.\n"
+    assert (
+        done.stderr == "Python 3.11 or newer is required, but none was found; set CANOPEN_CONTROL_PYTHON to its path.\n"
+    )

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.commissioning.scope_capture import NamedShot, Shot
-from canopen_control.view.scope_chart import MOST_POINTS, chart_options, cursor_change, height_of, thinned
+from canopen_control.view.scope_chart import MAX_POINTS, chart_options, cursor_change, height_of, thinned
 
 ROWS = tuple((100.0 + n / 10, (float(n), None, -float(n))) for n in range(11))
 NAMED = NamedShot(Shot(ROWS, 100.5), ("a", "b", "c"), ("rad", "rad/s", "rad"), "new")
@@ -38,4 +38,4 @@ def test_cursors_and_the_trigger_are_all_that_changes_with_them():
     assert [(each["xAxis"], each["name"]) for each in marks] == [(-0.2, "1"), (0.3, "2"), (0.0, "T")]
     assert change["series"][0]["markLine"]["precision"] > 6
     assert len(str(change)) < 2000
-    assert MOST_POINTS > 1000
+    assert MAX_POINTS > 1000

@@ -103,7 +103,7 @@ class Campaign:
         for breach, frames in listener.take_breaches():
             self.report(breach, frames)
 
-    # ------------------------------------------------------------------------------------------- telling
+    # ----------------------------------------------------------------------------------------- reporting
 
     def say(self, text: str) -> None:
         """Print a line, unless only JSON output is wanted."""
@@ -193,7 +193,8 @@ def _actions(parser: argparse.ArgumentParser, args: argparse.Namespace) -> list[
         actions = read_script(Path(args.replay).read_text().splitlines())
     except (OSError, ValueError) as error:
         parser.error(f"--replay: {error}")
-    early = max(0.0, min((action.at for action in actions), default=0.0) - 1.0)  # the end of a campaign begins at once
+    # the last actions of a campaign start at once
+    early = max(0.0, min((action.at for action in actions), default=0.0) - 1.0)
     return [replace(action, at=action.at - early) for action in actions]
 
 
@@ -226,7 +227,7 @@ def main(arguments: Sequence[str]) -> int:
         print(*actions, sep="\n")
         return 0
     folder = Path(tempfile.mkdtemp(prefix="campaign-"))
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # whoever ends it, nothing is left behind
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # every way of ending it removes all processes
     campaign = Campaign(args, actions, folder)
     campaign.say(f"seed {args.seed}, {len(actions)} actions in {args.seconds:g} s; folder {folder}")
     with _own_folders(folder):

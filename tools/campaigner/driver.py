@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 A = TypeVar("A")
 
 STOP_ANSWER_S: Final = 2.0
-_SLOW_STOP_S: Final = 12.0  # while a drive is broken: its master waits for it for ten seconds
+_SLOW_STOP_S: Final = 12.0  # limit while a drive has a fault: its master waits ten seconds for it
 _TICK_S: Final = 0.02
 _SAMPLE_S: Final = 1.0
 _NMT: Final = {"reset_node": 0x81, "reset_communication": 0x82, "pre_operational": 0x80, "stop_node": 0x02}
@@ -65,11 +65,11 @@ class Driver:
         self.stage, self.say, self.report = stage, say, report
         self.listener = stage.listener
         self.begin = time.monotonic()
-        self.done: list[Action] = []  # with the times when they were done
+        self.done: list[Action] = []  # completed actions with their completion times
         self.counts: dict[str, int] = {}
         self.stops_s: list[float] = []
         self._logs, self._log_folder = Logs(), logs
-        self.memory = [Memory()]  # of each runtime
+        self.memory = [Memory()]  # one per runtime
         self._remembered = 0
         self._later: list[tuple[float, int, Callable[[], object]]] = []
         self._order = itertools.count()
@@ -129,12 +129,12 @@ class Driver:
         if grown is not None:
             self.report(grown)
 
-    # ------------------------------------------------------------------------------------------- commanding
+    # --------------------------------------------------------------------------------------------- commands
 
     def _do_stream(self, action: Action) -> None:
         values = [action.number("left"), action.number("right")]
         how, ends, seconds = action.params["how"], action.params["ends"], action.number("seconds")
-        self._signs = {3: -values[0], 2: values[1]}  # the left motor is mounted mirrored
+        self._signs = {3: -values[0], 2: values[1]}  # the left motor is mounted in mirror image
         stream: SocketStream | ShellStream
         if how == "socket":
             stream = SocketStream(self.listener, NAME, values, seconds, ends)
@@ -169,7 +169,7 @@ class Driver:
         value = action.number("value")
         self._log(command_once(self.listener, NAME, [value, value]))
 
-    # ------------------------------------------------------------------------------------------- stopping
+    # ---------------------------------------------------------------------------------------------- stops
 
     def _do_stop(self, action: Action) -> None:
         """Send STOP and check that it is answered; skipped while the runtime is absent or frozen."""
@@ -243,7 +243,7 @@ class Driver:
         for pid in list(self._frozen):
             self._thaw(pid)
 
-    # ------------------------------------------------------------------------------------------- breaking drives
+    # ------------------------------------------------------------------------------------------ faults of drives
 
     def _do_fault(self, action: Action) -> None:
         node, name = int(action.params["node"]), action.params["name"]
@@ -278,7 +278,7 @@ class Driver:
             return False
         return True
 
-    # ------------------------------------------------------------------------------------------- breaking processes
+    # ---------------------------------------------------------------------------------------- failures of processes
 
     def _do_kill(self, action: Action) -> None:
         who, node = action.params["who"], int(action.params.get("node", 0))
@@ -337,7 +337,7 @@ class Driver:
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, number)
 
-    # ------------------------------------------------------------------------------------------- from outside
+    # ---------------------------------------------------------------------------- foreign devices and clients
 
     def _do_hostile(self, action: Action) -> None:
         path = str(socket_path("robot", NAME))

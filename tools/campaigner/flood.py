@@ -31,7 +31,7 @@ def _junk() -> CanFrame:
     return CanFrame(identifier, _draw.randbytes(_draw.randrange(9)))
 
 
-#: what is sent, and how many frames every 10 ms
+#: frames to send, and the number of frames every 10 ms
 KINDS: Final[dict[str, tuple[Callable[[], CanFrame], int]]] = {
     "junk": (_junk, 30),
     "remote": (lambda: remote_frame(_draw.choice((0x182, 0x183, 0x282, 0x283, 0x702, 0x703)), 8), 5),

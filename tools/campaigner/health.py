@@ -76,7 +76,7 @@ class Logs:
             with path.open("rb") as file:
                 size = file.seek(0, 2)
                 at = self._read.get(path, 0)
-                file.seek(at if at <= size else 0)  # else it was started again
+                file.seek(at if at <= size else 0)  # a smaller file belongs to a restarted process
                 data = file.read()
                 self._read[path] = file.tell()
         except OSError:
@@ -105,7 +105,7 @@ def watch_orphans(run: Run, report: Callable[[Breach], None]) -> threading.Threa
     killed = time.monotonic()
 
     def watch() -> None:
-        while left := run.survivors() or run.survivors():  # a listing of /proc may miss a process once
+        while left := run.survivors() or run.survivors():  # one listing of /proc may omit a process
             now = time.monotonic()
             if now - killed > GONE_S:
                 names = "; ".join(f"{line.strip()} (pid {pid})" for pid, line in left.items())

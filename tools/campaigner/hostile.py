@@ -74,7 +74,7 @@ def _send(each: socket.socket, data: bytes, *, reads: bool) -> bool:
         each.settimeout(0.2)
         each.sendall(data)
     except TimeoutError:
-        return False  # half a line has left
+        return False  # an incomplete line was sent
     except OSError:
         return False
     return True
@@ -117,7 +117,7 @@ KINDS: Final[dict[str, Callable[[_Attack], None]]] = {
 def main(arguments: list[str]) -> None:
     """Attack as the command line says."""
     kind, path, seconds = arguments
-    os.nice(5)  # the machine's processors are not what is attacked
+    os.nice(5)  # the attack is not on the CPUs of the machine
     KINDS[kind](_Attack(path, float(seconds)))
 
 

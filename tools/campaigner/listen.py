@@ -28,7 +28,7 @@ _STALL_S: Final = 0.03
 _DELAY_S: Final = 1.0
 _PROBE_S: Final = 0.05
 _TIMEOUT_S: Final = 0.3
-_SHOWN_S: Final = 1.5  # what is kept for a breach's own record
+_SHOWN_S: Final = 1.5  # time span of frames stored with a breach
 _LABEL: Final = "campaign"
 
 
@@ -39,7 +39,7 @@ class Listener:
         self.channel, self.observer = channel, observer
         self.frames = 0
         self.stalled_s = 0.0
-        self.deaf = False  # the bus is gone
+        self.deaf = False  # the bus is closed
         self._lock = threading.Lock()
         self._heard: deque[tuple[float, float, bytes | tuple[int, float]]] = deque()
         self._kept: deque[tuple[float, str]] = deque()
@@ -147,7 +147,7 @@ class Listener:
                 self._keep(late, str(frame))
 
     def _keep(self, late: float, text: str) -> None:
-        if not self.observer.breaches:  # what came before the first of them
+        if not self.observer.breaches:  # frames before the first breach
             self._kept.append((late, text))
             while self._kept and self._kept[0][0] < late - _SHOWN_S:
                 self._kept.popleft()

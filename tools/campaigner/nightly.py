@@ -46,7 +46,7 @@ PLANS: Final = (
     Plan("arm6", 1500, 6),
 )
 ALL: Final = sum(plan.seeds for plan in PLANS)
-_ROUND: Final = 200  # seeds of all robots together, each with its share
+_ROUND: Final = 200  # seeds of all robots per round, divided among them
 _SHRUNK: Final = 5
 
 
@@ -89,7 +89,7 @@ def run_plans(
 ) -> None:
     """Run the robots in turns until each has run its seeds or the deadline has passed."""
     gc.collect()
-    gc.freeze()  # what was read stays: the collector is not to look through it for each seed
+    gc.freeze()  # the garbage collector must not scan the loaded files for each seed
     try:
         _take_turns(robots, wanted, path, results, limits)
     finally:

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from campaigner.wire import Wire
 
 
-GRACE_S: Final = 0.25  # a cycle or two, the way through a socket, and the scheduling of a busy machine
-MOTOR_S: Final = 0.1  # what a shaft lags behind its ramp
+GRACE_S: Final = 0.25  # one or two cycles, the delay of a socket, and the scheduling delay of a busy machine
+MOTOR_S: Final = 0.1  # lag of a shaft behind its ramp
 STANDING: Final = 0.05  # rad/s
-_KEPT_S: Final = 30.0  # facts that are over for longer cannot matter any more
-_AGAIN_S: Final = 1.0  # one motion is one breach, not one of each wheel and frame; this long without ends it
-_RUNS: Final = 0x000F  # of the controlword: switch on, voltage, no quick stop, enable operation
+_KEPT_S: Final = 30.0  # facts that ended longer ago have no effect
+_AGAIN_S: Final = 1.0  # a motion is one breach, not one for each wheel and frame; a gap of this length ends it
+_RUNS: Final = 0x000F  # controlword: switch on, enable voltage, no quick stop, enable operation
 _HALT: Final = 0x0100
 _POWERED: Final = ((0x6F, 0x27), (0x6F, 0x07), (0x4F, 0x0F))  # operation enabled, quick stop, fault reaction
 
@@ -90,7 +90,7 @@ class _Shaft:
     status: int = 0
     heard: float = -math.inf
     moving: bool = False
-    rose: float = -math.inf  # when it began to move
+    rose: float = -math.inf  # start of the motion
 
 
 class Observer:
@@ -100,7 +100,7 @@ class Observer:
         self.wire = wire
         self.ramp = wire.ramp(top_speed)
         self.breaches: list[Breach] = []
-        self.moved_s = 0.0  # how long something was seen to move, allowed or not
+        self.moved_s = 0.0  # total duration of observed motion, permitted or not
         self._enables: list[Enable] = []
         self._commands: list[Command] = []
         self._reasons: list[Reason] = []
@@ -158,7 +158,7 @@ class Observer:
         """Forget a node after it or its master was restarted; its old reports are obsolete."""
         self._shafts[node] = _Shaft()
 
-    # ------------------------------------------------------------------------------------------- judgement
+    # ------------------------------------------------------------------------------------------ evaluation
 
     def _judge_target(self, early: float, late: float, node: int) -> None:
         shaft = self._shafts[node]
@@ -259,7 +259,7 @@ class Observer:
         if last.gone <= last.done + last.life and last.gone < ended + 0.5:
             return f"the connection of {last.source} ended"
         if last.end < ended + 0.5:
-            return f"the life of the last command (of {last.source}) was over"
+            return f"the last command (of {last.source}) had expired"
         return f"the command of {last.source} was replaced"
 
     def _told_just_now(self, time: float) -> bool:

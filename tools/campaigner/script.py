@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 TOP_SPEED: Final = 12.0  # rad/s
 _SLOWEST: Final = 2.0
-_CHAPTER_S, _KILLING_S = 600.0, 240.0  # the first minutes of each chapter kill runtimes, the others spare them
-_PROGRAM_S: Final = {"socket": 0.0, "cli": 1.0, "ros": 4.0}  # until somebody who was started commands
+_CHAPTER_S, _KILLING_S = 600.0, 240.0  # the first minutes of each chapter kill runtimes; the rest does not
+_PROGRAM_S: Final = {"socket": 0.0, "cli": 1.0, "ros": 4.0}  # time from the start of a source to its first command
 NODES: Final = (2, 3)
-#: faults of the virtual drives that have to stop the robot, and how that shows: which time of `Limits` it may take
+#: faults of the virtual drives that must stop the robot, with the value of `Limits` that bounds the reaction time
 FAULTS: Final = {
     "drive_fault": "status",
     "short_circuit": "status",
     "undervoltage": "status",
     "following_error": "status",
     "power_stage_off": "status",
-    "limit_switch": "status",  # where the axis goes that way
+    "limit_switch": "status",  # only if the axis moves in the direction of the switch
     "heartbeat_lost": "consumer",
     "silent": "consumer",
     "bus_off": "consumer",
@@ -39,7 +39,7 @@ FAULTS: Final = {
     "tpdo_missing": "feedback",
     "sync_deaf": "feedback",
 }
-#: those that need not stop it; whatever happens, nothing may move by them
+#: faults that need not stop the robot; they must not cause motion
 HARMLESS: Final = (
     "heartbeat_jitter", "sdo_silent", "sdo_late", "sdo_short_answer", "sdo_wrong_mux", "sdo_busy", "tpdo_short",
     "tpdo_long", "tpdo_late", "emcy_flood", "emcy_short", "error_passive", "duplicate_node", "clock_fast", "warning",

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 A = TypeVar("A")
 CONTROLLER: Final = "robby_forward_controller"
-LIFE_S: Final = 2.0  # command_timeout of robby, and what a command has where the YAML says nothing
+LIFE_S: Final = 2.0  # command_timeout of robby, which is also the default
 _PERIOD_S: Final = 0.1
 _LOOK_S: Final = 0.05
 _TIMEOUT_S: Final = 5.0
@@ -97,7 +97,7 @@ class SocketStream(threading.Thread):
                     self._fact.done = answered
                     time.sleep(LIFE_S + 1.0)
         except CanopenError:
-            pass  # there is no robot, or it has ended
+            pass  # no robot is running, or it has ended
         finally:
             self._fact.gone = time.monotonic()
             self._fact.done = min(self._fact.done, self._fact.gone)

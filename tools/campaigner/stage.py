@@ -59,9 +59,9 @@ class Stage:
         self.starts = 0
         self.programs: list[Program] = []
         self.run_fact = Enable(0.0, 0.0)
-        self.latched = False  # since then no enable counts, whoever asks for it, until somebody releases
+        self.latched = False  # True from a latched STOP to its release: an enable of any client has no effect
         self._drives: dict[int, Program] = {}
-        self._orphans: threading.Thread | None = None  # who watches those of the run that was killed
+        self._orphans: threading.Thread | None = None  # thread that watches the children of the killed run
         self._count = 0
         self._wire = listener.observer.wire
 
@@ -82,7 +82,7 @@ class Stage:
         self.programs.append(program)
         return program
 
-    # -- starting
+    # -- start
 
     def begin_run(self) -> Run:
         """Start a runtime, with its own drives unless they are running, without waiting."""
@@ -92,7 +92,7 @@ class Stage:
         self.starts += 1
         words += ["--ros"] if self.ros else []
         words += ["--no-drives"] if self._drives else []
-        fact = Enable(time.monotonic())  # its controllers are activated, which enables the drives
+        fact = Enable(time.monotonic())  # activating its controllers enables the drives
         if not self.latched:
             self.listener.add(fact)
         self.run = Run(self.folder, f"{self._count:03}-run", words, f"{os.getpid()}-{self._count}")
@@ -131,7 +131,7 @@ class Stage:
         else:
             self.say(f"      drive {node} did not start: {drive.output().strip()[-200:]}")
 
-    # -- breaking it
+    # -- failures
 
     def kill_run(self) -> None:
         """Kill the runtime like the out-of-memory killer; its children have ten seconds to end."""
@@ -177,7 +177,7 @@ class Stage:
             return None
         return self.run.pid if role == "runtime" else self.run.find(role, node)
 
-    # -- mending
+    # -- recovery
 
     def recover(self, mend: Callable[[], None]) -> bool:
         """Restore the robot to running and enabled; `mend` clears disturbances. Return whether that worked."""
@@ -207,7 +207,7 @@ class Stage:
             ask(NAME, AxisRequest(action="fault-reset", node="all"), 10.0)
         if not enable(self.listener, NAME):
             return False
-        end = time.monotonic() + 2.0  # what is judged is a second old
+        end = time.monotonic() + 2.0  # the observer evaluates events one second late
         while time.monotonic() < end:
             if self.listener.powered():
                 return True

@@ -20,7 +20,7 @@ CONTROLWORD: Final = 0x6040
 STATUSWORD: Final = 0x6041
 VELOCITY: Final = 0x606C
 TARGET_VELOCITY: Final = 0x60FF
-#: CiA 402 says how long these are
+#: times specified by CiA 402
 _FORMATS: Final = {
     0x6040: "<H", 0x6041: "<H", 0x6060: "<b", 0x6061: "<b", 0x6064: "<i", 0x606C: "<i", 0x6071: "<h", 0x6077: "<h",
     0x607A: "<i", 0x60FF: "<i",
@@ -49,9 +49,9 @@ class Limits:
     """Times in seconds in which a death or a lost signal must be detected according to bus.yml."""
 
     sync: float  # one cycle
-    heartbeat: float  # between two heartbeats: a state that changed is known after it
-    consumer: float  # 0x1016: without a heartbeat for so long the other side is dead
-    feedback: float  # feedback is stale after so many SYNCs
+    heartbeat: float  # between two heartbeats; a changed state is known after this time
+    consumer: float  # 0x1016: without a heartbeat for this time the producer counts as lost
+    feedback: float  # feedback is stale after this number of SYNCs
 
 
 @dataclass(frozen=True, slots=True)

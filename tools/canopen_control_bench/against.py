@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
 
-FEWEST: Final = 7
+MIN_PAIRS: Final = 7
 _ROOT: Final = Path(__file__).resolve().parents[2]
 _KNOWN: Final = (
     "import json; from canopen_control_bench.runner import FAMILIES, GROUPS; print(json.dumps({**GROUPS, **FAMILIES}))"
@@ -118,7 +118,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("commit", metavar="COMMIT", help="a git revision: a hash, a branch, HEAD~3")
     parser.add_argument("family", nargs="+", metavar="FAMILY", help=f"one of: {', '.join((*FAMILIES, *GROUPS))}")
     parser.add_argument(
-        "--pairs", type=int, default=FEWEST, metavar="N", help=f"number of pairs (default and minimum: {FEWEST})"
+        "--pairs", type=int, default=MIN_PAIRS, metavar="N", help=f"number of pairs (default and minimum: {MIN_PAIRS})"
     )
     parser.add_argument("--quick", action="store_true", help="short runs, same as for the bench")
     parser.add_argument("--as-is", action="store_true", help="allow CPU idle states, same as for the bench")
@@ -131,8 +131,10 @@ def _run(args: argparse.Namespace, folder: Path) -> int:
     for name in args.family:
         if name not in (*FAMILIES, *GROUPS):
             raise ConfigError(f"no family {name!r}; available: {', '.join((*FAMILIES, *GROUPS))}")
-    if args.pairs < FEWEST:
-        raise ConfigError(f"--pairs {args.pairs}: fewer than {FEWEST} pairs tell chance and change not apart")
+    if args.pairs < MIN_PAIRS:
+        raise ConfigError(
+            f"--pairs {args.pairs}: at least {MIN_PAIRS} pairs are needed to distinguish a change from chance"
+        )
     if args.json is not None and not args.json.absolute().parent.is_dir():
         raise ConfigError(f"--json {args.json}: there is no folder {args.json.absolute().parent}")
     here, there = _commit("HEAD"), _commit(args.commit)
@@ -231,7 +233,7 @@ def _measured(side: Side, words: Sequence[str], report: Path) -> Figures:
         try:
             _, said = process.communicate()
         except BaseException:
-            process.terminate()  # it ends what it has started, and removes its folders
+            process.terminate()  # it ends its child processes, and removes its folders
             raise
     if not report.exists() or not report.stat().st_size:
         raise Unmeasured(f"{side.name}: the bench ended with {process.returncode}: {_last(said)}")

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 
 ROUNDS = 3
-SECONDS, QUICK_SECONDS = 20.0, 6.0  # of publishing, all rounds together, ours and the peer's each
+SECONDS, QUICK_SECONDS = 20.0, 6.0  # duration of publishing in all rounds together, for this package and for the peer
 COMMANDS, QUICK_COMMANDS = 400, 60
 COMMAND_HZ = 25.0
-CPU_LIMIT = 3.0  # times what publishing alone costs: the API's JSON is parsed, transforms are worked out
+CPU_LIMIT = 3.0  # multiple of the cost of publishing alone: JSON is parsed, and transforms are computed
 LATENCY_LIMIT_MS = 5.0  # a quarter of robby's cycle
 ROBOT = "bench"
 _POLL_S = 0.05

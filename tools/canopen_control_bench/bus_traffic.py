@@ -53,7 +53,7 @@ class Ears:
     def __init__(self, reactor: Reactor, ports: Sequence[Port]) -> None:
         self.heard = 0
         for port in ports:
-            reactor.add_reader(port, lambda port=port: self._hear(port))  # type: ignore[misc] # the port of this turn
+            reactor.add_reader(port, lambda port=port: self._hear(port))  # type: ignore[misc] # the port of this iteration
 
     def _hear(self, port: Port) -> None:
         self.heard += len(port.receive()) // RECORD_SIZE

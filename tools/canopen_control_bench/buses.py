@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
 
 
-MOST = 140_000  # frames a second on one bus
-EIGHT = 8  # buses, each full
+MAX = 140_000  # frames a second on one bus
+EIGHT = 8  # number of buses, each at full load
 CORES_LIMIT = 1.0
 ROUNDS, SECONDS = 3, 3.0
 _QUIET_S, _WAIT_S = 0.2, 10.0
@@ -52,7 +52,7 @@ def measure(options: Options) -> list[Figure]:
     """Measure one bus and eight; a quick run is too unsteady to measure this."""
     if options.quick:
         return []
-    return [*_figures(1, MOST, "one bus, 140,000 frames/s"), *_figures(EIGHT, FULL_BUS, "eight full buses of 1 Mbit/s")]
+    return [*_figures(1, MAX, "one bus, 140,000 frames/s"), *_figures(EIGHT, FULL_BUS, "eight full buses of 1 Mbit/s")]
 
 
 def _figures(buses: int, rate: float, label: str) -> list[Figure]:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 INFLUENCE_LIMIT = 1.05
 PERIOD_US = 10_000
-ROUNDS, BLOCKS = 5, 5  # of each kind in a round: a p99 of 200 cycles would be the second worst of them
+ROUNDS, BLOCKS = 5, 5  # cycles of each kind per round; a p99 of 200 cycles would be the second worst cycle
 SECONDS, BLOCK_S = 60.0, 2.0
 _SETTLE_S, _CATCH_UP_S = 3.0, 0.3
 _LAST_WORDS_S = 2.0

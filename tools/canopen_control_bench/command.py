@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     if args.nice is not None:
         _be_nice(args.nice)
     names = _names(args.family or (["all"] if args.quick else ["cycle"]))
-    with on_signals((signal.SIGTERM,), interrupt):  # what was started is ended then, as by Ctrl-C
+    with on_signals((signal.SIGTERM,), interrupt):  # its child processes are then ended as by Ctrl-C
         options = Options(args.quick, args.seconds, lambda text: print(text, file=sys.stderr), args.as_is)
         report = run_families(names, options)
         if args.check and args.quick and (families := report.fell_short()):

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 A = TypeVar("A")
 OURS, PYTHON_CAN = "runtime", "python-can"
-CANOPEN = "canopen"  # its own thread left out: the faster of its two idioms
+CANOPEN = "canopen"  # without its own thread: the faster of its two idioms
 CANOPEN_THREADED = "canopen, its thread"
 NAMES = (OURS, CANOPEN, CANOPEN_THREADED, PYTHON_CAN)
 ROUNDS = 5
@@ -55,18 +55,18 @@ CPU_LIMIT, WAKE_LIMIT, LATE_LIMIT_US = 0.25, 0.4, 250.0
 REALTIME_S = 60.0
 PACED = (OURS, CANOPEN, PYTHON_CAN)
 FAST_US = 1000
-#: label -> period in us, cycles of a turn; not in a quick run
+#: label: period in us and number of cycles per turn; not in a quick run
 SLOWER = {"100 Hz": (10_000, 200), "500 Hz": (2000, 1000)}
-#: label -> drives, period in us, cycles of a turn; not in a quick run
+#: label: drives, period in us and number of cycles per turn; not in a quick run
 FLEETS = {"16 drives, 50 Hz": (16, 20_000, 150), "64 drives, 50 Hz": (64, 20_000, 100)}
 FLEET_ROUNDS = 3
-#: of canopen's CPU where processors may sleep, with the cycle compiled
+#: fraction of canopen's CPU time if CPUs may enter idle states, with the compiled cycle
 AS_IS_LIMITS = {"1 kHz": 0.4, "100 Hz": 0.45, "16 drives, 50 Hz": 0.3, "64 drives, 50 Hz": 0.15}
 COUNTED = "100 Hz"
 WAKEUPS_LIMIT, CALLS_LIMIT = (
     1.3,
     5.0,
-)  # for each cycle of two drives at 100 Hz: one, four, and those of 20 commands a second
+)  # per cycle of two drives at 100 Hz: one, four, and those of 20 commands a second
 _BUS = ROBOT = "bench"
 _CHECKED_CYCLES, _CHECKED_US, _ATTEMPTS = 100, 10_000, 5
 _COUNTED_S = 1.0

@@ -26,7 +26,7 @@ _NUMBERS = ((0x05, 8, False), (0x06, 16, False), (0x07, 32, False), (0x02, 8, Tr
 _ACCESS = ("ro", "rw", "rw", "rw", "wo", "const", "rww", "rwr")
 _MANUFACTURER, _PROFILE, _LAST = 0x2000, 0x6000, 0x9FFF
 _PDO_ENTRIES = 8
-DUMMIES = 7  # types that may fill the gaps of an RPDO; some readers make objects of them
+DUMMIES = 7  # types for gaps in an RPDO; some readers create objects for them
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +40,14 @@ class Shape:
     records: float = 1.0
     compact: float = 0.0
     domains: float = 0.0
-    pdos: int = 4  # of each direction
+    pdos: int = 4  # in each direction
     subindices: tuple[int, int] = (2, 16)  # of an array or a record
     hexadecimal: bool = True
-    limits: float = 0.3  # of the entries that are numbers
+    limits: float = 0.3  # fraction of the numeric entries
     defaults: float = 0.7
     strings: float = 0.05
     reals: float = 0.02
-    more_keys: bool = False  # ObjFlags everywhere, empty LowLimit and HighLimit, as some editors write them
+    more_keys: bool = False  # ObjFlags everywhere, and empty LowLimit and HighLimit, like some editors
     end: str = "\n"
     pad: str = ""  # around the equals sign
     comments: bool = False
@@ -83,7 +83,7 @@ class _Writer:
     lists: dict[str, list[int]] = field(init=False)
     lines: list[str] = field(default_factory=list)
     entries: int = 0
-    mappable: int = 0x20000008  # what a PDO maps: the first manufacturer object
+    mappable: int = 0x20000008  # the mapped object of a PDO: the first manufacturer object
 
     def __post_init__(self) -> None:
         self.draw = random.Random(self.shape.name)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 AT_MOST, AT_LEAST = "at most", "at least"
-OWN_CPU = "CPU"  # peer of a figure that is a quantity for each second of this process's CPU: its ratio is the result
+OWN_CPU = "CPU"  # peer of a figure that is a quantity per second of this process's CPU time: the ratio is the result
 _POINTS = (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0))
 
 

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-SCALE = 254.64790894703253  # microsteps for each rad: 1600 a revolution
+SCALE = 254.64790894703253  # microsteps per rad: 1600 per revolution
 RADIUS_M, SEPARATION_M = 0.035, 0.24
 FIRST_NODE = 2
 CONTROLLER = "commands"
 EVERY_CYCLE = 10_000  # Hz: faster than any cycle
-_STALE_US = 500_000  # feedback is stale after this time: the drives of a bench share a busy machine with it
+_STALE_US = 500_000  # feedback is stale after this time; the drives share a busy machine with the benchmark
 
 _SCALES = f"""
     scale_pos_from_dev: {1 / SCALE}

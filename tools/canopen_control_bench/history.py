@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from canopen_control_bench.figure import Figure
 
 
-MOST_RUNS = 500
+MAX_RUNS = 500
 SLOWER = 1.25  # times what it was is worth a word: a ratio of medians differs by a tenth from run to run
 _IDLE_ENOUGH = 0.9
 _OF_MACHINE = ("date", "commit", "package", "machine", "processors", "idle")
@@ -44,7 +44,7 @@ def kept_rows(path: Path) -> list[dict[str, Any]]:
         rows = json.loads(path.read_text(encoding="utf-8"))["history"]
     except (OSError, ValueError, KeyError, TypeError):
         return []
-    return [row for row in rows if _is_row(row)][-MOST_RUNS + 1 :] if isinstance(rows, list) else []
+    return [row for row in rows if _is_row(row)][-MAX_RUNS + 1 :] if isinstance(rows, list) else []
 
 
 def _is_row(row: object) -> bool:

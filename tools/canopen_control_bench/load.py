@@ -24,12 +24,13 @@ if TYPE_CHECKING:
 
 
 FULL_BUS = 8749  # frames/s
-LIMIT = 0.35  # of a core
+LIMIT = 0.35  # fraction of a core
 DRIVES, PERIOD_US = 8, 20_000
 ROUNDS = 5
-_OWN = DRIVES * (2 * 1_000_000 // PERIOD_US + 10)  # frames/s of the drives: two TPDOs a cycle, ten heartbeats a second
+# frames/s of the drives: two TPDOs per cycle, ten heartbeats a second
+_OWN = DRIVES * (2 * 1_000_000 // PERIOD_US + 10)
 SECONDS = 4.0
-_MARGIN = 10  # cycles before and after the talker
+_MARGIN = 10  # cycles before and after the extra traffic
 
 
 def measure(options: Options) -> list[Figure]:

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 
-_CPU_CLOCK = 2  # of linux/posix-timers.h: the scheduler's clock of a process
-_IDLE = (3, 4)  # idle and iowait, columns of /proc/stat
+_CPU_CLOCK = 2  # from linux/posix-timers.h: the scheduler's clock of a process
+_IDLE = (3, 4)  # idle and iowait: columns of /proc/stat
 _PROBE_S = 0.5
 _VOLUNTARY = re.compile(r"^voluntary_ctxt_switches:\s*(\d+)", re.MULTILINE)
 
@@ -90,7 +90,7 @@ def apart(measured: int, others: Iterable[int]) -> Iterator[None]:
 
 def _place(pids: Iterable[int], processors: Iterable[int]) -> None:
     for pid in pids:
-        with contextlib.suppress(OSError):  # it has ended
+        with contextlib.suppress(OSError):  # the process has ended
             for thread in os.listdir(f"/proc/{pid}/task"):
                 os.sched_setaffinity(int(thread), processors)
 

@@ -47,9 +47,9 @@ CPU_LIMIT: Final = 1.5
 HELD_LIMIT_US: Final = 1000.0
 RIPPLE_LIMIT: Final = 1.1
 POINTS: Final = 500
-MOST_LATE_NS: Final = 2 * MS
+MAX_LATE_NS: Final = 2 * MS
 _FOLLOWED_HZ, _ACCEPTED_HZ = 100, 1000
-_POINTS_PER_S: Final = 10  # as MoveIt's time parametrisation makes them
+_POINTS_PER_S: Final = 10  # like those of MoveIt's time parameterisation
 _RATES = (100, 250)
 _AWAY = [0.3 * end for end in ENDS]
 _HOME = [0.0] * len(ENDS)
@@ -89,7 +89,7 @@ def _arm(
     return SimulatedArm(f"motion_{place.name}_{os.getpid()}", config, own_sync=ppm is None, ppm=ppm or 0, model=model)
 
 
-# -------------------------------------------------------------------------------------------------- CPU of a cycle
+# --------------------------------------------------------------------------------------------- CPU time of a cycle
 
 
 def _time_cycles(arm: SimulatedArm) -> list[int]:
@@ -131,7 +131,7 @@ def follow_in_turns(place: Callable[[], Path], rounds: int, cycles: int) -> Figu
     return compared("CPU of a cycle, 6 axes on a trajectory", "us", turns[1:], peer_name="6 commanded", limit=CPU_LIMIT)
 
 
-# ---------------------------------------------------------------------------------------------- a goal is accepted
+# -------------------------------------------------------------------------------------------- acceptance of a goal
 
 
 class _Asked(LineClient):
@@ -197,7 +197,7 @@ def _send(client: RobotClient, arm: SimulatedArm) -> None:
         raise CanopenError(f"a goal of {POINTS} points was refused: {verdict.text}")
 
 
-# --------------------------------------------------------------------------------------- how evenly set-points come
+# ----------------------------------------------------------------------------------------- regularity of set-points
 
 
 def by_default(place: Callable[[], Path], hertz: int, seconds: float, who: Sync) -> list[Figure]:
@@ -235,7 +235,7 @@ def beside(place: Callable[[], Path], hertz: int) -> list[Figure]:
 
 def _disturb(arm: SimulatedArm, seed: int) -> None:
     chance = random.Random(seed)
-    arm.late = lambda: round(chance.random() * MOST_LATE_NS)
+    arm.late = lambda: round(chance.random() * MAX_LATE_NS)
     arm.batch_ns = MS
 
 

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 
 FIRST_TURN_S, DEAD_MAN_S, CLONE_S = 30.0, 0.5, 10.0
-RATE_KB_S: Final = 0.8 * 51.0  # of what block transfer can carry at 1 Mbit/s
+RATE_KB_S: Final = 0.8 * 51.0  # fraction of the maximum rate of block transfer at 1 Mbit/s
 BITRATE: Final = 1_000_000
 PARAMETERS: Final = 300
 IMAGE_BYTES, QUICK_BYTES = 256 * 1024, 32 * 1024
@@ -73,7 +73,7 @@ def measure(options: Options) -> list[Figure]:
     ]
 
 
-# -- it turns, and it stops
+# -- turning and stopping
 
 
 def _jogged(end: str) -> tuple[float, float, str]:
@@ -141,7 +141,7 @@ def _speed(drive: DriveClient) -> float:
     return drive.ask(GetDriveState()).axes[0].plant.velocity
 
 
-# -- it is replaced
+# -- replacement
 
 
 def _cloned() -> float:
@@ -162,7 +162,7 @@ def _cloned() -> float:
 def _large_eds(path: Path) -> Path:
     """Write the EDS of a drive with the given number of parameters."""
     od = read_eds(data_path("eds", "generic_cia402.eds"), NODE).od
-    unmapped = 50  # mapping entries above their count
+    unmapped = 50  # mapping entries beyond their count
     for index in range(0x3000, 0x3000 + PARAMETERS + unmapped - len(parameters_of(od))):
         od.add(Entry(index, 0, f"Parameter {index:04X}", DataType.UNSIGNED32, "rw", default=0))
     path.write_text(eds_text(od), encoding="utf-8")
@@ -177,7 +177,7 @@ def _command(*words: str) -> str:
     return done.stdout
 
 
-# -- it gets a program
+# -- firmware download
 
 
 def _programs(rounds: int, kills: int, size: int) -> list[Figure]:

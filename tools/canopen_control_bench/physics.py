@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 
 
 CORE_LIMIT: Final = 6.0  # % of a core
-REST_LIMIT: Final = 0.1  # s of 60
-SLIP_M: Final = 3.5e-3  # of a square of 2 m on friction 0.1
+REST_LIMIT: Final = 0.1  # in 60 s
+SLIP_M: Final = 3.5e-3  # of a 2 m square at friction 0.1
 SLIP_BAND: Final = (0.8, 1.2)
-MIRROR_LIMIT: Final = 1e-6  # m, of an ideal robot
-CALIBRATION_GAIN: Final = 100.0  # of two passes of UMBmark
-UNEQUAL, TRACK = 0.005, 1.02  # by which that robot misjudges its wheels
+MIRROR_LIMIT: Final = 1e-6  # m, for an ideal robot
+CALIBRATION_GAIN: Final = 100.0  # after two passes of UMBmark
+UNEQUAL, TRACK = 0.005, 1.02  # relative errors of the wheels assumed by that robot
 ROUNDS: Final = 3
 _SECONDS, _QUICK_S = 8.0, 3.0
 _EVERY_S: Final = 0.1
@@ -48,10 +48,10 @@ def _circle(step: int) -> list[float]:
 
 
 def _swing(step: int) -> list[float]:
-    return [0.3 * math.sin(0.06 * step)] * 6  # no step that a heavy arm could not follow
+    return [0.3 * math.sin(0.06 * step)] * 6  # no step that is too large for a heavy arm
 
 
-#: robot -> its controller, and what it is commanded at each step
+#: robot: its controller, and the command of each step
 _MOTIONS: dict[str, tuple[str, Callable[[int], list[float]]]] = {
     "robby": ("robby_base_controller", _circle),
     "arm6": ("arm_position_controller", _swing),
@@ -70,7 +70,7 @@ def _beside(robot: str, seconds: float, rounds: int) -> Figure:
     """Return by how many CPU cores a run with physics exceeds one without."""
     with stage() as played:
         runs = {kind: _start(played, robot, kind) for kind in ("physics", "plain")}
-        steps = count()  # of all rounds: an arm that is sent back to where it began in one step does not follow
+        steps = count()  # over all rounds: an arm commanded back to its start in one step does not follow
         seen = [_round(robot, runs, seconds, steps) for _ in range(rounds)]
     more = [100.0 * (sample["physics"] - sample["plain"]) / seconds for sample in seen]
     absolutes = {
@@ -129,7 +129,7 @@ def _children(pid: int) -> Iterator[int]:
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
             text = path.read_text()
-        except OSError:  # it has ended meanwhile
+        except OSError:  # the process has ended meanwhile
             continue
         if int(text.rpartition(")")[2].split()[1]) == pid:
             yield int(path.parent.name)

@@ -199,7 +199,7 @@ class MisjudgedBase:
 
 def digest_after(seconds: float, seed: int = 1) -> str:
     """Return the hash of the complete state after a drive with random speeds, sampled at random intervals."""
-    orders, looks = random.Random(seed), random.Random()  # no secret
+    orders, looks = random.Random(seed), random.Random()  # not cryptographic
     world = world_of()
     movers = _axes(world, {LEFT: Leg([]), RIGHT: Leg([])})
     now = 0

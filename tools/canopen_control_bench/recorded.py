@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 STEP_NS = 20_000_000
 _START_NS = 1_000_000_000
-_BEAT_CYCLES = 5  # heartbeats come every 100 ms
+_BEAT_CYCLES = 5  # heartbeats are sent every 100 ms
 _FORGET_CYCLES = 64
 _BOOT_STEPS, _WARM_STEPS = 300, 60
 
@@ -77,7 +77,7 @@ class RecordedFleet:
         port.close()
         core.pacer.stop()
         for other in core.buses.values():
-            other.watch()  # `cycle` reads what it feeds
+            other.watch()  # `cycle` reads the frames that it feeds
             other.receive()
         if len(frames) != len(pdos):
             raise CanopenError(f"{len(frames)} TPDOs were recorded of {len(pdos)}")
@@ -101,11 +101,11 @@ class RecordedFleet:
         if len(sent) < 16:
             raise CanopenError(f"cycle {self.cycles} sent {len(sent)} bytes")
         if self.cycles % _FORGET_CYCLES == 0:
-            self._bus.clear_history()  # the bus of the tests remembers; ours does not
+            self._bus.clear_history()  # the test bus keeps all frames; this one does not
         return took
 
     def _command(self) -> None:
-        with contextlib.suppress(NotEnabled):  # `check` tells of a robot that has stopped
+        with contextlib.suppress(NotEnabled):  # `check` reports a robot that has stopped
             self.core.command(CONTROLLER, [10.0] * self.count, "bench")
 
     def check(self) -> None:

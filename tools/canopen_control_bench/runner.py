@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from canopen_control_bench.figure import Figure
 
 
-#: family -> what it measures; each is a module of this subpackage with `measure(options) -> list[Figure]`
+#: family: its description; each is a module of this subpackage with `measure(options) -> list[Figure]`
 FAMILIES = {
     "cycle": "two drives: CPU, lateness and wake-to-RPDO, compared with the canopen package and python-can",
     "scale": "from 2 to 126 drives, at the shortest period that fits a bus, and on several buses",
@@ -42,17 +42,18 @@ FAMILIES = {
     "bridge": "CPU of the ROS bridge compared with a node that only publishes; from a topic to the runtime",
     "import": "duration of --help and status, compared with a bare interpreter",
 }
-#: Families in which nothing that a quick run judges waits for a clock or another process: they may run beside others.
+#: Families whose figures in a quick run do not depend on a clock or another process; they may run in parallel.
 SIMULATED = ("motion", "physics", "simulate", "memory")
-#: word -> the families that it stands for
+#: word: the families that it stands for
 GROUPS = {
     "all": tuple(FAMILIES),
     "simulated": SIMULATED,
     "live": tuple(name for name in FAMILIES if name not in SIMULATED),
 }
 _MODULES = {"drive": "one_drive", "import": "imports", "simulate": "virtual_robots"}
-AWAKE = ("cycle", "scale", "services")  # where CPU is compared of who waits for others: a wake-up is the machine's
-IDLE_ENOUGH = 0.9  # of all processors, before anything was started
+# families that compare the CPU time of waiting programs: the cost of a wake-up depends on the machine
+AWAKE = ("cycle", "scale", "services")
+IDLE_ENOUGH = 0.9  # of all CPUs, before the first process starts
 
 
 @dataclass(frozen=True, slots=True)

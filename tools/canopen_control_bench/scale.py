@@ -29,22 +29,22 @@ if TYPE_CHECKING:
     from canopen_control_bench.turns import Turn
 
 
-MOST = 126  # drives: with the master 127 nodes
-COUNTS = (2, 8, 16, 32, 64, MOST)
+MAX = 126  # drives: 127 nodes together with the master
+COUNTS = (2, 8, 16, 32, 64, MAX)
 QUICK_COUNTS = (2, 16)
 LIMITS_US = {16: 8.0, 64: 6.0}
 CANOPEN_LIMIT, FLAT_LIMIT = 0.25, 1.05
-DRIVES_LIMIT = 1 / 3  # of a core, for 64 virtual drives in one process at 100 Hz
-BUSES_LIMIT = 0.5  # of a core, for a runtime with eight buses of 16 drives at 100 Hz
+DRIVES_LIMIT = 1 / 3  # fraction of a core, for 64 virtual drives in one process at 100 Hz
+BUSES_LIMIT = 0.5  # fraction of a core, for a runtime with eight buses of 16 drives at 100 Hz
 BITRATES = (125_000, 250_000, 500_000, 1_000_000)
 ROUNDS, QUICK_ROUNDS = 5, 3
 _FREE_PERIOD_US = 10_000
 _PACED_S = 10.0
 _CYCLES = 500
-_DRIVE_US = 500  # what a virtual drive may take for a cycle while it boots, on a busy machine
+_DRIVE_US = 500  # maximum cycle time of a virtual drive while it boots, on a busy machine
 _GRANULE_US = 500
-FULL = 0.95  # of the wire, on average; SDO and EMCY take the rest
-_LATE = 10  # cycles at the end whose TPDOs may be on their way: a machine may be busy that long
+FULL = 0.95  # mean fraction of the bandwidth; SDO and EMCY use the rest
+_LATE = 10  # last cycles whose TPDOs may be in transit, since a machine may be busy for that long
 
 
 def measure(options: Options) -> list[Figure]:

@@ -62,7 +62,7 @@ class Spent:
     wall_s: float
 
 
-Pair = tuple[Spent, Spent]  # ours and the peer's, of one round
+Pair = tuple[Spent, Spent]  # of one round, for this package and for the peer
 
 
 def measure(options: Options) -> list[Figure]:
@@ -150,7 +150,7 @@ def _rounds(work: Work, openers: tuple[Opener, Opener], rounds: int) -> list[Pai
 
 def _spent(work: Work, opener: Opener) -> Spent:
     with opener() as client:
-        client.read()  # connected and warm
+        client.read()  # connected and warmed up
         cpu, wall = time.process_time(), time.perf_counter()
         work(client)
         return Spent(time.process_time() - cpu, time.perf_counter() - wall)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 MS: Final = 1_000_000
 STEP_NS: Final = MS // 10
-PPM: Final = 200  # by which the clock of a node that sends SYNC is slow
+PPM: Final = 200  # clock error of a node that sends SYNC; its clock is slow
 _START_NS: Final = 1000 * MS
 _SETTLE_MS: Final = 150
 

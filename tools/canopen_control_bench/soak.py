@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 PERIOD_US = 10_000
 DRIVES = 2
 SECONDS, QUICK_SECONDS = 60.0, 15.0
-STOP_LIMIT_S = 1.5  # the wheels' ramp from full speed takes 0.3 s, a lost heartbeat is noticed after 0.5 s
+STOP_LIMIT_S = 1.5  # the ramp from full speed takes 0.3 s, and a lost heartbeat is detected after 0.5 s
 GROWTH_LIMIT_MB = 1.0
-#: what stops the robot and can be taken away again
+#: faults that stop the robot and can be cleared
 FAULTS = (
     "drive_fault",
     "undervoltage",
@@ -49,10 +49,10 @@ FAULTS = (
     "following_error",
 )
 _COMMAND_S, _FAULT_S = 0.05, (2.0, 5.0)
-_DRIVE_S = 5.0  # how long a drive may take to answer
+_DRIVE_S = 5.0  # maximum response time of a drive
 _STANDING = 1.0  # microsteps/s
 _RECOVERY_S = 20.0
-_MOST_RADIANS = 12.0
+_MAX_RADIANS = 12.0
 _SEED = 402
 
 
@@ -91,7 +91,7 @@ class Soak:
     def _drive_for(self, seconds: float) -> None:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            values = [self.random.uniform(-_MOST_RADIANS, _MOST_RADIANS) for _ in range(self.arena.count)]
+            values = [self.random.uniform(-_MAX_RADIANS, _MAX_RADIANS) for _ in range(self.arena.count)]
             self.client.notify(CommandController(controller=CONTROLLER, values=values, source="soak"))
             self.seen.commands += 1
             time.sleep(_COMMAND_S)
@@ -111,7 +111,7 @@ class Soak:
 
     def _stands_still(self) -> bool:
         """Whether the wheels are at rest, and remain so while commanded."""
-        values = [_MOST_RADIANS] * self.arena.count
+        values = [_MAX_RADIANS] * self.arena.count
         self.client.notify(CommandController(controller=CONTROLLER, values=values, source="soak"))
         return all(abs(self._speed(place)) < _STANDING for place in range(len(self.drives)))
 
@@ -119,7 +119,7 @@ class Soak:
         with contextlib.suppress(RemoteError):
             self.client.ask(AxisRequest(action="fault-reset", node="all"))
             self.client.ask(AxisRequest(action="enable", node="all"))
-        values = [_MOST_RADIANS] * self.arena.count
+        values = [_MAX_RADIANS] * self.arena.count
         self.client.notify(CommandController(controller=CONTROLLER, values=values, source="soak"))
         time.sleep(_COMMAND_S)
         return all(abs(self._speed(place)) > _STANDING for place in range(len(self.drives)))

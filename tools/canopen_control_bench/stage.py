@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 EDS = str(data_path("eds", "TMCM-1270.eds"))
 TIMEOUT_S = 60.0
-_DOMAINS = 100  # of ROS: a bench hears no other one on this machine, and no robot of its user, nor they it
-_OWN = ""  # the name of the contender itself, beside those of the others
-_SLOWEST_NS = 10_000_000  # of a free-running cycle
+_DOMAINS = 100  # ROS domain: a benchmark receives no other benchmark or robot of this machine, nor do they receive it
+_OWN = ""  # name of this package in tables with others
+_SLOWEST_NS = 10_000_000  # period of a free-running cycle
 
 
 class Program:

@@ -125,7 +125,7 @@ class Subject:
     def _cycle(self) -> None:
         self._edge = self.reactor.now()
         self.robot.cycle.step_now(self._edge)
-        if self._last and self._last[-1].stamp >= self._edge:  # a late cycle reads what waits, and nothing wakes then
+        if self._last and self._last[-1].stamp >= self._edge:  # a late cycle reads waiting frames without a wake-up
             self.reactor.call_soon(self._on_answer)
 
     def _count_tpdos(self) -> int:

@@ -13,7 +13,7 @@ from canopen_control.bus.channel import open_port
 from canopen_control.frame import RECORD
 
 _TPDO2 = 0x280
-_RANGE = 50  # counts: a drive that stands still, as its encoder sees it
+_RANGE = 50  # counts: noise of the encoder of a drive at standstill
 
 
 def talk(channel: str, nodes: range, rate: float, seconds: float) -> int:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
 
 
-#: how many times real time at least, by build; a quick run may share its processors with others, and judges a quarter
+#: minimum multiple of real time by build; a quick run may share its CPUs with others, and requires a quarter
 LIMITS: Final[dict[str, dict[str, float]]] = {
     PURE: {"robby": 100.0},
     COMPILED: {"robby": 150.0, "16 drives": 20.0},

@@ -143,7 +143,7 @@ class JogRun:
         self._sample: StateSample | None = None
         self._current = DriveCurrent(drive)
         self._suspension = SuspensionWatch()
-        self._left = JogEnd.NONE  # by a signal, without a terminal
+        self._left = JogEnd.NONE  # ended by a signal, without a terminal
         self.ended = JogEnd.NONE
         self.travelled = 0.0  # rad
 

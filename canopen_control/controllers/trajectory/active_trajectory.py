@@ -293,7 +293,7 @@ class ActiveTrajectory(JointSetpoint):
     def at(self, index: int) -> Point:
         """Return point `index`, with the values in the controller's order of joints."""
         if self._packed and self._fitted == index - 1 >= 0:
-            return self._to  # with the quantities that were deduced for it
+            return self._to  # includes the quantities deduced for the point
         point = self._points[index]
         if self._arrangement is not None and (self._packed or not self._arranged[index]):
             self._arrangement.apply(point)

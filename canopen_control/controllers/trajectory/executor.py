@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 # they follow the points of the old trajectory, where upstream uses samples of it.
 
 
-MOST_WAITING: Final = 8
+MAX_WAITING: Final = 8
 """Maximum number of trajectories that wait for their start; a further trajectory replaces the last."""
 
 
@@ -73,7 +73,7 @@ class Blend(JointSetpoint):
 
         Queued trajectories with the same or a later handoff are dropped.
         """
-        remaining = [queued for queued in self._waiting if queued.handoff < handoff][: MOST_WAITING - 1]
+        remaining = [queued for queued in self._waiting if queued.handoff < handoff][: MAX_WAITING - 1]
         self._waiting = [*remaining, _Waiting(trajectory, handoff, list(joints))]
         self.start = trajectory.start or handoff
         trajectory.begin(handoff)

@@ -390,12 +390,12 @@ def _first_wrong(survey: TrajectorySummary, joints: int, params: TrajectoryParam
 
 
 def _wrong_joints(message: JointTrajectory, params: TrajectoryParams) -> Refused | None:
-    names, own = message.joint_names, ", ".join(params.joints)
+    names, joints = message.joint_names, ", ".join(params.joints)
     if not params.allow_partial_joints_goal and len(names) != len(params.joints):
         count = f"it names {len(names)} of {len(params.joints)} joints"
-        return Refused(Rule.JOINT_COUNT, f"{count}; name {own}, or set allow_partial_joints_goal")
+        return Refused(Rule.JOINT_COUNT, f"{count}; name {joints}, or set allow_partial_joints_goal")
     if not names:
-        return Refused(Rule.NO_JOINT_NAMES, f"it names no joints; name some of {own}")
+        return Refused(Rule.NO_JOINT_NAMES, f"it names no joints; name some of {joints}")
     if not len(message.points):
         return Refused(Rule.NO_POINTS, "it has no points; give at least one")
     unknown = next((name for name in names if name not in params.joints), None)
@@ -619,7 +619,7 @@ class Acceptance:
             return None
         pairs = zip(self.limits.values(), self._params.joint_limits, strict=True)
         return PointLimiter(
-            [own.hard(described.lower, described.upper, described.velocity) for described, own in pairs]
+            [limits.hard(described.lower, described.upper, described.velocity) for described, limits in pairs]
         )
 
     def apply_interface_limits(self) -> None:

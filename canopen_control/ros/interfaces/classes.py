@@ -37,7 +37,7 @@ _SUPPORT: Final = _CAPSULES[-1]
 _IMPORT: Final = "__import_type_support__"
 _TEXT: Final = {2: "int8", 3: "uint8", 4: "int16", 5: "uint16", 6: "int32", 7: "uint32", 8: "int64", 9: "uint64",
                 10: "float", 11: "double", 15: "boolean", 16: "octet", 17: "string"}  # fmt: skip
-_EMPTY: Final[dict[int, object]] = {10: 0.0, 11: 0.0, 15: False, 16: b"\0", 17: "", 21: ""}  # all others: 0
+_EMPTY: Final[dict[int, object]] = {10: 0.0, 11: 0.0, 15: False, 16: b"\0", 17: "", 21: ""}  # all other types: 0
 
 
 class _SlotTypes:

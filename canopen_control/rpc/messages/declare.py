@@ -33,7 +33,8 @@ _LAST_TIME: Final = 1e11  # the year 5138, which the datetime module still suppo
 Index = Annotated[int, msgspec.Meta(ge=0, le=0xFFFF)]
 Subindex = Annotated[int, msgspec.Meta(ge=0, le=0xFF)]
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
-Identifier = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]  # of a CAN frame, with the flags of its format
+# identifier of a CAN frame, with the flags of its format
+Identifier = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 Bits = Annotated[int, msgspec.Meta(ge=0, le=64)]
 BitRate = Annotated[int, msgspec.Meta(gt=0, le=_LAST_COUNT)]  # bit/s
 Count = Annotated[int, msgspec.Meta(ge=0, le=_LAST_COUNT)]

@@ -112,7 +112,7 @@ class FileChoice(Generic[T]):
     ) -> None:
         self.value: T | None = None
         self.name = ""
-        self._most, self._too_long, self._read, self._words = most, too_long, read, words
+        self._max, self._too_long, self._read, self._words = most, too_long, read, words
         self.upload = FileUpload(label, self._take, lambda: self._refuse(too_long), most)
         self._message = Html()
 
@@ -120,7 +120,7 @@ class FileChoice(Generic[T]):
         self.upload.reset()
         self.name = name = event.file.name
         try:
-            if event.file.size() > self._most:
+            if event.file.size() > self._max:
                 raise ConfigError(f"{name}: {self._too_long}")
             data = await event.file.read()
             value = await in_thread(lambda: self._read(data, name))
@@ -138,7 +138,7 @@ class FileChoice(Generic[T]):
 # Firmware tab: choice of a program, download with rate and remaining time, and result.
 
 
-MOST_FIRMWARE_BYTES: Final = MAX_OBJECT
+MAX_FIRMWARE_BYTES: Final = MAX_OBJECT
 """Maximum length of a program that can be loaded through a running robot; `firmware --can` has no such limit."""
 _WHAT: Final = (
     "The program is stopped and cleared (0x1F51), sent (0x1F50), checked (0x1F57, 0x1F56) and started. An "
@@ -167,8 +167,8 @@ class FirmwareTab:
     def _make_form(self) -> None:
         self._image = FileChoice(
             "Choose the firmware file as supplied by the manufacturer",
-            MOST_FIRMWARE_BYTES,
-            f"at most {MOST_FIRMWARE_BYTES} bytes can be loaded through a running robot",
+            MAX_FIRMWARE_BYTES,
+            f"at most {MAX_FIRMWARE_BYTES} bytes can be loaded through a running robot",
             program_of,
             lambda image: f"{len(image):,} bytes",
         )
@@ -206,7 +206,7 @@ class FirmwareTab:
         self._bar.show()
 
 
-MOST_PARAMETER_BYTES: Final = 4_000_000  # limit for a DCF
+MAX_PARAMETER_BYTES: Final = 4_000_000  # limit for a DCF
 _BACKUP: Final = (
     "Saves all read/write parameters (no commands or live values) as a DCF; each is read twice. Nothing is written to "
     "the drive, so this works while the robot runs."
@@ -244,8 +244,8 @@ class ParametersTab:
                     ui.html(READ_ONLY_NOTE, sanitize=False)
 
     def _make_upload(self) -> None:
-        too_long = f"the DCF must have at most {MOST_PARAMETER_BYTES} bytes"
-        self._file = FileChoice("Choose a DCF", MOST_PARAMETER_BYTES, too_long, uploaded, _file_words)
+        too_long = f"the DCF must have at most {MAX_PARAMETER_BYTES} bytes"
+        self._file = FileChoice("Choose a DCF", MAX_PARAMETER_BYTES, too_long, uploaded, _file_words)
         self._file.upload.props("accept='.dcf,.eds'")
 
     def _make_options(self) -> None:

@@ -14,7 +14,7 @@ from nicegui import background_tasks, ui
 from canopen_control.commissioning.jobs import ScopeOptions
 from canopen_control.commissioning.scope_capture import Condition, csv_of, parse_csv, write_bag
 from canopen_control.commissioning.scope_run import ScopeRun
-from canopen_control.commissioning.scope_signals import MOST_SIGNALS
+from canopen_control.commissioning.scope_signals import MAX_SIGNALS
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.health import BAD, GOOD, IDLE
 from canopen_control.view.elements.nicegui_elements import FileUpload
@@ -42,10 +42,10 @@ _TRIGGERS: Final = {
     _FAULT: "fault occurs",
 }
 _FIRST: Final = (0x606C, 0x6064)  # initial selection: actual velocity and position (CiA 402)
-_LIMITS: Final = (0.05, 600.0)  # of the length of a capture in s
+_LIMITS: Final = (0.05, 600.0)  # limits of the length of a capture in s
 _STEPS: Final = 1000  # positions of a cursor
 _RATE: Final = 1000.0  # Hz, for polled objects; a robot may limit the rate further
-_MOST_BYTES: Final = 16_000_000  # of an overlay file
+_MAX_BYTES: Final = 16_000_000  # maximum size of an overlay file
 
 
 class ScopeTab:
@@ -67,10 +67,8 @@ class ScopeTab:
         background_tasks.create(self._list_signals(), name="signals")
 
     def _make_form(self) -> None:
-        self._signals = ui.select(
-            [], multiple=True, value=[], with_input=True, label=f"signals, {MOST_SIGNALS} at most"
-        )
-        self._signals.props(f"dense use-chips options-dense max-values={MOST_SIGNALS}").style("width: 100%")
+        self._signals = ui.select([], multiple=True, value=[], with_input=True, label=f"signals, {MAX_SIGNALS} at most")
+        self._signals.props(f"dense use-chips options-dense max-values={MAX_SIGNALS}").style("width: 100%")
         self._signals.on_value_change(lambda _event: self._list_places())
         with ui.element("div").classes("cc-row cc-wish"):
             self._length = ui.number("length, s", value=2.0, min=_LIMITS[0], max=_LIMITS[1], step=0.5).props("dense")
@@ -104,9 +102,9 @@ class ScopeTab:
             for button in (self._keep, self._drop):
                 button.props("outline dense")
         self._drop.visible = False
-        too_long = f"the CSV must have at most {_MOST_BYTES} bytes"
+        too_long = f"the CSV must have at most {_MAX_BYTES} bytes"
         self._upload = FileUpload(
-            "Overlay a CSV", self._take_overlay, lambda: show_notice("Not read", too_long), _MOST_BYTES
+            "Overlay a CSV", self._take_overlay, lambda: show_notice("Not read", too_long), _MAX_BYTES
         )
         self._upload.props("accept='.csv'")
 

@@ -98,7 +98,7 @@ class EnableButton:
 #: label of the button, name of the action in the runtime, colour
 _ACTIONS: Final = (("Enable", "enable", "green-8"), ("Stop", "disable", "red-8"))
 _NO_MODE: Final = "<p class='cc-note'>The present mode of operation takes no target: choose another mode.</p>"
-_MOST: Final = 1e6  # largest end of a slider
+_MAX: Final = 1e6  # largest end of a slider
 _SHOWS: Final = {"position": "Hold to go there", "velocity": "Hold to turn", "effort": "Hold to push"}
 
 
@@ -174,13 +174,13 @@ class _Row:
         end = LARGEST[drive.quantity]
         here = self._position if drive.quantity == "position" and self._position is not None else 0.0
         hold_buttons(self._context, [HoldButton("target", _SHOWS[drive.quantity])], lambda _key: self._motion())
-        most = ui.number("up to", value=end, min=0.0, max=_MOST, on_change=lambda event: self._stretch(event.value))
+        most = ui.number("up to", value=end, min=0.0, max=_MAX, on_change=lambda event: self._stretch(event.value))
         most.props(f'dense aria-label="end of the slider of {drive.joint}"')
         self._slider = value_slider(f"target, {drive.unit}", -end, end, end / 200, min(max(here, -end), end))
 
     def _stretch(self, end: float | None) -> None:
         """Set the range of the slider from -`end` to `end`."""
-        if self._slider is None or not end or not 0.0 < end <= _MOST:
+        if self._slider is None or not end or not 0.0 < end <= _MAX:
             return
         self._slider.props(f"min={-end} max={end} step={end / 200}")
         self._slider.value = min(max(float(self._slider.value), -end), end)

@@ -18,7 +18,7 @@ from canopen_control.view.panels.panel import Html
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.scene_tree import angles_of
 from canopen_control.view.trajectory_player import (
-    MOST_BYTES,
+    MAX_BYTES,
     active_trajectory_controllers,
     load,
     place_text,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 _TOO_LONG: Final = (
-    f"the file must have at most {MOST_BYTES} bytes; play longer files with canopen-control trajectory play"
+    f"the file must have at most {MAX_BYTES} bytes; play longer files with canopen-control trajectory play"
 )
 _READ_ONLY: Final = "<p class='cc-note'>To play, start <code>canopen-control view --teleop</code></p>"
 
@@ -56,9 +56,7 @@ class TrajectoryPanel:
 
     def _build(self) -> None:
         page = self._client.id
-        self._upload = FileUpload(
-            "Choose a file: YAML or JSON", self._take, lambda: self._refuse(_TOO_LONG), MOST_BYTES
-        )
+        self._upload = FileUpload("Choose a file: YAML or JSON", self._take, lambda: self._refuse(_TOO_LONG), MAX_BYTES)
         self._upload.props("accept='.yaml,.yml,.json'")
         self._choice = ui.select([], label="controller").props("dense").style("width: 100%")
         with ui.element("div") as self._preview:
@@ -110,7 +108,7 @@ class TrajectoryPanel:
         """Read the uploaded file and preview it, unless a trajectory is being played."""
         self._upload.reset()
         try:
-            if event.file.size() > MOST_BYTES:
+            if event.file.size() > MAX_BYTES:
                 raise ConfigError(_TOO_LONG)
             data = await event.file.read()
             loaded = await in_thread(partial(load, data, event.file.name))

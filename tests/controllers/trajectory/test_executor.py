@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from canopen_control.controllers.trajectory.active_trajectory import ActiveTrajectory
 from canopen_control.controllers.trajectory.executor import (
-    MOST_WAITING,
+    MAX_WAITING,
     Blend,
     SpeedScaling,
     StopMotion,
@@ -178,7 +178,7 @@ def test_those_that_wait_are_bounded():
     blend = Blend(running((100.0, 1.0, 1.0)), WRAP)
     for index in range(50):
         blend.queue(line_of_blend((1.0, index, index), start=20.0 + index), (20 + index) * S, (0, 1))
-    assert len(blend._waiting) == MOST_WAITING
+    assert len(blend._waiting) == MAX_WAITING
     assert at(blend, 99.0)[0] == 49.0
 
 

@@ -116,11 +116,11 @@ def test_a_list_that_is_none_is_reported(given, word):
     assert word in wrong_states(given)
 
 
-LEAST = {"joints": ["a", "b"], "command_interfaces": ["position"], "state_interfaces": ["position", "velocity"]}
+MIN = {"joints": ["a", "b"], "command_interfaces": ["position"], "state_interfaces": ["position", "velocity"]}
 
 
 def read(**more):
-    return read_params(Params.of({**LEAST, **more}), "arm")
+    return read_params(Params.of({**MIN, **more}), "arm")
 
 
 def test_gains_and_constraints_are_those_of_each_joint():
@@ -179,7 +179,7 @@ def test_all_that_cannot_be_is_reported_at_once_and_where_it_stands():
 
 @pytest.mark.parametrize("key", ["constraints.c.goal", "gains.c.p", "constraints.goal_tim", "joint"])
 def test_unread_entries_are_reported(key):
-    params = Params.of({**LEAST, key: 1.0})
+    params = Params.of({**MIN, key: 1.0})
     read_params(params, "arm")
     assert any(repr(key) in text for text in params.warnings)
 

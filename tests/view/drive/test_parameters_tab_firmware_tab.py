@@ -12,7 +12,7 @@ from canopen_control.commissioning.jobs import RESTORE, JobRun
 from canopen_control.rpc.messages.health import BAD
 from canopen_control.view.drive import parameters_tab
 from canopen_control.view.drive.drive_tab import DriveTabContext
-from canopen_control.view.drive.parameters_tab import MOST_FIRMWARE_BYTES, FirmwareTab
+from canopen_control.view.drive.parameters_tab import MAX_FIRMWARE_BYTES, FirmwareTab
 
 
 @contextlib.asynccontextmanager
@@ -74,7 +74,7 @@ async def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_reported(
 
 async def test_a_file_that_is_too_long_for_a_running_robot_is_reported(loaded):
     async with played() as (user, _tab, _page):
-        await upload(user, "long.bin", bytes(MOST_FIRMWARE_BYTES + 1))
+        await upload(user, "long.bin", bytes(MAX_FIRMWARE_BYTES + 1))
         assert "long.bin: at most 400000 bytes can be loaded through a running robot" in html(user)
 
 

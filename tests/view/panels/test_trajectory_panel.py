@@ -14,7 +14,7 @@ from support.pages import FORWARD, FakeContext, html, seen, settle, visited
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
 from canopen_control.view.elements.nicegui_elements import Feed, PresenceElement
 from canopen_control.view.panels.trajectory_panel import TrajectoryPanel
-from canopen_control.view.trajectory_player import MOST_BYTES, TrajectoryOutcome
+from canopen_control.view.trajectory_player import MAX_BYTES, TrajectoryOutcome
 
 ARM = FORWARD | {"name": "arm", "topic": None, "tells": "trajectory", "joints": ["lift"]}
 ARM_2 = ARM | {"name": "arm_2"}
@@ -101,7 +101,7 @@ async def test_a_preview_that_is_closed_is_drawn_no_more():
 
 @pytest.mark.parametrize(
     ("data", "words"),
-    [(b"joint_name: [a]", "joint_name"), (b" " * (MOST_BYTES + 1), f"at most {MOST_BYTES} bytes")],
+    [(b"joint_name: [a]", "joint_name"), (b" " * (MAX_BYTES + 1), f"at most {MAX_BYTES} bytes")],
 )
 async def test_a_file_that_cannot_be_read_is_reported(data, words):
     async with played() as (user, _panel, context):

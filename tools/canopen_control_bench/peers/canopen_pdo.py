@@ -20,7 +20,7 @@ from canopen_control_bench.peers.pattern import MODE, RAMPS, STEPS, controlword,
 from canopen_control_bench.turns import serve_turns
 
 ANSWER_S = 5.0
-LEAVE_S = 0.05  # its thread looks that often whether it is to end, where nothing comes; the package waits for that
+LEAVE_S = 0.05  # interval at which its thread checks for its end without traffic; the package waits for this
 
 
 class Drive:

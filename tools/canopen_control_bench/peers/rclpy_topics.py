@@ -56,7 +56,7 @@ def main(arguments: list[str]) -> int:
     say({"ready": True})
     while not ended.is_set():
         executor.spin_once(timeout_sec=0.5)
-    os._exit(0)  # what is left is rclpy's own teardown
+    os._exit(0)  # the rest is rclpy's own teardown
 
 
 def _publish(node: Any) -> Any:  # noqa: ANN401 - rclpy's, without types
@@ -102,7 +102,7 @@ def _listen(node: Any) -> Any:  # noqa: ANN401 - rclpy's, without types
             message = twist()
             message.linear.x = time.monotonic()
             publisher.publish(message)
-        time.sleep(0.2)  # the last one is on its way
+        time.sleep(0.2)  # the last message is in transit
         return {"published": order["command"]}
 
     return serve

@@ -43,7 +43,7 @@ def main() -> None:
     def command(value: float) -> None:
         publisher.publish(Float64MultiArray(data=[value, value]))
 
-    command_latencies(channel, command, 50)  # the first ones wake up what sleeps
+    command_latencies(channel, command, 50)  # the first messages wake idle threads
     commands = [command_latencies(channel, command, count) for _ in range(rounds)]
     states = state_latencies(node, channel)
     sys.stdout.write(json.dumps({"commands": commands, "states": states}) + "\n")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-_SEGMENT = 7  # its writers take a segment at a time
+_SEGMENT = 7  # its writers transfer one segment at a time
 _ANSWER_S = 5.0
 
 
