@@ -22,7 +22,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.od.codec import decode, encode
-from canopen_control.od.model import DataType
+from canopen_control.od.indices import DEVICE_TYPE
+from canopen_control.od.model import AXIS_STEP, DataType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -171,8 +172,7 @@ def factor_of_digits(digits: int) -> float:
     return float(10.0**-digits) if 0 <= digits <= 9 else 1.0
 
 
-DEVICE_TYPE: Final = 0x1000
-_CONTROLWORD, _STATUSWORD, _AXIS_OFFSET, _AXES = 0x6040, 0x6041, 0x800, 8
+_CONTROLWORD, _STATUSWORD, _AXES = 0x6040, 0x6041, 8
 
 
 class Profile(enum.IntEnum):
@@ -224,7 +224,7 @@ _SIGNATURES: Final = (
 def profile_of(od: ObjectDictionary) -> Profile:
     """Return the profile of a device; NONE if neither 0x1000 nor its objects indicate a known one."""
     if any(
-        (_CONTROLWORD + _AXIS_OFFSET * axis, 0) in od and (_STATUSWORD + _AXIS_OFFSET * axis, 0) in od
+        (_CONTROLWORD + AXIS_STEP * axis, 0) in od and (_STATUSWORD + AXIS_STEP * axis, 0) in od
         for axis in range(_AXES)
     ):
         return Profile.DRIVE

@@ -19,7 +19,7 @@ from canopen_control.cia402.state import Command, State
 from canopen_control.controllers.limiters import LONGEST_STOP_S
 from canopen_control.errors import CanopenError
 from canopen_control.master.cycle import CYCLIC_SYNCHRONOUS
-from canopen_control.master.plan import CONSUMER, GUARD_TIME, LIFE_TIME
+from canopen_control.od.indices import GUARD_TIME, HEARTBEAT_CONSUMER, LIFE_FACTOR
 from canopen_control.runtime.sync_choice import axis_number, node_of
 
 if TYPE_CHECKING:
@@ -235,8 +235,8 @@ def _facts(
     profile = value(o.axis_index(o.MAX_PROFILE_VELOCITY, number))
     if profile and profile < _UNLIMITED:
         most = min(most, profile)
-    _, consumer_ms = parse_consumer_entry(value(CONSUMER, 1) or 0)
-    guarded_ms = (value(GUARD_TIME) or 0) * (value(LIFE_TIME) or 0)
+    _, consumer_ms = parse_consumer_entry(value(HEARTBEAT_CONSUMER, 1) or 0)
+    guarded_ms = (value(GUARD_TIME) or 0) * (value(LIFE_FACTOR) or 0)
     return AxisFacts(
         joint.name,
         node.name,

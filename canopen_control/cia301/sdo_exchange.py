@@ -38,6 +38,7 @@ from canopen_control.cia301.sdo_transfers import BlockUpload
 from canopen_control.errors import LocalProtocolError, SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.frame import CanFrame
 from canopen_control.od.codec import fitted
+from canopen_control.od.indices import PROGRAM_DATA
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -260,7 +261,6 @@ class LateAnswerGuard:
         return max(_PROBES, key=lambda probe: order.index(probe[1:4]) if probe[1:4] in self.pending else len(order))
 
 
-_PROGRAM_DATA: Final = 0x1F50
 _UNARMED: Final = 0  # deadline of a request whose time is unknown; the next tick sets it
 
 
@@ -525,7 +525,7 @@ class SdoTransfer:
 
     def _program_started(self, request: SdoRequest) -> bool:
         """Whether program data has been sent, so that no automatic retry may follow (CiA 302-3)."""
-        return request.is_write and request.index == _PROGRAM_DATA and self.phase.transfer is not None
+        return request.is_write and request.index == PROGRAM_DATA and self.phase.transfer is not None
 
     def abort_unanswered(self, code: int) -> None:
         """Abort a request that may still be answered."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
-from canopen_control.od.model import DataType, ObjectCode, ObjectInfo
+from canopen_control.od.model import AXIS_STEP, PROFILE_START, DataType, ObjectCode, ObjectInfo
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -65,7 +65,6 @@ _RECORDS: Final = frozenset(
 MODES: Final = (OperationMode.PV, OperationMode.TQ, OperationMode.CSP, OperationMode.CSV, OperationMode.CST)
 """Modes in which no bit of the controlword starts or ends a motion."""
 
-_FIRST, _LAST = 0x6000, 0x67FF
 _HALF: Final = 16  # bits of each motor in an object for all motors
 _PARTS: Final = {True: DataType.INTEGER16, False: DataType.UNSIGNED16}
 
@@ -129,7 +128,7 @@ class MotorMap:
         self._parts: dict[Address, tuple[Address, ...]] = {}
         self._axes = range(len(self.subindices))
         self.view = replace(device, objects=dict(device.objects), entries=dict(device.entries))
-        for index in sorted({entry.index for entry in device if _FIRST <= entry.index <= _LAST}):
+        for index in sorted({entry.index for entry in device if 0 <= entry.index - PROFILE_START < AXIS_STEP}):
             entry = device.get(index)
             if index not in _RECORDS and all((index, subindex) in device for subindex in self.subindices):
                 self._divide(index)

@@ -11,14 +11,15 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.cia402.state import Command, State
+from canopen_control.od.model import AXIS_STEP
+from canopen_control.od.model import PROFILE_START as _FIRST
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping
 
 
 AXES = 8
-_AXIS_STRIDE = 0x800
-_FIRST, _LAST = 0x6000, 0x67FF
+_LAST = _FIRST + AXIS_STEP - 1
 _DRIVE_PROFILE = 402
 
 ABORT_CONNECTION_OPTION = 0x6007
@@ -161,15 +162,15 @@ def axis_index(index: int, axis: int) -> int:
     # CiA 402-2, 5.1: up to eight axes, whose objects are 0x800 apart
     if not 0 <= axis < AXES:
         raise ValueError(f"axis {axis} does not exist: a device has the axes 0 to {AXES - 1}")
-    return index + _AXIS_STRIDE * axis if _FIRST <= index <= _LAST else index
+    return index + AXIS_STEP * axis if _FIRST <= index <= _LAST else index
 
 
 def axis_of(index: int) -> tuple[int, int]:
     """Return the index on axis 0 and the axis of a profile object (0x6000 to 0x9FFF), else (index, 0)."""
-    if not _FIRST <= index < _FIRST + AXES * _AXIS_STRIDE:
+    if not _FIRST <= index < _FIRST + AXES * AXIS_STEP:
         return index, 0
-    axis = (index - _FIRST) // _AXIS_STRIDE
-    return index - _AXIS_STRIDE * axis, axis
+    axis = (index - _FIRST) // AXIS_STEP
+    return index - AXIS_STEP * axis, axis
 
 
 def axis_count(indices: Container[int]) -> int:

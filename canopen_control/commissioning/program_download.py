@@ -24,6 +24,7 @@ from canopen_control.commissioning.node_session import is_abort
 from canopen_control.commissioning.parameter_set import reason_of
 from canopen_control.commissioning.restore import quiet_node
 from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError, SdoRestarted, SdoTimeout
+from canopen_control.od.indices import FLASH_STATUS, PROGRAM_CONTROL, PROGRAM_DATA, PROGRAM_ID, SOFTWARE_DATE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.node_session import NodeSession
 
 
-DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
 STOP, START, CLEAR, CONFIRM = 0, 1, 3, 0x80  # values of 0x1F51 (CiA 302-3); 0x80 confirms a program on trial in Zephyr
 _STOPPED: Final = (STOP, CLEAR)
 _RESETTING: Final = (STOP, START)  # commands at which a node may reset
@@ -162,13 +162,13 @@ def program_download(image: bytes, options: ProgramOptions, progress: DownloadPr
         progress.tries += 1
         yield from _prepare(number, progress, options)
         progress.step = DownloadStep.SENDING
-        outcome = yield DownloadOrder(DownloadAct.WRITE, DATA, number, image, _FLASH_S)
+        outcome = yield DownloadOrder(DownloadAct.WRITE, PROGRAM_DATA, number, image, _FLASH_S)
         progress.step = DownloadStep.CHECKING
         if outcome.error is None:
             why = yield from _flash(number)
         else:
             why = reason_of(outcome.error)
-            if is_abort(outcome.error) and (status := (yield from _number(FLASH, number))) and status != _SILENT:
+            if is_abort(outcome.error) and (status := (yield from _number(FLASH_STATUS, number))) and status != _SILENT:
                 why += f", flash: {flash_text(status)}"
         if not why:
             break
@@ -185,7 +185,7 @@ def program_download(image: bytes, options: ProgramOptions, progress: DownloadPr
 
 def _read_present(number: int, progress: DownloadProgress) -> Sequence:
     progress.step = DownloadStep.ASKING
-    outcome = yield DownloadOrder(DownloadAct.READ, CONTROL, number)
+    outcome = yield DownloadOrder(DownloadAct.READ, PROGRAM_CONTROL, number)
     if outcome.error is not None:
         if not is_abort(outcome.error):
             raise outcome.error
@@ -193,14 +193,14 @@ def _read_present(number: int, progress: DownloadProgress) -> Sequence:
             f"program {number} of the node cannot be loaded over CANopen: 0x1F51:{number:02X}: "
             f"{reason_of(outcome.error)}; use the manufacturer's tool"
         )
-    progress.old = yield from _number(IDENTIFICATION, number)
+    progress.old = yield from _number(PROGRAM_ID, number)
     progress.old_date = yield from _date()
 
 
 def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -> Sequence:
     """Stop and clear the program; raise DriveError if 0x1F51 or 0x1F57 does not confirm this."""
     progress.step = DownloadStep.STOPPING
-    status = yield from _number(CONTROL, number)
+    status = yield from _number(PROGRAM_CONTROL, number)
     if status != STOP:
         yield from _command(number, STOP, _STOPPED, options.start_s, "stop")
     yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)  # the boot-loader may have booted meanwhile
@@ -221,13 +221,13 @@ def _command(number: int, command: int, expected: tuple[int, ...], seconds: floa
         rounds += 1
         soon = 0.0 if command not in _RESETTING or rounds % _QUICK_ROUNDS == 0 else _QUICK_S
         outcome = yield DownloadOrder(
-            DownloadAct.WRITE, CONTROL, number, bytes((command,)), _FLASH_S if command == CLEAR else soon
+            DownloadAct.WRITE, PROGRAM_CONTROL, number, bytes((command,)), _FLASH_S if command == CLEAR else soon
         )
         if outcome.error is not None and is_abort(outcome.error):
             refusal = reason_of(outcome.error)
             yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)
         yield DownloadOrder(DownloadAct.PAUSE, seconds=_POLL_S)
-        status = yield from _number(CONTROL, number, soon)
+        status = yield from _number(PROGRAM_CONTROL, number, soon)
         if status in expected:
             return
         if refusal and (command, status) == (STOP, CONFIRM):
@@ -246,7 +246,7 @@ def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
     """Wait until the flash is not busy; return its error as text, or "" without an error or without 0x1F57."""
     seconds, pause = _BUSY_S, _FIRST_POLL_S
     while seconds > 0.0:
-        status = yield from _number(FLASH, number)
+        status = yield from _number(FLASH_STATUS, number)
         if status is None:
             yield DownloadOrder(DownloadAct.PAUSE, seconds=_NO_STATUS_S)
             return ""
@@ -259,7 +259,7 @@ def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
 
 
 def _verify(image: bytes, number: int, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
-    progress.new = yield from _number(IDENTIFICATION, number)
+    progress.new = yield from _number(PROGRAM_ID, number)
     progress.new = None if progress.new == _SILENT else progress.new
     if options.expected is not None and progress.new != options.expected:
         shown = "nothing" if progress.new is None else f"0x{progress.new:08X}"

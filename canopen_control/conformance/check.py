@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import abort_text
-from canopen_control.conformance.checked_node import ABORT, CheckFailed
+from canopen_control.cia301.sdo_codec import ABORT
+from canopen_control.conformance.checked_node import CheckFailed
 from canopen_control.errors import SdoAbort
 
 if TYPE_CHECKING:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtCommand, NmtState, nmt_frame, state_of_byte
 from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.cia301.sdo_codec import ANSWER_BASE, REQUEST_BASE
 from canopen_control.errors import BusClosed, CanopenError, RemoteProtocolError, SdoAbort
-from canopen_control.frame import CanFrame, frames_of, pack_records, remote_frame
+from canopen_control.frame import MAX_NODE_ID, CanFrame, frames_of, pack_records, remote_frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,12 +27,9 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Entry
 
 
-REQUEST, ANSWER, EMERGENCY, SYNC = 0x600, 0x580, 0x80, 0x80  # CiA 301, 7.3.3
-ABORT = 0x80  # command specifier of an SDO abort
 KEPT = 20  # maximum number of frames of a check in the report
 MS = 1_000_000
 NS_PER_S = 1_000_000_000
-MAX_NODE_ID = 127
 _UNBOOTED, _UNBOOTED_S = 2, 1.0  # after two resets without a boot-up message, wait for only 1 s
 
 
@@ -176,16 +174,16 @@ class CheckedNode:
 
     def request(self, data: bytes) -> None:
         """Send a raw request to the SDO server, without waiting for its response."""
-        self.send(REQUEST + self.node_id, data)
+        self.send(REQUEST_BASE + self.node_id, data)
 
     def answers(self, data: bytes, seconds: float) -> list[bytes]:
         """Send a raw request to the SDO server; return the data of all responses received within `seconds`."""
         self.request(data)
-        return [frame.data for _, frame in self.frames(ANSWER + self.node_id, seconds)]
+        return [frame.data for _, frame in self.frames(ANSWER_BASE + self.node_id, seconds)]
 
     def ask(self, request: bytes) -> bytes | None:
         """Send eight raw bytes to the SDO server and return its response, or None after the timeout."""
-        return self.exchange(REQUEST + self.node_id, request, ANSWER + self.node_id)
+        return self.exchange(REQUEST_BASE + self.node_id, request, ANSWER_BASE + self.node_id)
 
     def read(self, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
         """Upload an object; raise SdoAbort, SdoTimeout or another RemoteProtocolError."""

@@ -16,8 +16,9 @@ from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import TARGET_REACHED, State, decode_statusword
 from canopen_control.conformance.check import expect
 from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
-from canopen_control.conformance.pdo_checks import RPDO, CountedSync, pdo_records, present_values, reconfigured
+from canopen_control.conformance.pdo_checks import CountedSync, pdo_records, present_values, reconfigured
 from canopen_control.errors import RemoteProtocolError, SdoAbort
+from canopen_control.od.indices import RPDO
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -10,6 +10,7 @@ from canopen_control.cia301.sdo_codec import REQUEST_BASE
 from canopen_control.conformance.master_checks import MS, MasterObserver, S
 from canopen_control.conformance.master_sdo import name_of
 from canopen_control.frame import MAX_NODE_ID, REMOTE_FLAG, is_restricted
+from canopen_control.od.indices import GUARD_TIME, HEARTBEAT_CONSUMER, HEARTBEAT_PRODUCER, LIFE_FACTOR
 
 if TYPE_CHECKING:
     from canopen_control.conformance.master_checks import MasterFindings
@@ -22,7 +23,6 @@ _INVALID, _EXTENDED = 1 << 31, 1 << 29
 _COMMUNICATION, _MAPPING = (0x1400, 0x1800), (0x1600, 0x1A00)
 _OF_COMMUNICATION = range(0x1005, 0x1C00)
 _COB_IDS = (0x1005, 0x1012, 0x1014)
-_CONSUMER, _PRODUCER, _GUARD_TIME, _LIFE_TIME = 0x1016, 0x1017, 0x100C, 0x100D
 _SETTLE_NS = 2 * S  # time from NMT start to the first node guarding request
 _MAX_COMMANDS = 10  # maximum number of NMT commands per second
 
@@ -95,7 +95,7 @@ class ConfigurationObserver(MasterObserver):
         for mux, text in self._open.items():
             expect(False, "MC14", f"NMT start after {name_of(mux)} {text}")
         watched = any(self.node.consumer.watched())
-        expect(watched or number(_GUARD_TIME) * number(_LIFE_TIME) > 0, "MC06", "neither 0x1016 nor 0x100C and 0x100D")
+        expect(watched or number(GUARD_TIME) * number(LIFE_FACTOR) > 0, "MC06", "neither 0x1016 nor 0x100C and 0x100D")
 
     # -- transfers
 
@@ -121,7 +121,7 @@ class ConfigurationObserver(MasterObserver):
             self._communication(mux, value)
         elif is_record(index, _MAPPING):
             self._mapping(mux, value)
-        elif index == _CONSUMER and subindex:
+        elif index == HEARTBEAT_CONSUMER and subindex:
             node_id, milliseconds = parse_consumer_entry(value)
             is_own = node_id == self.node.node_id and milliseconds > 0
             self.findings.expect(not is_own, "MC15", f"{name_of(mux)} contains node {node_id}, the device itself")
@@ -184,7 +184,7 @@ class ConfigurationObserver(MasterObserver):
     def tick(self, now: int) -> None:
         if self.started is not None and not self._judged_start and now - self.started > _SETTLE_NS:
             self._judged_start = True
-            heartbeat = self.node.store.number(_PRODUCER)
+            heartbeat = self.node.store.number(HEARTBEAT_PRODUCER)
             self.findings.expect(
                 heartbeat > 0 or self.guarded, "MC05", "0x1017 is 0, and no node guarding request was received"
             )

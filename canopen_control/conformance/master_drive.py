@@ -29,10 +29,8 @@ if TYPE_CHECKING:
 
 
 _CHAIN_NS, _BIT_7_NS = S // 2, S
-_MODE, _MODE_DISPLAY, _POSITION, _TARGET = 0x6060, 0x6061, 0x6064, 0x607A
-_MODES, _WINDOW = 0x6502, 0x6065
-_RATES = (0x6042, 0x60FF, 0x6071)  # target velocities and torque, which are 0 at rest
-_SET_POINTS = (_TARGET, *_RATES)
+_RATES = (o.VL_TARGET_VELOCITY, o.TARGET_VELOCITY, o.TARGET_TORQUE)  # target velocities and torque, which are 0 at rest
+_SET_POINTS = (o.TARGET_POSITION, *_RATES)
 _RESERVED, _NEW_SET_POINT, _ACKNOWLEDGED = 1 << 10, 1 << 4, 1 << 12
 _FALLBACK_WINDOW = 1000  # increments, if 0x6065 is not set
 _ENABLE_BITS = 0x0F
@@ -41,7 +39,7 @@ _UP = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
 
 def window_of(node: VirtualNode) -> int:
     """Return the following error window, the largest distance from 0x6064 that is not considered a jump."""
-    window = node.store.number(_WINDOW)
+    window = node.store.number(o.FOLLOWING_ERROR_WINDOW)
     return window if 0 < window < 1 << 31 else _FALLBACK_WINDOW
 
 
@@ -84,8 +82,8 @@ class ControlObserver(MasterObserver):
     def _object(self, index: int, value: int, now: int) -> None:
         if index == o.CONTROLWORD:
             self._controlword(value, now)
-        elif index == _MODE:
-            modes = self.node.store.number(_MODES, default=-1)
+        elif index == o.MODES_OF_OPERATION:
+            modes = self.node.store.number(o.SUPPORTED_DRIVE_MODES, default=-1)
             if 0 < value <= 32:
                 self.findings.expect(bool(modes >> value - 1 & 1), "MW07", f"mode {value} with 0x6502 = 0x{modes:08X}")
         elif index in _SET_POINTS:
@@ -131,17 +129,21 @@ class ControlObserver(MasterObserver):
             self._reset_at = None
         if state is not State.SWITCHED_ON:
             return
-        mode, display = store.number(_MODE), present(self.node, _MODE_DISPLAY)
+        mode, display = store.number(o.MODES_OF_OPERATION), present(self.node, o.MODES_OF_OPERATION_DISPLAY)
         expect(mode == display != 0, "MW08", f"mode {display} shown, {mode} in 0x6060")
         if display == OperationMode.CSP:
-            target, actual = store.number(_TARGET), present(self.node, _POSITION)
+            target, actual = store.number(o.TARGET_POSITION), present(self.node, o.POSITION_ACTUAL)
             text = f"0x607A = {target} with 0x6064 = {actual}"
             expect(abs(target - actual) <= window_of(self.node), "MW06", text)
 
     def _new_set_point(self, word: int, before: int) -> None:
         drive = self.node.drives[0]
         rises = word & ~before & _NEW_SET_POINT
-        if rises and self._state is State.OPERATION_ENABLED and present(self.node, _MODE_DISPLAY) == OperationMode.PP:
+        if (
+            rises
+            and self._state is State.OPERATION_ENABLED
+            and present(self.node, o.MODES_OF_OPERATION_DISPLAY) == OperationMode.PP
+        ):
             self.findings.expect(not drive.statusword() & _ACKNOWLEDGED, "MW10", "bit 4 rose while bit 12 was 1")
 
     def tick(self, now: int) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtState, state_of_byte
-from canopen_control.cia402.objects import CONTROLWORD
+from canopen_control.cia402.objects import CONTROLWORD, INTERPOLATION_TIME_PERIOD, MODES_OF_OPERATION_DISPLAY
 from canopen_control.conformance.master_checks import MS, MasterObserver, S, present
 from canopen_control.frame import MAX_NODE_ID, REMOTE_FLAG
+from canopen_control.od.indices import CYCLE_PERIOD, GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_FACTOR, SYNC_OVERFLOW
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from canopen_control.virtual.virtual_node import VirtualNode
 
 
-_GUARD_TIME, _LIFE_TIME, _PRODUCER, _SYNC_PERIOD, _OVERFLOW = 0x100C, 0x100D, 0x1017, 0x1006, 0x1019
-_INTERPOLATION, _MODE_DISPLAY = 0x60C2, 0x6061
 _CYCLIC_MODES = (8, 9, 10)
 _SETTLE_NS = 50 * MS  # frames sent just before a change of state are not counted
 _MAX_SYNCS = 100_000  # maximum number of stored intervals
@@ -59,12 +58,12 @@ class HeartbeatObserver(MasterObserver):
 
     def _guard(self, now: int) -> None:
         expect, number = self.findings.expect, self.node.store.number
-        expect(number(_PRODUCER) == 0, "MG01", f"a remote frame while 0x1017 is {number(_PRODUCER)}")
-        guard_ns = number(_GUARD_TIME) * MS
+        expect(number(HEARTBEAT_PRODUCER) == 0, "MG01", f"a remote frame while 0x1017 is {number(HEARTBEAT_PRODUCER)}")
+        guard_ns = number(GUARD_TIME) * MS
         if self._guarded is not None and guard_ns:
             gap = now - self._guarded
             expect(abs(gap - guard_ns) <= guard_ns // 2, "MG03", f"{gap / MS:.0f} ms after the one before")
-            if factor := number(_LIFE_TIME):
+            if factor := number(LIFE_FACTOR):
                 expect(gap <= guard_ns * factor, "MG02", f"{gap / MS:.0f} ms after the one before")
         self._guarded = now
 
@@ -130,7 +129,7 @@ class SyncObserver(MasterObserver):
     def receive(self, frame: CanFrame, now: int) -> None:
         if frame.can_id != self.node.sync.cob_id:
             return
-        overflow = self.node.store.number(_OVERFLOW)
+        overflow = self.node.store.number(SYNC_OVERFLOW)
         length = 1 if overflow else 0
         self.findings.expect(len(frame.data) == length, "MY02", f"{len(frame.data)} bytes with {overflow} in 0x1019")
         if overflow and len(frame.data) == 1:
@@ -145,9 +144,9 @@ class SyncObserver(MasterObserver):
 
     def _note_mode(self) -> None:
         store = self.node.store
-        if present(self.node, _MODE_DISPLAY) in _CYCLIC_MODES and store.has(_INTERPOLATION, 1):
-            exponent = store.number(_INTERPOLATION, 2, -3)
-            self._cyclic_ns = round(store.number(_INTERPOLATION, 1) * 10.0 ** (9 + exponent))
+        if present(self.node, MODES_OF_OPERATION_DISPLAY) in _CYCLIC_MODES and store.has(INTERPOLATION_TIME_PERIOD, 1):
+            exponent = store.number(INTERPOLATION_TIME_PERIOD, 2, -3)
+            self._cyclic_ns = round(store.number(INTERPOLATION_TIME_PERIOD, 1) * 10.0 ** (9 + exponent))
 
     def tick(self, now: int) -> None:
         if self.node.nmt.state is not NmtState.OPERATIONAL or not self._has_synchronous():
@@ -178,7 +177,7 @@ class SyncObserver(MasterObserver):
         figure = f"every {mean / MS:.3f} ms; jitter: 99 % within {most / MS:.3f} ms, at most {late[-1] / MS:.3f} ms"
         self.findings.note("MY06", f"SYNC {figure}, as this computer received it")
         self.findings.expect(10 * most <= period, "MY06", figure)
-        announced = self.node.store.number(_SYNC_PERIOD) * 1_000
+        announced = self.node.store.number(CYCLE_PERIOD) * 1_000
         for check_id, nominal in (("MY04", announced), ("MY05", self._cyclic_ns)):
             if nominal:
                 text = f"a mean of {mean / MS:.3f} ms, announced as {nominal / MS:g} ms"

@@ -9,6 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import AbortCode, abort_text
+from canopen_control.cia301.emcy import EMCY_COB_ID
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.conformance.check import (
     GENERAL_ERROR,
@@ -19,11 +20,12 @@ from canopen_control.conformance.check import (
     expect_emergency,
     expect_refused,
 )
-from canopen_control.conformance.checked_node import EMERGENCY, CheckFailed, NotApplicable
+from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
 from canopen_control.conformance.nmt_checks import boot, emergencies, emergency_id
-from canopen_control.conformance.pdo_checks import RPDO, SYNC_PERIOD_S, TPDO, first_pdo, present_values
+from canopen_control.conformance.pdo_checks import SYNC_PERIOD_S, first_pdo, present_values
 from canopen_control.errors import SdoAbort
 from canopen_control.frame import EXTENDED_BIT, is_restricted
+from canopen_control.od.indices import RPDO, TPDO
 
 if TYPE_CHECKING:
     from canopen_control.conformance.checked_node import CheckedNode
@@ -136,7 +138,7 @@ def _sync_length(node: CheckedNode) -> None:
 def _emergency_id(node: CheckedNode) -> None:
     value = node.number(0x1014)
     off = value >> 31 == 1
-    default = EMERGENCY + node.node_id
+    default = EMCY_COB_ID + node.node_id
     node.notes.extend([] if off or value == default else [f"0x1014 = 0x{value:08X}, not 0x{default:X}"])
     legal = off or bool(value & EXTENDED_BIT) or not is_restricted(value & 0x7FF)
     expect(legal, f"0x{value:08X}", f"0x{default:X}, or bit 31")

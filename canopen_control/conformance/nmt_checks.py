@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.lss import FAST_SCAN_START, MASTER_COB_ID, SLAVE_COB_ID, LssCommand, LssMode, lss_frame
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NMT_COB_ID, NmtCommand, NmtState
+from canopen_control.cia301.sdo_codec import ANSWER_BASE
 from canopen_control.conformance.check import (
     CheckLevel,
     CheckList,
@@ -27,9 +28,19 @@ from canopen_control.conformance.check import (
     expect_silence,
     upload_request,
 )
-from canopen_control.conformance.checked_node import ANSWER, CheckFailed, NotApplicable
+from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
 from canopen_control.errors import SdoAbort
 from canopen_control.od.dcf import decode_concise
+from canopen_control.od.indices import (
+    CONCISE_DCF,
+    FLASH_STATUS,
+    NMT_STARTUP,
+    PROGRAM_CONTROL,
+    PROGRAM_DATA,
+    PROGRAM_ID,
+    REQUEST_NMT,
+    SLAVE_ASSIGNMENT,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -46,7 +57,6 @@ _SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
 _PERIOD_MS = 50  # heartbeat period while a check monitors the NMT state
 _BOOT_S = 5.0  # longest time to the boot-up message
 HEARTBEAT_LOST = 0x8130  # EMCY error code of a lost heartbeat or life guarding (CiA 301, 7.2.7)
-_STARTUP = 0x1F80  # bit 2 clear: OPERATIONAL without a command (CiA 302-2)
 _LIFE_S = 0.1
 
 
@@ -133,7 +143,7 @@ def _sdo_after_boot(node: CheckedNode) -> None:
 @_add("N10", "7.3.2.2", "the node is PRE-OPERATIONAL after the boot-up message", touch=_CONFIGURE)
 def _state_after_boot(node: CheckedNode) -> None:
     try:
-        if not node.number(_STARTUP) & 4:
+        if not node.number(NMT_STARTUP) & 4:
             raise NotApplicable("0x1F80 makes the node start by itself")
     except NotApplicable as reason:
         if "cannot be read" not in str(reason):
@@ -157,7 +167,7 @@ def _old_request(node: CheckedNode) -> None:
     node.request(upload_request(0x1018, 1))
     if node.wait_for(ERROR_CONTROL_COB_ID + node.node_id, 10.0) is None:
         raise CheckFailed("no boot-up message within 10 s", "boot-up")
-    late = node.frames(ANSWER + node.node_id, 0.3)
+    late = node.frames(ANSWER_BASE + node.node_id, 0.3)
     expect(not late, late[0][1].data.hex(" ").upper() if late else "", "silence: the transfer ended with the reset")
 
 
@@ -476,9 +486,6 @@ def _fast_scan(node: CheckedNode) -> None:
     expect_silence(answer, "silence: the node has an id")
 
 
-_SLAVES, _REQUEST = 0x1F81, 0x1F82
-_CONCISE = 0x1F22
-_PROGRAM, _CONTROL, _IDENTIFICATION, _FLASH = 0x1F50, 0x1F51, 0x1F56, 0x1F57
 _NODES = 127
 _STATES = (0, 1, 2, 3)  # states of 0x1F51: stopped, running, reset, cleared
 _OWN_STATES = 0x80  # states from here on are manufacturer-specific
@@ -486,7 +493,7 @@ _OWN_STATES = 0x80  # states from here on are manufacturer-specific
 
 @_add_302("G01", "302-2, object 0x1F80", "0x1F80 has four bytes, and its reserved bits 7 to 31 are 0")
 def _startup(node: CheckedNode) -> None:
-    data = node.optional(_STARTUP)
+    data = node.optional(NMT_STARTUP)
     expect(len(data) == 4, f"{len(data)} bytes", "4")
     value = int.from_bytes(data, "little")
     expect(not value >> 7, f"0x1F80 = 0x{value:08X}", "bits 7 to 31 = 0")
@@ -494,29 +501,29 @@ def _startup(node: CheckedNode) -> None:
 
 @_add_302("G01w", "302-2, object 0x1F80", "0x1F80 accepts its current value", touch=_CONFIGURE)
 def _startup_written(node: CheckedNode) -> None:
-    with node.kept(_STARTUP) as value:
-        node.put(_STARTUP, 0, value, 4)
+    with node.kept(NMT_STARTUP) as value:
+        node.put(NMT_STARTUP, 0, value, 4)
 
 
 @_add_302("G02", "302-2, object 0x1F81", "0x1F81 has an entry of four bytes for each node-ID")
 def _slaves(node: CheckedNode) -> None:
-    count = node.number(_SLAVES)
+    count = node.number(SLAVE_ASSIGNMENT)
     expect(count == _NODES, f"0x1F81:00 = {count}", f"{_NODES}")
-    expect(len(node.read(_SLAVES, node.node_id)) == 4, f"another length in :{node.node_id:02X}", "4 bytes")
+    expect(len(node.read(SLAVE_ASSIGNMENT, node.node_id)) == 4, f"another length in :{node.node_id:02X}", "4 bytes")
 
 
 @_add_302("G03", "302-2, object 0x1F82", "0x1F82 has an entry for each node-ID, and one for all nodes", _SHOULD)
 def _requests(node: CheckedNode) -> None:
-    count = node.number(_REQUEST)
+    count = node.number(REQUEST_NMT)
     expect(count == _NODES + 1, f"0x1F82:00 = {count}", f"{_NODES + 1}")
 
 
 @_add_302("G04", "302-3, object 0x1F22", "each entry of 0x1F22 is empty, or a complete concise DCF")
 def _concise_files(node: CheckedNode) -> None:
-    count = node.number(_CONCISE)
+    count = node.number(CONCISE_DCF)
     for subindex in range(1, min(count, _NODES) + 1):
         try:
-            data = node.read(_CONCISE, subindex)
+            data = node.read(CONCISE_DCF, subindex)
         except SdoAbort:  # no data available
             continue
         try:
@@ -527,7 +534,7 @@ def _concise_files(node: CheckedNode) -> None:
 
 @_add_302("G05", "302-3, objects 0x1F50 and 0x1F51", "0x1F50 and 0x1F51 have the same number of programs")
 def _programs(node: CheckedNode) -> None:
-    data, control = node.number(_PROGRAM), node.number(_CONTROL)
+    data, control = node.number(PROGRAM_DATA), node.number(PROGRAM_CONTROL)
     expect(data == control, f"{data} and {control}", "the same number")
 
 
@@ -546,7 +553,7 @@ def _each_program(node: CheckedNode, index: int) -> list[tuple[int, bytes]]:
 
 @_add_302("G06", "302-3, object 0x1F51", "0x1F51 shows a state of the program")
 def _program_states(node: CheckedNode) -> None:
-    for subindex, data in _each_program(node, _CONTROL):
+    for subindex, data in _each_program(node, PROGRAM_CONTROL):
         value = int.from_bytes(data, "little")
         good = len(data) == 1 and (value in _STATES or value >= _OWN_STATES)
         expect(good, f"0x1F51:{subindex:02X} = {data.hex().upper()}", "one byte: 0 to 3, or 0x80 and above")
@@ -554,12 +561,12 @@ def _program_states(node: CheckedNode) -> None:
 
 @_add_302("G07", "302-3, object 0x1F57", "0x1F57 shows neither an error nor an operation at rest", _SHOULD)
 def _flash_states(node: CheckedNode) -> None:
-    for subindex, data in _each_program(node, _FLASH):
+    for subindex, data in _each_program(node, FLASH_STATUS):
         value = int.from_bytes(data, "little")
         expect(not value & 0xFF, f"0x1F57:{subindex:02X} = 0x{value:08X}", "bits 0 to 7 = 0")
 
 
 @_add_302("G08", "302-3, object 0x1F56", "0x1F56 identifies each program by four bytes")
 def _identification(node: CheckedNode) -> None:
-    for subindex, data in _each_program(node, _IDENTIFICATION):
+    for subindex, data in _each_program(node, PROGRAM_ID):
         expect(len(data) == 4, f"{len(data)} bytes in :{subindex:02X}", "4")

@@ -28,6 +28,7 @@ from canopen_control.conformance.check import (
 from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
 from canopen_control.errors import RemoteProtocolError, SdoAbort
 from canopen_control.frame import EXTENDED_BIT, can_id_of, is_restricted
+from canopen_control.od.indices import RPDO, TPDO
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
 PDO_CHECKS = CheckList("301")
 _add = PDO_CHECKS.add
 _SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
-RPDO, TPDO = 0x1400, 0x1800
 _OFF, _NO_RTR = 1 << 31, 1 << 30
 _SEARCHED = 8  # number of records per direction that are read
 SYNC_PERIOD_S = 0.01

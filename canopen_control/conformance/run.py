@@ -9,8 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from canopen_control.cia301.sdo_codec import ANSWER_BASE, REQUEST_BASE
 from canopen_control.conformance.check import Check, CheckLevel, CheckTouch, upload_request
-from canopen_control.conformance.checked_node import ANSWER, REQUEST, CheckFailed, NotApplicable
+from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
 from canopen_control.conformance.drive_checks import DRIVE_CHECKS
 from canopen_control.conformance.message_checks import MESSAGE_CHECKS
 from canopen_control.conformance.motion_checks import MOTION_CHECKS
@@ -183,7 +184,10 @@ def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
     """Return why the device does not respond: late answers, another node-ID, absence, or a flooded bus."""
     node.listen(1.0)  # discard answers to earlier requests
     begin = node.reactor.now()
-    if node.exchange(REQUEST + node.node_id, upload_request(0x1000), ANSWER + node.node_id, _LATE_S) is not None:
+    if (
+        node.exchange(REQUEST_BASE + node.node_id, upload_request(0x1000), ANSWER_BASE + node.node_id, _LATE_S)
+        is not None
+    ):
         seconds = (node.reactor.now() - begin) / 1e9
         if seconds > node.timeout_s:
             more = f"give --timeout {2 * seconds:.1f}"
@@ -200,7 +204,7 @@ def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
     """Return the identity that the node `other` reports, in hexadecimal by field; unanswered fields are omitted."""
     identity = {}
     for name, index, subindex in _IDENTITY:
-        data = node.exchange(REQUEST + other, upload_request(index, subindex), ANSWER + other)
+        data = node.exchange(REQUEST_BASE + other, upload_request(index, subindex), ANSWER_BASE + other)
         if data is not None and data[0] & 0xE2 == 0x42:
             identity[name] = data[4:8][::-1].hex().upper()
     return identity
@@ -208,7 +212,7 @@ def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
 
 def _floods(node: CheckedNode) -> str:
     """Return a text about identifiers received too often (other than the device's SDO responses), or ""."""
-    answers = ANSWER + node.node_id
+    answers = ANSWER_BASE + node.node_id
     often = {can_id: rate for can_id, rate in node.rates.items() if rate >= _FLOOD and can_id != answers}
     return ", ".join(
         f"0x{can_id & 0x1FFFFFFF:03X} was received {rate} times in a second" for can_id, rate in often.items()

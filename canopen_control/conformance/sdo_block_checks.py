@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_codec import (
+    ABORT,
     BLOCK_ACK,
     BLOCK_DOWNLOAD,
     BLOCK_DOWNLOAD_ANSWER,
@@ -40,8 +41,9 @@ from canopen_control.conformance.check import (
     mux,
     upload_request,
 )
-from canopen_control.conformance.checked_node import ABORT, CheckFailed, NotApplicable
+from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
 from canopen_control.errors import SdoAbort
+from canopen_control.od.indices import HEARTBEAT_PRODUCER
 
 if TYPE_CHECKING:
     from canopen_control.conformance.checked_node import CheckedNode
@@ -50,7 +52,6 @@ if TYPE_CHECKING:
 BLOCK_CHECKS = CheckList("301")
 _add = BLOCK_CHECKS.add
 _SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
-_HEARTBEAT = 0x1017
 _ANSWERS_S = 0.1  # time in which the segments of a sub-block arrive
 _LIMIT_S = 0.05  # response time for a master with short timeouts
 
@@ -163,7 +164,7 @@ def _has_blocks(node: CheckedNode) -> None:
 def _start_download(node: CheckedNode, size: int, *, crc: bool) -> bool:
     """Initiate a block download to 0x1017 or raise NotApplicable; return whether the server accepts a CRC."""
     command = BLOCK_DOWNLOAD | SIZED_FLAG | (CRC_FLAG if crc else 0)
-    answer = node.ask(bytes((command, *mux(_HEARTBEAT), *size.to_bytes(4, "little"))))
+    answer = node.ask(bytes((command, *mux(HEARTBEAT_PRODUCER), *size.to_bytes(4, "little"))))
     if answer is not None and answer[0] == ABORT:
         code = int.from_bytes(answer[4:], "little")
         if code == AbortCode.UNKNOWN_COMMAND:
@@ -184,16 +185,16 @@ def _end_download(node: CheckedNode, value: bytes, crc: int) -> bytes | None:
 
 
 def _downloaded(node: CheckedNode, *, crc: bool) -> None:
-    value = node.optional(_HEARTBEAT)
+    value = node.optional(HEARTBEAT_PRODUCER)
     accepted = _start_download(node, len(value), crc=crc)
     if crc and not accepted:
-        _abort(node, _HEARTBEAT)
+        _abort(node, HEARTBEAT_PRODUCER)
         raise NotApplicable("the server computes no CRC")
     ack = _segment(node, 1, value)
     expect(ack is not None and ack[:2] == bytes((BLOCK_ACK, 1)), answer_text(ack), "A2 01")
     end = _end_download(node, value, crc16(value) if crc else 0)
     expect(end is not None and end[0] == BLOCK_END_ANSWER, answer_text(end), "A1")
-    expect(node.read(_HEARTBEAT) == value, node.read(_HEARTBEAT).hex(" "), value.hex(" "))
+    expect(node.read(HEARTBEAT_PRODUCER) == value, node.read(HEARTBEAT_PRODUCER).hex(" "), value.hex(" "))
 
 
 for _id, _clause, _title, _with_crc in (
@@ -205,20 +206,20 @@ for _id, _clause, _title, _with_crc in (
 
 @_add("S21", "7.2.4.3.12", "a block download with a wrong CRC is refused, and changes nothing", touch=_CONFIGURE)
 def _wrong_crc(node: CheckedNode) -> None:
-    before = node.optional(_HEARTBEAT)
+    before = node.optional(HEARTBEAT_PRODUCER)
     if not _start_download(node, len(before), crc=True):
-        _abort(node, _HEARTBEAT)
+        _abort(node, HEARTBEAT_PRODUCER)
         raise NotApplicable("the server computes no CRC")
     _segment(node, 1, before)
     unused = SEGMENT_DATA - len(before)
     wrong = (crc16(before) ^ 0xFFFF).to_bytes(2, "little")
     expect_abort(node, bytes((BLOCK_END | unused << 2,)) + wrong + bytes(5), AbortCode.CRC_ERROR)
-    expect(node.read(_HEARTBEAT) == before, node.read(_HEARTBEAT).hex(" "), before.hex(" "))
+    expect(node.read(HEARTBEAT_PRODUCER) == before, node.read(HEARTBEAT_PRODUCER).hex(" "), before.hex(" "))
 
 
 @_add("S22", "7.2.4.3.11", "the server requests a missing segment again, and accepts it", touch=_CONFIGURE)
 def _missing_segment(node: CheckedNode) -> None:
-    value = node.optional(_HEARTBEAT)
+    value = node.optional(HEARTBEAT_PRODUCER)
     _start_download(node, len(value), crc=False)
     ack = _segment(node, 2, value)
     if ack is not None and ack[0] == ABORT:
@@ -232,16 +233,16 @@ def _missing_segment(node: CheckedNode) -> None:
 
 @_add("S17l", "7.2.4.3.9", "a block download that announces eight bytes for UNSIGNED16 is refused", touch=_CONFIGURE)
 def _block_too_long(node: CheckedNode) -> None:
-    value = node.optional(_HEARTBEAT)
+    value = node.optional(HEARTBEAT_PRODUCER)
     command = BLOCK_DOWNLOAD | SIZED_FLAG
-    answer = node.ask(bytes((command, *mux(_HEARTBEAT), 8, 0, 0, 0)))
+    answer = node.ask(bytes((command, *mux(HEARTBEAT_PRODUCER), 8, 0, 0, 0)))
     if answer is not None and answer[0] & COMMAND_MASK == BLOCK_DOWNLOAD_ANSWER:
         node.request(bytes((1, *value, *bytes(5))))
         answer = _segment(node, 2, b"\0")
         if answer is not None and answer[0] == BLOCK_ACK:
             answer = _end_download(node, b"\0", 0)
     expect(answer is not None and answer[0] == ABORT, answer_text(answer), "an abort")
-    expect(node.read(_HEARTBEAT) == value, node.read(_HEARTBEAT).hex(" "), value.hex(" "))
+    expect(node.read(HEARTBEAT_PRODUCER) == value, node.read(HEARTBEAT_PRODUCER).hex(" "), value.hex(" "))
 
 
 # -- unused bytes, lengths and times of answers
@@ -267,12 +268,12 @@ def _shown_size(node: CheckedNode) -> None:
 
 @_add("S02u", "7.2.4.3.3", "the unused bytes of the answer to a download are 0", _SHOULD, _CONFIGURE)
 def _unused_in_confirmation(node: CheckedNode) -> None:
-    value = node.optional(_HEARTBEAT)
-    with node.kept(_HEARTBEAT):
-        answer = node.ask(bytes((0x2B, *mux(_HEARTBEAT), 0x10, 0x27, 0, 0)))
+    value = node.optional(HEARTBEAT_PRODUCER)
+    with node.kept(HEARTBEAT_PRODUCER):
+        answer = node.ask(bytes((0x2B, *mux(HEARTBEAT_PRODUCER), 0x10, 0x27, 0, 0)))
         expect(answer is not None and answer[0] == 0x60, answer_text(answer), "60")
         expect(answer is not None and not any(answer[4:]), answer_text(answer), "zeros after the multiplexer")
-    expect(node.read(_HEARTBEAT) == value, node.read(_HEARTBEAT).hex(" "), value.hex(" "))
+    expect(node.read(HEARTBEAT_PRODUCER) == value, node.read(HEARTBEAT_PRODUCER).hex(" "), value.hex(" "))
 
 
 @_add("S06c", "7.2.4.3.17", "the abort code of a missing object is 0x06020000", _SHOULD)
@@ -295,8 +296,8 @@ def _answer_time(node: CheckedNode) -> None:
 
 @_add("S29", "7.2.4.3.17", "an abandoned download does not block the next request", touch=_CONFIGURE)
 def _abandoned_download(node: CheckedNode) -> None:
-    node.optional(_HEARTBEAT)
-    node.ask(bytes((0x21, *mux(_HEARTBEAT), 2, 0, 0, 0)))
+    node.optional(HEARTBEAT_PRODUCER)
+    node.ask(bytes((0x21, *mux(HEARTBEAT_PRODUCER), 2, 0, 0, 0)))
     node.listen(0.2)
     answer = node.ask(upload_request(0x1000))
     expect(answer is not None and answer[0] == 0x43, answer_text(answer), "the answer to the new request")
@@ -304,8 +305,8 @@ def _abandoned_download(node: CheckedNode) -> None:
 
 @_add("S29t", "7.2.4.3.4", "a first segment of a download with toggle bit 1 is refused", touch=_CONFIGURE)
 def _download_toggle(node: CheckedNode) -> None:
-    value = node.optional(_HEARTBEAT)
-    node.ask(bytes((0x21, *mux(_HEARTBEAT), 2, 0, 0, 0)))
+    value = node.optional(HEARTBEAT_PRODUCER)
+    node.ask(bytes((0x21, *mux(HEARTBEAT_PRODUCER), 2, 0, 0, 0)))
     expect_abort(node, bytes((0x1B, *value, *bytes(5))), AbortCode.TOGGLE_NOT_ALTERNATED)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.pdo import DUMMY_TYPES, parse_mapping_entry
+from canopen_control.cia301.sdo_codec import ABORT, ANSWER_BASE, REQUEST_BASE
 from canopen_control.cia402 import objects as o
 from canopen_control.conformance.check import (
     CheckLevel,
@@ -28,7 +29,7 @@ from canopen_control.conformance.check import (
     mux,
     upload_request,
 )
-from canopen_control.conformance.checked_node import ABORT, ANSWER, REQUEST, CheckFailed, NotApplicable
+from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
 from canopen_control.conformance.nmt_checks import boot
 from canopen_control.conformance.pdo_checks import first_pdo
 from canopen_control.errors import SdoAbort
@@ -241,7 +242,7 @@ for _id, _title, _request, _aborts in (
 
 @_add("S12", "7.5.2.33", "0x1200 shows the identifiers of the default SDO")  # T 2.12
 def _server_parameters(node: CheckedNode) -> None:
-    for subindex, base in ((1, REQUEST), (2, ANSWER)):
+    for subindex, base in ((1, REQUEST_BASE), (2, ANSWER_BASE)):
         value = node.number(0x1200, subindex)
         expect(value == base + node.node_id, f"0x{value:08X} in :{subindex:02X}", f"0x{base + node.node_id:X}")
 

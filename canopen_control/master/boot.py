@@ -24,7 +24,6 @@ from canopen_control.cia402.objects import (
 )
 from canopen_control.errors import CanopenError, SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.master.boot_config import (
-    RESTORE,
     STORE_NS,
     check_expected,
     compare_only,
@@ -48,6 +47,7 @@ from canopen_control.master.requests import (
     boot_error,
     reason_of,
 )
+from canopen_control.od.indices import DEVICE_TYPE, IDENTITY, PROGRAM_ID, RESTORE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -64,7 +64,6 @@ if TYPE_CHECKING:
 _MILLISECOND = 1_000_000
 STATE_NS = 500 * _MILLISECOND  # wait for confirmation of an NMT command, in addition to the heartbeat timeout
 NMT_TRIES = 3  # NMT commands are unconfirmed: repeated while no heartbeat shows the state
-DEVICE_TYPE, IDENTITY, SOFTWARE = 0x1000, 0x1018, 0x1F56
 LOAD = b"load"
 _COMMUNICATION_PARAMETERS = 2  # subindex of 0x1011 whose restored values are effective after reset communication
 _OPERATION_ENABLED_BIT = 0x04
@@ -191,7 +190,7 @@ def _check_software(plan: NodePlan, transfers: BootTransfers) -> Generator[Reque
     """Compare the firmware version with `software_version` (CiA 302-2, "check and update software version")."""
     if not plan.software_version:
         return
-    version = yield from _read_optional(plan, "G", transfers, SOFTWARE, 1)
+    version = yield from _read_optional(plan, "G", transfers, PROGRAM_ID, 1)
     # CiA 302-2, error status G: the software version could not be verified
     if version is None:
         raise boot_error(plan, "G", f"the node has no 0x1F56:01, and software_version is 0x{plan.software_version:08X}")

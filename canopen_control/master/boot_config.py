@@ -18,6 +18,7 @@ from canopen_control.cia301.heartbeat import parse_consumer_entry
 from canopen_control.cia301.pdo import INVALID_BIT, MappedObject, PdoCodec
 from canopen_control.cia301.sync import PRODUCER_BIT
 from canopen_control.cia402.objects import (
+    ABORT_CONNECTION_OPTION,
     AXES,
     FEED_CONSTANT,
     GEAR_RATIO,
@@ -40,8 +41,18 @@ from canopen_control.master.boot_pdos import (
     reads_of,
     release_cob_ids,
 )
+from canopen_control.master.plan import SUPERVISION
 from canopen_control.master.requests import Answer, BootTransfers, NextStep, Request, boot_error, reason_of
 from canopen_control.od.codec import decode
+from canopen_control.od.indices import (
+    COB_ID_EMCY,
+    COB_ID_SYNC,
+    CYCLE_PERIOD,
+    HEARTBEAT_CONSUMER,
+    RESTORE,
+    STORE,
+    SYNC_OVERFLOW,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Mapping, Sequence
@@ -110,15 +121,12 @@ def value_of(mapped: MappedObject, data: bytes) -> Value | None:
     return value
 
 
-STORE, RESTORE = 0x1010, 0x1011
 SAVE = b"save"
 STORE_NS = 20_000_000_000  # writing flash memory delays the answer
-_SYNC_COUNTER = (0x1006, 0x1019)
-_SYNC, _EMCY, _CONSUMER = 0x1005, 0x1014, 0x1016
+_SYNC_COUNTER = (CYCLE_PERIOD, SYNC_OVERFLOW)
 _FIRST_OWN = 0x2000  # smaller indexes are communication objects
-_ABORT_CONNECTION = 0x6007
 _INTERPOLATION = frozenset(axis_index(INTERPOLATION_TIME_PERIOD, axis) for axis in range(AXES))
-_SUPERVISION = frozenset((0x100C, 0x100D, 0x1016, 0x1017, 0x1029, _ABORT_CONNECTION))
+_SUPERVISION = SUPERVISION | {ABORT_CONNECTION_OPTION}
 
 
 def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
@@ -249,9 +257,9 @@ def _configure_object(
         current = yield from _present(plan, write, transfers)
         if matches(write, current):
             return
-    if current is not None and write.index in (_SYNC, _EMCY):
+    if current is not None and write.index in (COB_ID_SYNC, COB_ID_EMCY):
         yield from _release(write, current, transfers)
-    if write.index == _CONSUMER:
+    if write.index == HEARTBEAT_CONSUMER:
         yield from _clear_double(plan, write, transfers)
     if not (yield from _write(plan, write, transfers)) or current is None:
         return  # refused and not essential, or not readable
@@ -264,7 +272,7 @@ def _release(write: PlannedWrite, current: bytes, transfers: BootTransfers) -> G
     """Make the COB-ID of SYNC or EMCY changeable, by clearing or setting a bit (CiA 301, 7.5.2.5 and 7.5.2.17)."""
     value = int.from_bytes(current, "little")
     # CiA 301, 7.5.2.5: bit 30 of 0x1005, the device produces SYNC; 7.5.2.17: bit 31 of 0x1014, not valid
-    changeable = value & ~PRODUCER_BIT if write.index == _SYNC else value | INVALID_BIT
+    changeable = value & ~PRODUCER_BIT if write.index == COB_ID_SYNC else value | INVALID_BIT
     if changeable != value and not matches(write, changeable.to_bytes(4, "little")):
         try:
             yield from transfers.write(*write.address, changeable.to_bytes(4, "little"))
@@ -277,12 +285,12 @@ def _clear_double(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers)
     node_id, ms = parse_consumer_entry(int.from_bytes(write.data, "little"))
     if not ms:
         return
-    planned = {planned_write.subindex for planned_write in plan.writes if planned_write.index == _CONSUMER}
-    subindices = {sub for index, sub in plan.entry_names if index == _CONSUMER and sub} - planned
+    planned = {planned_write.subindex for planned_write in plan.writes if planned_write.index == HEARTBEAT_CONSUMER}
+    subindices = {sub for index, sub in plan.entry_names if index == HEARTBEAT_CONSUMER and sub} - planned
     for subindex in sorted(subindices):
-        entry = yield from transfers.number(_CONSUMER, subindex)
+        entry = yield from transfers.number(HEARTBEAT_CONSUMER, subindex)
         if entry and parse_consumer_entry(entry)[0] == node_id:
-            yield from transfers.write(_CONSUMER, subindex, bytes(4))
+            yield from transfers.write(HEARTBEAT_CONSUMER, subindex, bytes(4))
 
 
 def _present(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, bytes | None]:
@@ -320,7 +328,7 @@ def _report_difference(plan: NodePlan, write: PlannedWrite, after: bytes, transf
     Raise BootError J instead for 0x6007 and for communication objects other than EMCY.
     """
     text = f"{_what(write)} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
-    if (write.index < _FIRST_OWN and write.index != _EMCY) or axis_of(write.index)[0] == _ABORT_CONNECTION:
+    if (write.index < _FIRST_OWN and write.index != COB_ID_EMCY) or axis_of(write.index)[0] == ABORT_CONNECTION_OPTION:
         raise boot_error(plan, "J", text)
     why = "; the node limits or rounds it"
     if write.index in _INTERPOLATION:

@@ -28,6 +28,7 @@ from canopen_control.cia301.sync import PRODUCER_BIT, SYNC_COB_ID
 from canopen_control.cia402.modes import mode_name
 from canopen_control.cia402.motors import MODES, MotorMap, per_motor, problem_of
 from canopen_control.cia402.objects import (
+    ABORT_CONNECTION_OPTION,
     AXES,
     CONTROLWORD,
     FEED_CONSTANT,
@@ -60,6 +61,19 @@ from canopen_control.master.plan_pdos import (
 )
 from canopen_control.od.codec import encode
 from canopen_control.od.eds_sections import COMMISSIONING
+from canopen_control.od.indices import (
+    COB_ID_EMCY,
+    COB_ID_SYNC,
+    COB_ID_TIME,
+    CYCLE_PERIOD,
+    ERROR_BEHAVIOUR,
+    GUARD_TIME,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_PRODUCER,
+    LIFE_FACTOR,
+    STORE,
+    SYNC_OVERFLOW,
+)
 from canopen_control.od.pdos import is_cob_id
 from canopen_control.profiles import Profile, profile_of
 from canopen_control.rpc.messages.robot import NodeIdentity
@@ -73,14 +87,10 @@ if TYPE_CHECKING:
     from canopen_control.profiles import Signal
 
 
-CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR = 0x1016, 0x1017, 0x100C, 0x100D, 0x1029
-TIME_COB_ID, SYNC_OVERFLOW, SYNC_PERIOD, SYNC, EMCY = 0x1012, 0x1019, 0x1006, 0x1005, 0x1014
-ABORT_CONNECTION = 0x6007
-STORE = 0x1010
 _INTERFACES = ("position", "velocity", "effort")
 STOPPED = 2  # value of 0x1029: change to NMT state STOPPED
 FAULT_REACTION = 1  # value of 0x6007: malfunction, with the fault reaction of 0x605E
-_SUPERVISION = frozenset((CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR))
+SUPERVISION = frozenset((HEARTBEAT_CONSUMER, HEARTBEAT_PRODUCER, GUARD_TIME, LIFE_FACTOR, ERROR_BEHAVIOUR))
 FACTORS = tuple((index, sub) for index in (POSITION_ENCODER_RESOLUTION, GEAR_RATIO, FEED_CONSTANT) for sub in (1, 2))
 """Objects that determine the position counts per turn."""
 _MILLISECOND = 1_000_000
@@ -209,7 +219,7 @@ def _plan_communication(builder: PlanBuilder, master: MasterConfig) -> None:
     _plan_sync_counter(builder, master)
     _plan_services(builder, master)
     if node.boot.time_cob_id is not None:
-        builder.write(TIME_COB_ID, 0, node.boot.time_cob_id, "time_cob_id")
+        builder.write(COB_ID_TIME, 0, node.boot.time_cob_id, "time_cob_id")
     _plan_downloads(builder)
     add_feed_forward(builder, tuple(_axes(od)))
     for kind in ("rpdo", "tpdo"):
@@ -410,12 +420,12 @@ def _plan_error_control(builder: PlanBuilder, master: MasterConfig) -> int:
     guarded = keys.guarded and not period
     for key, index, value in (
         ("guard_time", GUARD_TIME, keys.guard_time),
-        ("life_time_factor", LIFE_TIME, keys.life_time_factor),
+        ("life_time_factor", LIFE_FACTOR, keys.life_time_factor),
     ):
         if value:
             builder.write(index, 0, value if guarded else 0, key)
     if guarded and not keys.life_time_factor:
-        builder.write(LIFE_TIME, 0, keys.life_factor, "guard_time", "the node detects the loss of node guarding")
+        builder.write(LIFE_FACTOR, 0, keys.life_factor, "guard_time", "the node detects the loss of node guarding")
     for subindex, value in keys.error_behavior.items():
         builder.write(ERROR_BEHAVIOUR, subindex, value, "error_behavior")
     for subindex in builder.od.subindices(ERROR_BEHAVIOUR)[1:]:
@@ -431,10 +441,10 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
     Devices refuse two entries for one node (CiA 301, 7.5.2.19), so an existing entry for the master is used.
     """
     keys, od = builder.node.supervision, builder.od
-    subindices = od.subindices(CONSUMER)[1:]
+    subindices = od.subindices(HEARTBEAT_CONSUMER)[1:]
     if keys.heartbeat_consumer is False or not subindices:
         for subindex in subindices:
-            builder.write_downloaded(CONSUMER, subindex)
+            builder.write_downloaded(HEARTBEAT_CONSUMER, subindex)
         if keys.heartbeat_consumer:
             builder.complain(
                 "heartbeat_consumer", f"0x1016:01 is not in {builder.file}, so the node cannot monitor the master"
@@ -442,14 +452,18 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
         return
     # CiA 301, 7.5.2.19: the heartbeat time is UNSIGNED16, in ms
     timeout = min(round(master.heartbeat_ms * keys.multiplier), 0xFFFF)
-    listed = {entry.sub_index for entry in builder.node.boot.sdo if entry.index == CONSUMER}
-    entries = {subindex: parse_consumer_entry(builder.final(CONSUMER, subindex) or 0) for subindex in subindices}
+    listed = {entry.sub_index for entry in builder.node.boot.sdo if entry.index == HEARTBEAT_CONSUMER}
+    entries = {
+        subindex: parse_consumer_entry(builder.final(HEARTBEAT_CONSUMER, subindex) or 0) for subindex in subindices
+    }
     if keys.heartbeat_consumer is None and any(
         entries[subindex][0] == master.node_id and entries[subindex][1] for subindex in listed & entries.keys()
     ):
         return  # the time is in the `sdo:` list
     overwrite = keys.heartbeat_consumer or not listed
-    usable = [sub for sub in subindices if builder.can_write(CONSUMER, sub) and (overwrite or sub not in listed)]
+    usable = [
+        sub for sub in subindices if builder.can_write(HEARTBEAT_CONSUMER, sub) and (overwrite or sub not in listed)
+    ]
 
     def fitness(subindex: int) -> tuple[bool, bool, bool]:
         node_id, ms = entries[subindex]
@@ -462,12 +476,19 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
         node_id, ms = entries[subindex]
         if subindex != chosen and subindex not in listed:
             if node_id == master.node_id and ms:
-                builder.write(CONSUMER, subindex, 0, "dcf", f"0x1016:{chosen:02X} monitors the master", optional=True)
+                builder.write(
+                    HEARTBEAT_CONSUMER,
+                    subindex,
+                    0,
+                    "dcf",
+                    f"0x1016:{chosen:02X} monitors the master",
+                    optional=True,
+                )
             else:
-                builder.write_downloaded(CONSUMER, subindex)
+                builder.write_downloaded(HEARTBEAT_CONSUMER, subindex)
     reason = "" if keys.heartbeat_consumer else "the node detects the loss of the master"
-    builder.write(CONSUMER, chosen, consumer_entry(master.node_id, timeout), "heartbeat_consumer", reason)
-    builder.note_overruled(CONSUMER, chosen, "heartbeat_consumer")
+    builder.write(HEARTBEAT_CONSUMER, chosen, consumer_entry(master.node_id, timeout), "heartbeat_consumer", reason)
+    builder.note_overruled(HEARTBEAT_CONSUMER, chosen, "heartbeat_consumer")
 
 
 def _plan_producer(builder: PlanBuilder) -> int:
@@ -477,34 +498,34 @@ def _plan_producer(builder: PlanBuilder) -> int:
     object with its default.
     """
     keys = builder.node.supervision
-    fixed = 0 if builder.can_write(PRODUCER, 0) else builder.default(PRODUCER, 0) or 0
+    fixed = 0 if builder.can_write(HEARTBEAT_PRODUCER, 0) else builder.default(HEARTBEAT_PRODUCER, 0) or 0
     # CiA 301, 7.2.8.3.2: heartbeat or node guarding, not both
     if keys.guarded:
         if fixed:
             text = f"0x1017 is {fixed} ms and cannot be written: the node sends heartbeats, which disable guarding"
             builder.warn("guard_time", f"{text} (CiA 301, 7.2.8.3); the heartbeat is monitored instead")
-        elif builder.can_write(PRODUCER, 0):
-            builder.write(PRODUCER, 0, 0, "guard_time", _NO_HEARTBEAT)
-            builder.note_overruled(PRODUCER, 0, "guard_time")
+        elif builder.can_write(HEARTBEAT_PRODUCER, 0):
+            builder.write(HEARTBEAT_PRODUCER, 0, 0, "guard_time", _NO_HEARTBEAT)
+            builder.note_overruled(HEARTBEAT_PRODUCER, 0, "guard_time")
         return fixed
     if not keys.heartbeat_producer:
-        if (listed := builder.listed_value(PRODUCER)) is not None:
+        if (listed := builder.listed_value(HEARTBEAT_PRODUCER)) is not None:
             if not listed:
                 builder.warn("sdo", "0x1017 is set to 0: the master cannot detect the loss of this node")
             return listed
-        if fixed or not builder.can_write(PRODUCER, 0):
+        if fixed or not builder.can_write(HEARTBEAT_PRODUCER, 0):
             if not fixed:
-                cannot = "cannot be written" if (PRODUCER, 0) in builder.od else f"is not in {builder.file}"
-                can_guard = builder.can_write(GUARD_TIME, 0) and builder.can_write(LIFE_TIME, 0)
+                cannot = "cannot be written" if (HEARTBEAT_PRODUCER, 0) in builder.od else f"is not in {builder.file}"
+                can_guard = builder.can_write(GUARD_TIME, 0) and builder.can_write(LIFE_FACTOR, 0)
                 remedy = "set guard_time" if can_guard else "it has no node guarding (0x100C, 0x100D) either"
                 builder.warn("dcf", f"0x1017 {cannot}: the master cannot detect the loss of this node; {remedy}")
             return fixed
-        if period := builder.downloaded_value(PRODUCER):
-            builder.write_downloaded(PRODUCER, 0)
+        if period := builder.downloaded_value(HEARTBEAT_PRODUCER):
+            builder.write_downloaded(HEARTBEAT_PRODUCER, 0)
             return period
     reason = "" if keys.heartbeat_producer else "the master detects the loss of the drive"
-    builder.write(PRODUCER, 0, keys.heartbeat_ms, "heartbeat_producer", reason)
-    builder.note_overruled(PRODUCER, 0, "heartbeat_producer" if keys.heartbeat_producer else "the default")
+    builder.write(HEARTBEAT_PRODUCER, 0, keys.heartbeat_ms, "heartbeat_producer", reason)
+    builder.note_overruled(HEARTBEAT_PRODUCER, 0, "heartbeat_producer" if keys.heartbeat_producer else "the default")
     return keys.heartbeat_ms
 
 
@@ -519,7 +540,7 @@ def _plan_reactions(builder: PlanBuilder) -> None:
     by_nmt = False  # whether an axis is stopped by the NMT state alone
     # CiA 402-2: 0x6007, the reaction to the loss of communication; CiA 301, 7.5.2.32: 0x1029
     for offset in _axes(builder.od):
-        index = ABORT_CONNECTION + offset
+        index = ABORT_CONNECTION_OPTION + offset
         if (index, 0) not in builder.od:
             by_nmt = True
             continue
@@ -543,9 +564,12 @@ def _plan_reactions(builder: PlanBuilder) -> None:
 def _monitors_master(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bool:
     """Whether a node, configured by the plan, detects the loss of the master; warn if the timeout is too short."""
     # CiA 301, 7.5.2.11 and 7.5.2.12: a product of 0 disables life guarding
-    if guarded and builder.final(GUARD_TIME, 0) and builder.final(LIFE_TIME, 0):
+    if guarded and builder.final(GUARD_TIME, 0) and builder.final(LIFE_FACTOR, 0):
         return True
-    consumers = [parse_consumer_entry(builder.final(CONSUMER, sub) or 0) for sub in builder.od.subindices(CONSUMER)[1:]]
+    consumers = [
+        parse_consumer_entry(builder.final(HEARTBEAT_CONSUMER, sub) or 0)
+        for sub in builder.od.subindices(HEARTBEAT_CONSUMER)[1:]
+    ]
     times = [ms for node_id, ms in consumers if node_id == master.node_id and ms]
     cycle_ms = master.sync_period / 1000  # heartbeats are sent at the edges of the cycle
     beat_ms = math.ceil(master.heartbeat_ms / cycle_ms) * cycle_ms if cycle_ms else master.heartbeat_ms
@@ -565,11 +589,11 @@ def _why_unsupervised(builder: PlanBuilder, master: MasterConfig, *, monitors: b
     if not axes:
         return ""
     if not monitors:
-        if (listed := builder.listed_value(CONSUMER, 1)) is not None:
+        if (listed := builder.listed_value(HEARTBEAT_CONSUMER, 1)) is not None:
             return f"the sdo: list sets 0x1016:01 to 0x{listed:08X}, which does not monitor node {master.node_id}"
         return "it has neither a writable heartbeat consumer (0x1016) nor node guarding"
     for offset in axes:
-        index = ABORT_CONNECTION + offset
+        index = ABORT_CONNECTION_OPTION + offset
         if (index, 0) in builder.od:
             if not builder.final(index, 0):
                 return f"it detects the loss, but 0x{index:04X} = 0 lets the motor continue to turn"
@@ -583,12 +607,12 @@ def _plan_sync_counter(builder: PlanBuilder, master: MasterConfig) -> None:
     if not master.sync_overflow or builder.is_requested(SYNC_OVERFLOW):
         return
     if (SYNC_OVERFLOW, 0) in builder.od:
-        period = builder.default(SYNC_PERIOD, 0) if builder.can_write(SYNC_PERIOD, 0) else 0
+        period = builder.default(CYCLE_PERIOD, 0) if builder.can_write(CYCLE_PERIOD, 0) else 0
         if period:  # 0x1019 is refused while it is not 0 (CiA 301, 7.5.2.22)
-            builder.write(SYNC_PERIOD, 0, 0, "dcf", "0x1019 can be written only while 0x1006 is 0", optional=True)
+            builder.write(CYCLE_PERIOD, 0, 0, "dcf", "0x1019 can be written only while 0x1006 is 0", optional=True)
         builder.write(SYNC_OVERFLOW, 0, master.sync_overflow, "dcf", "the master's SYNC contains a counter")
         if period:
-            builder.write(SYNC_PERIOD, 0, period, "dcf", "the former value", optional=True)
+            builder.write(CYCLE_PERIOD, 0, period, "dcf", "the former value", optional=True)
     else:
         builder.warn(
             "dcf", f"0x1019 is not in {builder.file}, but SYNC contains a counter: the node may send EMCY 0x8240"
@@ -601,10 +625,10 @@ def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
     A different value in the `sdo:` list is kept, with a warning. With `sync_producer: other`, 0x1005 of a node that
     produces SYNC (bit 30) is not changed.
     """
-    if master.sync_producer != "other" or not (builder.default(SYNC, 0) or 0) & PRODUCER_BIT:
-        _plan_service(builder, SYNC, SYNC_COB_ID, "the COB-ID of the master's SYNC")
+    if master.sync_producer != "other" or not (builder.default(COB_ID_SYNC, 0) or 0) & PRODUCER_BIT:
+        _plan_service(builder, COB_ID_SYNC, SYNC_COB_ID, "the COB-ID of the master's SYNC")
     _plan_service(
-        builder, EMCY, cob_id(Service.EMCY, builder.node.node_id), "the COB-ID on which the master receives EMCY"
+        builder, COB_ID_EMCY, cob_id(Service.EMCY, builder.node.node_id), "the COB-ID on which the master receives EMCY"
     )
 
 
@@ -631,7 +655,7 @@ def _plan_service(builder: PlanBuilder, index: int, identifier: int, purpose: st
             "dcf",
             f"0x{index:04X} = 0x{default:X} in {builder.file} is not a valid COB-ID; 0x{identifier:03X} is written",
         )
-    same = default is not None and default & (0x7FF | INVALID_BIT if index == EMCY else 0xFFFFFFFF) == identifier
+    same = default is not None and default & (0x7FF | INVALID_BIT if index == COB_ID_EMCY else 0xFFFFFFFF) == identifier
     value = default if same else identifier
     builder.write(index, 0, value, "dcf", STORED if same else purpose, optional=True)
     builder.note_overruled(index, 0, purpose)
@@ -640,7 +664,7 @@ def _plan_service(builder: PlanBuilder, index: int, identifier: int, purpose: st
 def _plan_downloads(builder: PlanBuilder) -> None:
     """Plan the downloads of a DCF or concise DCF, except SYNC, EMCY, error control and PDOs that bus.yml configures."""
     axes = tuple(_axes(builder.od))
-    supervision = _SUPERVISION | {SYNC, EMCY} | {ABORT_CONNECTION + offset for offset in axes}
+    supervision = SUPERVISION | {COB_ID_SYNC, COB_ID_EMCY} | {ABORT_CONNECTION_OPTION + offset for offset in axes}
     for index, subindex, data in builder.downloads:
         if index - CONTROLWORD in axes:
             if word := int.from_bytes(data, "little"):

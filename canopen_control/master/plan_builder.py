@@ -22,6 +22,7 @@ from canopen_control.cia402.objects import (
 )
 from canopen_control.master.keys import PdoConfig, PdoObjectKeys
 from canopen_control.od.codec import encode, outside_limits
+from canopen_control.od.indices import CYCLE_PERIOD, RPDO, RPDO_MAPPING
 from canopen_control.od.model import DataType
 from canopen_control.od.pdos import COMMUNICATION, pdo_of
 
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 
 _OFFSETS: Final = {"velocity": VELOCITY_OFFSET, "effort": TORQUE_OFFSET}
 _PREDEFINED: Final = range(1, 5)
-_COMMUNICATION, _MAPPING = 0x1400, 0x1600
 
 
 def add_feed_forward(builder: PlanBuilder, axes: Sequence[int]) -> None:
@@ -99,16 +99,16 @@ def _has_room(builder: PlanBuilder, number: int, mapping: Sequence[PdoObjectKeys
     od = builder.od
     entries = [od.get(keys.index, keys.sub_index) for keys in (*mapping, PdoObjectKeys(index))]
     bits = sum((entry.data_type.bits or 0) if entry is not None else MAX_BITS for entry in entries)
-    last_slot = (_MAPPING + number - 1, len(entries))
-    return bits <= MAX_BITS and (_COMMUNICATION + number - 1, 1) in od and last_slot in od
+    last_slot = (RPDO_MAPPING + number - 1, len(entries))
+    return bits <= MAX_BITS and (RPDO + number - 1, 1) in od and last_slot in od
 
 
 def _mapped(builder: PlanBuilder, number: int, pdo: PdoConfig) -> list[int]:
     """Return the indices of the objects that an RPDO of bus.yml maps."""
     if pdo.mapping is not None:
         return [mapped.index for mapped in pdo.mapping]
-    slots = range(1, (builder.default(_MAPPING + number - 1, 0) or 0) + 1)
-    return [(builder.default(_MAPPING + number - 1, slot) or 0) >> 16 for slot in slots]
+    slots = range(1, (builder.default(RPDO_MAPPING + number - 1, 0) or 0) + 1)
+    return [(builder.default(RPDO_MAPPING + number - 1, slot) or 0) >> 16 for slot in slots]
 
 
 # The interpolation time period (0x60C2) of a plan: the SYNC period exactly, in 1 to 255 units of a power of ten.
@@ -122,7 +122,6 @@ _MAX: Final = 0xFF
 _EXPONENTS: Final = range(-9, 2)
 
 
-_CYCLE_PERIOD = 0x1006
 _IP = 7
 
 
@@ -161,14 +160,14 @@ def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:
 
     Delta's ASDA-A2 reports a SYNC alarm if 0x1006 differs from 0x60C2 (canfestival-rtt, issue 18; canopen, issue 407).
     """
-    period, line = builder.requested_value(_CYCLE_PERIOD), f"{{index: 0x1006, sub_index: 0, value: {sync_period_us}}}"
-    if builder.is_requested(_CYCLE_PERIOD):
+    period, line = builder.requested_value(CYCLE_PERIOD), f"{{index: 0x1006, sub_index: 0, value: {sync_period_us}}}"
+    if builder.is_requested(CYCLE_PERIOD):
         if period is not None and period not in (0, sync_period_us):
-            number = next((n for n, entry in enumerate(builder.node.boot.sdo) if entry.index == _CYCLE_PERIOD), None)
+            number = next((n for n, entry in enumerate(builder.node.boot.sdo) if entry.index == CYCLE_PERIOD), None)
             key = "dcf" if number is None else f"sdo[{number}]"
             builder.warn(key, f"0x1006 is {period} us, but the SYNC period {sync_period_us} us; write `{line}`")
-    elif builder.node.motion.position_mode == _IP and builder.can_write(_CYCLE_PERIOD, 0):
-        period = builder.default(_CYCLE_PERIOD, 0)
+    elif builder.node.motion.position_mode == _IP and builder.can_write(CYCLE_PERIOD, 0):
+        period = builder.default(CYCLE_PERIOD, 0)
         if period != sync_period_us:
             builder.remark(
                 "position_mode",

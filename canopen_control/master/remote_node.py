@@ -21,6 +21,7 @@ from canopen_control.errors import BootError, HeartbeatLost, SdoAbort, SdoStoppe
 from canopen_control.master.boot import BootTask
 from canopen_control.master.event_log import Event, Level
 from canopen_control.master.supervision import DuplicateWatch, EmcyGate
+from canopen_control.od.indices import GUARD_TIME, HEARTBEAT_PRODUCER, LIFE_FACTOR, SYNC_OVERFLOW
 from canopen_control.rpc.messages.fault import FaultEvent
 
 if TYPE_CHECKING:
@@ -429,7 +430,7 @@ class RemoteNode:
     @property
     def _hints(self) -> dict[int, str]:
         """Advice, by EMCY code, for errors whose cause the boot in progress removes."""
-        if self._task is None or not any(write.index == _SYNC_OVERFLOW for write in self.plan.writes):
+        if self._task is None or not any(write.index == SYNC_OVERFLOW for write in self.plan.writes):
             return {}
         return {_SYNC_LENGTH: "; the SYNC counter is not yet set, the boot under way writes its 0x1019"}
 
@@ -616,14 +617,14 @@ class RemoteNode:
         Some devices expect guarding from this write on, instead of after the first remote frame (CiA 301, 7.2.8.3.2.1),
         and send EMCY 0x8130 if the first remote frame comes only after the life time.
         """
-        writes_guarding = request.index in (_GUARD_TIME, _LIFE_TIME_FACTOR) and self._task is not None
+        writes_guarding = request.index in (GUARD_TIME, LIFE_FACTOR) and self._task is not None
         if writes_guarding and self.plan.guard is not None and not self._guarding_boot:
             self._guarding_boot = True
             self._owner.guard(self, True, now)
 
     def _follow_heartbeat(self, request: SdoRequest, now: int) -> None:
         """Adapt the supervision to a heartbeat period that a user has just written to 0x1017."""
-        if request.index != _PRODUCER or self._task is not None or not self.plan.heartbeat_timeout_ns:
+        if request.index != HEARTBEAT_PRODUCER or self._task is not None or not self.plan.heartbeat_timeout_ns:
             return
         ms = int.from_bytes(request.data, "little")
         if not ms:
@@ -651,7 +652,6 @@ def _is_absence(request: SdoRequest) -> bool:
     return not request.is_write and isinstance(error, SdoAbort) and error.code in _ABSENT
 
 
-_GUARD_TIME, _LIFE_TIME_FACTOR, _PRODUCER, _SYNC_OVERFLOW = 0x100C, 0x100D, 0x1017, 0x1019
 _SYNC_LENGTH = 0x8240  # EMCY: the length of the SYNC does not match 0x1019
 _ABSENT = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
 _MAY_BE_ALIVE = ("heartbeat_lost", "guarding_lost", "guarding_toggle", "restarted", "nmt")

@@ -33,10 +33,12 @@ from canopen_control.od.eds_sections import (
     what_else,
 )
 from canopen_control.od.eds_values import parse_number
+from canopen_control.od.indices import COB_ID_EMCY, COB_ID_SYNC
 from canopen_control.od.issues import Issue, Report
 from canopen_control.od.model import (
     AXIS_STEP,
     DEVICE_PROFILE,
+    PROFILE_START,
     SCALAR_CODES,
     DataType,
     DeviceInfo,
@@ -62,9 +64,7 @@ if TYPE_CHECKING:
 
 
 _MANDATORY = {0x1000: "device type", 0x1001: "error register", 0x1018: "identity"}
-_SYNC, _EMCY = 0x1005, 0x1014
 _LISTS = (ObjectCode.ARRAY, ObjectCode.RECORD, ObjectCode.DEFSTRUCT)
-_PROFILE_START = 0x6000
 _CODES_OF = {
     ObjectCode.ARRAY: (
         *(range(index, index + 1) for index in (0x1003, 0x1010, 0x1011, 0x1016, 0x1029)),
@@ -89,7 +89,7 @@ def check_dictionary(od: ObjectDictionary, report: Report) -> None:
         subindices.setdefault(entry.index, []).append(entry.subindex)
         if entry.low is not None or entry.high is not None:
             _check_limits(entry, 0 if od.node_id else 1, report)
-        if is_cob_id(*entry.address) or entry.index in (_SYNC, _EMCY):
+        if is_cob_id(*entry.address) or entry.index in (COB_ID_SYNC, COB_ID_EMCY):
             _check_cob_id(entry, od.node_id or 1, report)
     for index, info in od.objects.items():
         _check_structure(od, info, subindices[index], report)
@@ -140,7 +140,7 @@ def _check_cob_id(entry: Entry, node_id: int, report: Report) -> None:
     relative = entry.relative if entry.parameter_value is None else entry.parameter_relative
     identifier = value + (0 if not relative or value & 0x7F else node_id)
     # CiA 301, 7.3.5: restricted identifiers
-    off = EXTENDED_BIT if entry.index == _SYNC else EXTENDED_BIT | INVALID
+    off = EXTENDED_BIT if entry.index == COB_ID_SYNC else EXTENDED_BIT | INVALID
     if not identifier & off and is_restricted(identifier & 0x7FF):
         text = f"{_where(entry)} ({clip(entry.name)}) is 0x{value:X}, a restricted CAN-ID"
         report.warning(entry.line, "cob-id", f"{text} (CiA 301, table 40); the object can never be active")
@@ -167,8 +167,8 @@ def _check_code(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], r
     place = f"0x{info.index:04X} ({clip(info.name)})"
     types = {od[info.index, sub].data_type for sub in subindices if sub not in (0, _STRUCTURE_SUB)}
     base = info.index
-    if base >= _PROFILE_START:
-        base = _PROFILE_START + (base - _PROFILE_START) % AXIS_STEP
+    if base >= PROFILE_START:
+        base = PROFILE_START + (base - PROFILE_START) % AXIS_STEP
     expected = next((code for code, indices in _CODES_OF.items() if any(base in index for index in indices)), None)
     if info.code is ObjectCode.ARRAY and len(types) > 1:
         named = ", ".join(sorted(type_.name for type_ in types))

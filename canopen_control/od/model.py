@@ -353,7 +353,7 @@ def communication_type(index: int, subindex: int) -> DataType | None:
 
 
 DEVICE_PROFILE = 402  # low word of 0x1000
-_PROFILE_START = 0x6000
+PROFILE_START = 0x6000  # first object of the device profiles
 AXIS_STEP = 0x800  # axis a has its objects at 0x6000 + a * 0x800 (CiA 402-1)
 
 _I8, _I16, _I32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
@@ -399,6 +399,6 @@ TYPES: dict[tuple[int, int], tuple[DataType, ...]] = {
 
 def profile_type(index: int, subindex: int) -> tuple[DataType, ...]:
     """Return the data types that CiA 402 accepts for an object of any axis of a drive; () if unknown."""
-    if index < _PROFILE_START:
+    if index < PROFILE_START:
         return ()
-    return TYPES.get((_PROFILE_START + (index - _PROFILE_START) % AXIS_STEP, subindex), ())
+    return TYPES.get((PROFILE_START + (index - PROFILE_START) % AXIS_STEP, subindex), ())

@@ -12,6 +12,7 @@ from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS
 from canopen_control.master.event_log import Event
 from canopen_control.od.codec import decode, encode, fitted
 from canopen_control.od.eds_values import format_value
+from canopen_control.od.indices import GUARD_TIME, HEARTBEAT_CONSUMER, LIFE_FACTOR
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import (
     MAX_OBJECT,
@@ -56,7 +57,6 @@ _MAX: Final = 64  # remembered pairs of a client and a node
 
 
 #: objects by which a drive detects the loss of the master (CiA 301, 7.5.2.11, 7.5.2.12, 7.5.2.19)
-_GUARD_TIME, _LIFE_TIME_FACTOR, _CONSUMER = 0x100C, 0x100D, 0x1016
 
 
 def refuse_unsupervised(node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
@@ -66,10 +66,10 @@ def refuse_unsupervised(node: RemoteNode, index: int, subindex: int, data: bytes
     (0x6007). It is permitted while the node is taken out.
     """
     reaction = axis_of(index)[0] == ABORT_CONNECTION_OPTION
-    if node.is_taken_out or not (reaction or index in (_GUARD_TIME, _LIFE_TIME_FACTOR, _CONSUMER)):
+    if node.is_taken_out or not (reaction or index in (GUARD_TIME, LIFE_FACTOR, HEARTBEAT_CONSUMER)):
         return
     planned = next((write.data for write in reversed(node.plan.writes) if write.address == (index, subindex)), b"")
-    if index == _CONSUMER:  # bits 0 to 15 are the time, bits 16 to 22 the node-ID
+    if index == HEARTBEAT_CONSUMER:  # bits 0 to 15 are the time, bits 16 to 22 the node-ID
         lost = any(planned[:2]) and (planned[2:3] != data[2:3] or not any(data[:2]))
     else:
         lost = any(planned) and not any(data)

@@ -19,6 +19,7 @@ from canopen_control.cia402.units import counts_of_objects, rpm_of_unit
 from canopen_control.errors import RobotConfigError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.od.codec import accepts
+from canopen_control.od.indices import GUARD_TIME, HEARTBEAT_CONSUMER, HEARTBEAT_PRODUCER, LIFE_FACTOR
 from canopen_control.scaffold.pdo_choice import PdoRequirement, PdoUse, choose_pdos
 
 if TYPE_CHECKING:
@@ -182,7 +183,6 @@ def _named(addresses: Sequence[Address]) -> str:
     return ", ".join(f"0x{index:04X}" for index, _ in addresses)
 
 
-_CONSUMER, _PRODUCER, _GUARD_TIME, _LIFE_TIME = 0x1016, 0x1017, 0x100C, 0x100D
 _PERIOD_MS: Final = 100  # as in the bus.yml of a new robot
 _LIFE: Final = 5
 _ENTRY: Final = MAX_NODE_ID << 16 | _LIFE * _PERIOD_MS  # CiA 301, 7.5.2.19: node-ID and time
@@ -191,9 +191,11 @@ _ENTRY: Final = MAX_NODE_ID << 16 | _LIFE * _PERIOD_MS  # CiA 301, 7.5.2.19: nod
 def supervision_of(od: ObjectDictionary) -> Supervision:
     """Return the supervision that the EDS permits: heartbeat (0x1016, 0x1017), else guarding."""
     # CiA 301, 7.2.8.3.2.1: a heartbeat producer time above 0 disables node guarding
-    producer = accepts(od.get(_PRODUCER, 0), _PERIOD_MS)
-    consumer = any(accepts(od.get(_CONSUMER, subindex), _ENTRY) for subindex in od.subindices(_CONSUMER)[1:])
-    guarding = accepts(od.get(_GUARD_TIME, 0), _PERIOD_MS) and accepts(od.get(_LIFE_TIME, 0), _LIFE)
+    producer = accepts(od.get(HEARTBEAT_PRODUCER, 0), _PERIOD_MS)
+    consumer = any(
+        accepts(od.get(HEARTBEAT_CONSUMER, subindex), _ENTRY) for subindex in od.subindices(HEARTBEAT_CONSUMER)[1:]
+    )
+    guarding = accepts(od.get(GUARD_TIME, 0), _PERIOD_MS) and accepts(od.get(LIFE_FACTOR, 0), _LIFE)
     return Supervision(producer, consumer, not (producer and consumer) and guarding)
 
 

@@ -5,13 +5,12 @@ The timing of a stalled, killed or disconnected master is checked only from some
 
 from __future__ import annotations
 
-import functools
 from collections import deque
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.cia301.pdo import INVALID_BIT, NO_RTR_BIT
 from canopen_control.cia402.objects import HOMING_SPEEDS, PROFILE_VELOCITY, axis_of
-from canopen_control.frame import RECORD
+from canopen_control.frame import RECORD, is_restricted
 from canopen_control.master.budget import budget_of
 from canopen_control.od.codec import encode
 from canopen_control.simulation.robot_under_test import MASTER
@@ -41,8 +40,6 @@ _MS: Final = 1_000_000
 _EVERY_NS: Final = 100 * _MS  # interval of the checks
 _LAG_NS: Final = 120 * _MS  # time allowed for a value of a TPDO
 _CALM_NS: Final = 3000 * _MS  # time since a disturbance of the node, during which it may still boot
-_RESTRICTED: Final = ((0, 0x7F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
-"""Ranges of COB-IDs that are invalid for PDOs (CiA 301, table 40)."""
 _RECORDS: Final = (*range(0x1400, 0x1600), *range(0x1800, 0x1A00))
 _LOWERED: Final = (PROFILE_VELOCITY, HOMING_SPEEDS)  # reduced to the velocity limit of the description after the boot
 # a read returns another value than the written one (CiA 301, 7.5.2.13 and 7.5.2.14)
@@ -140,7 +137,7 @@ class ConfigurationInvariants:
         bad = set()
         for index in node.records:
             entry = store.get(index, 1)
-            if isinstance(entry, int) and not entry & INVALID_BIT and _is_restricted(entry & 0x1FFFFFFF):
+            if isinstance(entry, int) and not entry & INVALID_BIT and is_restricted(entry & 0x1FFFFFFF):
                 if entry == (device.od[index, 1].value or 0):
                     continue
                 bad.add(index)
@@ -200,11 +197,6 @@ def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
         lowered = axis_of(write.index)[0] in _LOWERED and 0 < value < planned
         return planned == value or lowered
     return encode(value, entry.data_type) == write.data
-
-
-@functools.lru_cache(maxsize=4096)
-def _is_restricted(cob_id: int) -> bool:
-    return any(low <= cob_id <= high for low, high in _RESTRICTED)
 
 
 def _name(mapped: MappedObject) -> str:

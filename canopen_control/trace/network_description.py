@@ -19,6 +19,7 @@ from canopen_control.cia402 import objects
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.frame import can_id_of
 from canopen_control.od.eds import SUFFIXES, read_eds
+from canopen_control.od.indices import COB_ID_EMCY, DEVICE_TYPE
 from canopen_control.od.model import DataType, ObjectCode
 from canopen_control.od.pdos import pdos_of
 from canopen_control.rpc.messages.layout import MappedEntry, PdoLayout
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 
 DEFAULT_BITRATE = 1_000_000
-_DEVICE_TYPE, _EMCY_ENTRY = 0x1000, 0x1014
 _RAW_TYPES = {
     8: DataType.UNSIGNED8,
     16: DataType.UNSIGNED16,
@@ -63,7 +63,7 @@ class NodeDescription:
         """Whether the node is a CiA 402 drive; True for a node without an EDS."""
         if self.od is None:
             return True
-        device_type = self.od.get(_DEVICE_TYPE)
+        device_type = self.od.get(DEVICE_TYPE)
         value = device_type.value if device_type is not None else None
         if isinstance(value, int) and value & 0xFFFF and not objects.is_drive_profile(value):
             return False
@@ -72,7 +72,7 @@ class NodeDescription:
     @property
     def emcy_cob_id(self) -> int:
         """COB-ID of the node's EMCY: 0x1014 in the EDS, else the identifier of the predefined connection set."""
-        entry = self.od.get(_EMCY_ENTRY) if self.od is not None else None
+        entry = self.od.get(COB_ID_EMCY) if self.od is not None else None
         value = entry.value if entry is not None else None
         return can_id_of(value) if isinstance(value, int) and value & 0x7FF else EMCY_COB_ID + self.node_id
 

@@ -23,6 +23,7 @@ from canopen_control.cia301.pdo import INVALID_BIT
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia301.sync import check_cob_id_sync, check_overflow, parse_cob_id_sync
 from canopen_control.frame import EXTENDED_BIT, MAX_NODE_ID, is_restricted
+from canopen_control.od.indices import FLASH_STATUS, PROGRAM_CONTROL, PROGRAM_DATA, PROGRAM_ID, SOFTWARE_DATE
 from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, HeartbeatMissed
 from canopen_control.virtual.object_store import refuse
@@ -55,9 +56,19 @@ if TYPE_CHECKING:
 # - 0x1F52 is the date of a program that has "1F52", days since 1984 and ms after midnight before its CRC.
 
 
-DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
 _LOADER_OBJECTS: Final = frozenset(
-    (0x1000, 0x1001, 0x1008, 0x1017, 0x1018, DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH)
+    (
+        0x1000,
+        0x1001,
+        0x1008,
+        0x1017,
+        0x1018,
+        PROGRAM_DATA,
+        PROGRAM_CONTROL,
+        SOFTWARE_DATE,
+        PROGRAM_ID,
+        FLASH_STATUS,
+    )
 )
 _LOADER_PRODUCT: Final = 0xB007_0000
 _CRC_BYTES: Final = 4
@@ -113,13 +124,17 @@ class ProgramArea:
         self._od, self._store, self._nmt, self._clock = od, store, nmt, clock
         self._busy_until = 0
         self._next: ProgramState | None = None  # state after the pending reset
-        self.number = od.subindices(CONTROL)[-1] if len(od.subindices(CONTROL)) < 2 else od.subindices(CONTROL)[1]
-        store.guard([CONTROL], self._control)
-        store.guard([DATA], self._take)
-        store.gate(DATA, self._admit)
-        store.on_read(CONTROL, self.number, lambda: int(self.state))
-        store.on_read(IDENTIFICATION, self.number, lambda: self.identification)
-        store.on_read(FLASH, self.number, lambda: 1 if self._busy else self.error << 1)
+        self.number = (
+            od.subindices(PROGRAM_CONTROL)[-1]
+            if len(od.subindices(PROGRAM_CONTROL)) < 2
+            else od.subindices(PROGRAM_CONTROL)[1]
+        )
+        store.guard([PROGRAM_CONTROL], self._control)
+        store.guard([PROGRAM_DATA], self._take)
+        store.gate(PROGRAM_DATA, self._admit)
+        store.on_read(PROGRAM_CONTROL, self.number, lambda: int(self.state))
+        store.on_read(PROGRAM_ID, self.number, lambda: self.identification)
+        store.on_read(FLASH_STATUS, self.number, lambda: 1 if self._busy else self.error << 1)
         for subindex in od.subindices(SOFTWARE_DATE)[1:3]:
             store.on_read(SOFTWARE_DATE, subindex, partial(self._part_of_date, subindex - 1))
         store.on_read(0x1000, 0, lambda: store.values[0x1000, 0] if self.runs else 0)

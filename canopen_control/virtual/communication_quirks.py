@@ -8,6 +8,7 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.frame import CanFrame
+from canopen_control.od.indices import TPDO
 from canopen_control.virtual.fault_effects import (
     is_heartbeat,
     is_sdo_answer,
@@ -17,7 +18,6 @@ from canopen_control.virtual.fault_effects import (
     refusing,
     start_by_itself,
 )
-from canopen_control.virtual.node_pdos import TPDO
 from canopen_control.virtual.quirk_base import (
     Quirk,
     Strength,

@@ -37,6 +37,7 @@ from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia402 import objects as o
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.od.indices import COB_ID_EMCY, COB_ID_SYNC, RPDO, TPDO
 from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.node_outbox import PdoLeftOff
 from canopen_control.virtual.object_store import refuse
@@ -150,9 +151,6 @@ def axis_writes_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts
 # impossible mapping maps nothing. A CAN identifier has one user in the node: SYNC and EMCY come first, then the RPDOs
 # and the TPDOs by their number; a record whose identifier is in use is disabled.
 
-RPDO, TPDO = 0x1400, 0x1800
-_SYNC, _EMCY = 0x1005, 0x1014
-
 
 def mapping_of(communication: int) -> int:
     """Return the index of the mapping record of a communication record."""
@@ -231,9 +229,9 @@ class PdoRecords:
         """Return, by 11-bit identifier, the index of the record that uses it; SYNC and EMCY have priority over PDOs."""
         store = self._store
         users: dict[int, int] = {}
-        for index, default in ((_SYNC, 0x80), (_EMCY, INVALID_BIT)):
+        for index, default in ((COB_ID_SYNC, 0x80), (COB_ID_EMCY, INVALID_BIT)):
             value = store.number(index, 0, default)
-            if index == _SYNC or not value & INVALID_BIT:
+            if index == COB_ID_SYNC or not value & INVALID_BIT:
                 users.setdefault(value & 0x7FF, index)
         for index in self._communication:
             parameters = PdoParameters.from_value(store.number(index, 1, INVALID_BIT))

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.od.indices import RPDO, TPDO
 from canopen_control.rpc.messages.drive import QuirkListing
 from canopen_control.virtual.fault_effects import refusing
 from canopen_control.virtual.mode_base import ModeGate
-from canopen_control.virtual.node_pdos import RPDO, TPDO
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

@@ -31,14 +31,9 @@ from canopen_control.cia301.sync import SyncConsumer, SyncEventKind
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.motors import motors_of
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, Service, cob_id, is_restricted
+from canopen_control.od.indices import PROGRAM_CONTROL
 from canopen_control.od.model import DataType, Entry
-from canopen_control.virtual.communication_objects import (
-    CONTROL,
-    CommunicationObjects,
-    ErrorControl,
-    ProgramArea,
-    Services,
-)
+from canopen_control.virtual.communication_objects import CommunicationObjects, ErrorControl, ProgramArea, Services
 from canopen_control.virtual.device_model import GENERIC, DeviceModel, make_function
 from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, BitRateActivated, NodeClock, NodeIdChanged, NodeOutbox
@@ -317,7 +312,7 @@ class VirtualNode:
         self.pdos: PdoExchange = PdoExchange(
             store, outbox, self.clock, model, self.drives, motors, rebuilt=self._reroute
         )
-        self.program = ProgramArea(od, store, self.nmt, self.clock) if od.subindices(CONTROL) else None
+        self.program = ProgramArea(od, store, self.nmt, self.clock) if od.subindices(PROGRAM_CONTROL) else None
         self.lss = self._make_lss() if od.device.lss_supported else None
         self.routing = self._routes()
         self._add_drives(plant)

@@ -1,0 +1,40 @@
+import ast
+from pathlib import Path
+
+import canopen_control
+from canopen_control.od import indices
+
+NAMES = {name: value for name, value in vars(indices).items() if name.isupper() and isinstance(value, int)}
+
+
+def module_constants(path):
+    """Yield name and value of each module constant that is written as a hexadecimal number."""
+    text = path.read_text(encoding="utf-8")
+    for node in ast.parse(text).body:
+        pairs = []
+        if isinstance(node, ast.Assign):
+            target = node.targets[0]
+            both = isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)
+            pairs = zip(target.elts, node.value.elts, strict=True) if both else [(target, node.value)]
+        elif isinstance(node, ast.AnnAssign) and node.value is not None:
+            pairs = [(node.target, node.value)]
+        for name, value in pairs:
+            if isinstance(value, ast.Constant) and (ast.get_source_segment(text, value) or "").startswith("0x"):
+                yield ast.unparse(name), value.value
+
+
+def test_every_name_is_one_object_of_the_communication_profile():
+    assert len(set(NAMES.values())) == len(NAMES) > 20
+    assert all(0x1000 <= value < 0x2000 for value in NAMES.values())
+
+
+def test_no_other_module_names_one_of_these_objects_again():
+    root = Path(canopen_control.__file__).parent
+    again = {
+        f"{path.relative_to(root)}: {name}"
+        for path in root.rglob("*.py")
+        if path.name != "indices.py"
+        for name, value in module_constants(path)
+        if value in NAMES.values() and name != "_FIRST_OBJECT"  # the first index above the data types
+    }
+    assert again == set()
