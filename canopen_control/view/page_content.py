@@ -5,24 +5,26 @@ from __future__ import annotations
 import contextlib
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
-from canopen_control.rpc.messages.drive import ListFaults, ListQuirks, SetSignals, SwitchFault, SwitchQuirk
+from canopen_control.rpc.messages.drive import ListFaults, ListQuirks
 from canopen_control.view.sampling import commanded_interfaces
 from canopen_control.view.words import banner, lost_banner
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.drive import FaultListing, QuirkListing
     from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
     from canopen_control.view.robot_connection import NodeAddress
     from canopen_control.view.words import Banner
 
 
+A = TypeVar("A")
 _EVENTS: Final = 100
 
 
@@ -71,59 +73,34 @@ class PageContent:
         return lost_banner(self.lost) if self.lost else banner(self.state)
 
 
-# Fault injection by the control sockets of virtual drives.
+# Requests to the control sockets of virtual drives.
 #
 # A real drive has no such socket, so that no request can reach a real drive. A request blocks for a second at most, and
 # is sent from a thread.
 
 
-_TIMEOUT_S: Final = 1.0
+TIMEOUT_S: Final = 1.0
 
 
-class FaultClient:
-    """Client for faults, quirks and inputs of virtual drives; `nodes` are all nodes of the robot."""
+class VirtualDrives:
+    """Control sockets of the robot's virtual drives; `nodes` are all nodes of the robot, by name."""
 
     def __init__(self, nodes: Iterable[NodeAddress]) -> None:
-        self._nodes = {node.name: node for node in nodes}
+        self.nodes = {node.name: node for node in nodes}
 
-    def drives(self) -> list[str]:
+    def running(self) -> list[str]:
         """Return the names of the nodes whose virtual drive is running."""
         alive = set(list_sockets("drive"))
-        return [name for name, node in self._nodes.items() if drive_name(node.channel, node.node_id) in alive]
+        return [name for name, node in self.nodes.items() if drive_name(node.channel, node.node_id) in alive]
 
-    def faults(self, drive: str) -> tuple[FaultListing, ...]:
-        """Return all faults that a virtual drive supports; raise RemoteError if the drive is unknown or not running."""
-        with self._connect(drive) as client:
-            return client.ask(ListFaults())
-
-    def switch(self, drive: str, fault: str, *, on: bool) -> list[str]:
-        """Switch a fault and return the active faults; raise RemoteError if the drive refuses or is not running."""
-        with self._connect(drive) as client:
-            return client.ask(SwitchFault(name=fault, on=on)).active
-
-    def quirks(self, drive: str) -> tuple[QuirkListing, ...]:
-        """Return all quirks that a virtual drive supports; raise RemoteError if the drive is unknown or not running."""
-        with self._connect(drive) as client:
-            return client.ask(ListQuirks())
-
-    def switch_quirk(self, drive: str, quirk: str, *, on: bool) -> list[str]:
-        """Switch a quirk, given as NAME=VALUE@AXIS, and return the active quirks; raise RemoteError if refused."""
-        with self._connect(drive) as client:
-            return client.ask(SwitchQuirk(quirk=quirk, on=on)).active
-
-    def set_signals(self, drive: str, values: dict[str, float]) -> None:
-        """Set inputs of a virtual device by name.
-
-        Raise RemoteError if the input or the device is unknown, or the device is not running.
-        """
-        with self._connect(drive) as client:
-            client.ask(SetSignals(values=values))
-
-    def _connect(self, drive: str) -> DriveClient:
-        node = self._nodes.get(drive)
+    def ask(self, drive: str, request: Request[A]) -> A:
+        """Send a request to a drive; raise RemoteError if the drive refuses, is unknown or is not running."""
+        node = self.nodes.get(drive)
         if node is None:
             raise RemoteError("UnknownName", f"drive {drive!r} does not exist")
-        return DriveClient.connect(node.channel, node.node_id, _TIMEOUT_S, label=f"the virtual drive {drive}")
+        label = f"the virtual drive {drive}"
+        with DriveClient.connect(node.channel, node.node_id, TIMEOUT_S, label=label) as client:
+            return client.ask(request)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,11 +122,11 @@ class DriveFaults:
         }
 
 
-def read_faults(client: FaultClient) -> DriveFaults:
+def read_faults(drives: VirtualDrives) -> DriveFaults:
     """Return the faults and quirks of all running virtual drives, without those that do not respond; blocks."""
     faults, quirks = {}, {}
-    for drive in client.drives():
+    for drive in drives.running():
         with contextlib.suppress(RemoteError):
-            faults[drive] = client.faults(drive)
-            quirks[drive] = client.quirks(drive)
+            faults[drive] = drives.ask(drive, ListFaults())
+            quirks[drive] = drives.ask(drive, ListQuirks())
     return DriveFaults(faults, quirks)

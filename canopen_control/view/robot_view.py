@@ -10,26 +10,24 @@ from __future__ import annotations
 import contextlib
 import threading
 from functools import partial
-from typing import TYPE_CHECKING, Final, TypeVar, cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from canopen_control.client import RobotClient
-from canopen_control.client.drive_client import DriveClient
 from canopen_control.commissioning.live_reader import LiveReader, NodeObjects
 from canopen_control.commissioning.object_rows import EditHistory
 from canopen_control.errors import CanopenError, DriveError, RemoteError, RobotConfigError
-from canopen_control.host.sockets import drive_name, list_sockets
 from canopen_control.rpc.messages.drive import GetWorld
 from canopen_control.rpc.messages.health import BAD
 from canopen_control.rpc.messages.simulation import GetSimulation
 from canopen_control.urdf.robot_model import RobotModel, read_model
-from canopen_control.view.page_content import DriveFaults, FaultClient, PageContent, RecentEvents
+from canopen_control.view.page_content import TIMEOUT_S, DriveFaults, PageContent, RecentEvents, VirtualDrives
 from canopen_control.view.robot_connection import SOURCE, in_thread, pose_of, true_pose_of
 from canopen_control.view.sampling import History, Sampler, commanded_interfaces, names
 from canopen_control.view.scene_tree import SceneTree, Trail, WorldView, angles_of
 from canopen_control.view.words import axis_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from canopen_control.commissioning.jobs import JobRun
     from canopen_control.commissioning.node_session import NodeSession
@@ -41,7 +39,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
     from canopen_control.view.elements.nicegui_elements import SceneChange
-    from canopen_control.view.robot_connection import NodeAddress, Pose, RobotInfo
+    from canopen_control.view.robot_connection import Pose, RobotInfo
 
 
 T = TypeVar("T")
@@ -127,14 +125,12 @@ def _job(function: Callable[[NodeSession, JobRun], str], work: JobRun, session: 
 # a robot with real drives refuses, so that no request can reach a real drive. Requests block for a second per drive at
 # most, and are sent from threads.
 
-_TIMEOUT_S: Final = 1.0
-
 
 class WorldClient:
-    """Client for disturbances in a simulated robot's world; `nodes` are all nodes of the robot."""
+    """Client for disturbances in a simulated robot's world."""
 
-    def __init__(self, robot: str, nodes: Iterable[NodeAddress]) -> None:
-        self._robot, self._nodes = robot, tuple(nodes)
+    def __init__(self, robot: str, drives: VirtualDrives) -> None:
+        self._robot, self._drives = robot, drives
 
     def changeable(self) -> bool:
         """Whether a simulated world accepts disturbances from the robot or one of its virtual drives."""
@@ -142,10 +138,10 @@ class WorldClient:
 
     def _simulated(self) -> bool:
         """Whether the robot has no nodes, and a physics simulation that accepts disturbances moves it."""
-        if self._nodes:
+        if self._drives.nodes:
             return False
         try:
-            with RobotClient.connect(self._robot, _TIMEOUT_S) as client:
+            with RobotClient.connect(self._robot, TIMEOUT_S) as client:
                 return client.ask(GetSimulation()).changeable
         except CanopenError:
             return False
@@ -155,33 +151,25 @@ class WorldClient:
 
         Return True if the robot itself reports the disturbance as an event.
         """
-        if not self._nodes:
-            with RobotClient.connect(self._robot, _TIMEOUT_S) as client:
+        if not self._drives.nodes:
+            with RobotClient.connect(self._robot, TIMEOUT_S) as client:
                 client.ask(world_act)
             return True
-        node = self._drive()
-        if node is None:
+        drive = self._drive()
+        if drive is None:
             raise RemoteError(
                 "BusClosed", "the robot's drives are not in a physics simulation; run the robot with --physics"
             )
-        with _connect(node) as client:
-            client.ask(world_act)
+        self._drives.ask(drive, world_act)
         return False
 
-    def _drive(self) -> NodeAddress | None:
+    def _drive(self) -> str | None:
         """Return any virtual drive whose simulated world accepts disturbances, or None."""
-        alive = set(list_sockets("drive"))
-        for node in self._nodes:
-            if drive_name(node.channel, node.node_id) not in alive:
-                continue
-            with contextlib.suppress(RemoteError), _connect(node) as client:
-                if client.ask(GetWorld()).changeable:
-                    return node
+        for drive in self._drives.running():
+            with contextlib.suppress(RemoteError):
+                if self._drives.ask(drive, GetWorld()).changeable:
+                    return drive
         return None
-
-
-def _connect(node: NodeAddress) -> DriveClient:
-    return DriveClient.connect(node.channel, node.node_id, _TIMEOUT_S, label=f"the virtual drive {node.name}")
 
 
 class RobotView:
@@ -195,8 +183,8 @@ class RobotView:
         self.scene = SceneTree(self.model, info.path, publish)
         self.history, self.trail = History(names(info.joints, info.buses)), Trail()
         self.true_trail, self.world = Trail(), WorldView()
-        self.fault_client, self.faults = FaultClient(info.nodes), DriveFaults()
-        self.world_client = WorldClient(info.robot, info.nodes)
+        self.drives, self.faults = VirtualDrives(info.nodes), DriveFaults()
+        self.world_client = WorldClient(info.robot, self.drives)
         self.controllers: tuple[ControllerReading, ...] = ()
         self._node_jobs = {place.name: NodeJobs(info.robot, place) for place in info.places}
         self.live_reader = LiveReader()

@@ -419,7 +419,7 @@ class ViewApp:
 
     async def _refresh_faults(self) -> None:
         if self._robot is not None:
-            self._robot.faults = await in_thread(partial(read_faults, self._robot.fault_client))
+            self._robot.faults = await in_thread(partial(read_faults, self._robot.drives))
 
     async def _watch_faults(self) -> None:
         while True:

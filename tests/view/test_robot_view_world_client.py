@@ -6,6 +6,7 @@ from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint
 from canopen_control.rpc.messages.simulation import GetSimulation, Simulation
 from canopen_control.view import robot_view
+from canopen_control.view.page_content import VirtualDrives
 from canopen_control.view.robot_connection import NodeAddress
 from canopen_control.view.robot_view import WorldClient
 from canopen_control.virtual.plant import IndependentPlants
@@ -33,7 +34,7 @@ def served_in(tmp_path, monkeypatch):
 def test_what_is_asked_for_happens_in_the_world_of_the_drives(served_in):
     world = Noting()
     with served_in(world):
-        client = WorldClient("robby", NODES)
+        client = WorldClient("robby", VirtualDrives(NODES))
         assert client.changeable()
         client.act(AddPayload(mass=3.0))
         with pytest.raises(RemoteError, match="no drive moves a joint 'roof'"):
@@ -43,10 +44,10 @@ def test_what_is_asked_for_happens_in_the_world_of_the_drives(served_in):
 
 def test_without_physics_nothing_can_be_asked_for(served_in):
     with served_in(IndependentPlants()):
-        assert not WorldClient("robby", NODES).changeable()
+        assert not WorldClient("robby", VirtualDrives(NODES)).changeable()
         with pytest.raises(RemoteError, match="not in a physics simulation"):
-            WorldClient("robby", NODES).act(AddPayload(mass=3.0))
-    assert not WorldClient("robby", NODES).changeable()
+            WorldClient("robby", VirtualDrives(NODES)).act(AddPayload(mass=3.0))
+    assert not WorldClient("robby", VirtualDrives(NODES)).changeable()
 
 
 class Asked:
@@ -72,7 +73,7 @@ class Asked:
 def test_a_robot_without_drives_is_asked_itself_and_reports_of_it(monkeypatch, changeable):
     robot = Asked(changeable)
     monkeypatch.setattr(robot_view.RobotClient, "connect", lambda name, _timeout: robot if name == "diffbot" else None)
-    client = WorldClient("diffbot", ())
+    client = WorldClient("diffbot", VirtualDrives(()))
     assert client.changeable() is changeable
     assert client.act(AddPayload(mass=3.0))
     assert robot.acts == [AddPayload(mass=3.0)]
@@ -80,4 +81,4 @@ def test_a_robot_without_drives_is_asked_itself_and_reports_of_it(monkeypatch, c
 
 def test_a_robot_that_is_gone_is_in_no_world(tmp_path, monkeypatch):
     use_private_folders(monkeypatch, tmp_path)
-    assert not WorldClient("diffbot", ()).changeable()
+    assert not WorldClient("diffbot", VirtualDrives(())).changeable()

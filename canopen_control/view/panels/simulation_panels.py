@@ -7,13 +7,21 @@ simulation that accepts disturbances. The robot's events show the requests.
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from nicegui import background_tasks, ui
 
 from canopen_control.client.drive_client import signal_values
 from canopen_control.errors import CanopenError, ConfigError, RemoteError
-from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
+from canopen_control.rpc.messages.drive import (
+    AddPayload,
+    BlockJoint,
+    PushRobot,
+    SetGrip,
+    SetSignals,
+    SwitchFault,
+    SwitchQuirk,
+)
 from canopen_control.rpc.messages.robot import PublishEvent
 from canopen_control.view.panels.panel import Html, show_notice
 from canopen_control.view.robot_connection import in_thread
@@ -22,6 +30,7 @@ from canopen_control.view.words import active_faults, fault_text, quirk_text
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.drive import QuirkListing, WorldAct
     from canopen_control.view.page_content import DriveFaults, PageContent
     from canopen_control.view.panels.panel import PanelContext
@@ -68,27 +77,17 @@ class FaultPanel:
         self._board = board
         drives = list(board.drives)
         self._whole.set_visibility(bool(drives))
-        if drives != self._drive.options:
-            self._drive.set_options(
-                drives, value=self._drive.value if self._drive.value in drives else next(iter(drives), None)
-            )
+        _offer(self._drive, drives)
         self._follow()
         self._active.show(active_faults(board.active) if drives else "")
 
     def _follow(self) -> None:
         faults = self._board.drives.get(self._drive.value or "", ()) if self._board is not None else ()
         self._inputs.set_visibility(any(fault.acts == "input" for fault in faults))
-        names = [fault.name for fault in faults]
-        if names != self._fault.options:
-            self._fault.set_options(
-                names, value=self._fault.value if self._fault.value in names else next(iter(names), None)
-            )
+        _offer(self._fault, [fault.name for fault in faults])
         quirks = [quirk.name for quirk in self._quirks()]
         self._quirk.set_visibility(bool(quirks))
-        if quirks != self._quirk.options:
-            self._quirk.set_options(
-                quirks, value=self._quirk.value if self._quirk.value in quirks else next(iter(quirks), None)
-            )
+        _offer(self._quirk, quirks)
         self._explain()
         self._explain_quirk()
 
@@ -104,33 +103,37 @@ class FaultPanel:
         self._text.show(fault_text(next((fault for fault in faults if fault.name == self._fault.value), None)))
 
     async def _set(self) -> None:
-        drive, client = self._drive.value, self._context.robot.fault_client
         try:
-            await in_thread(partial(client.set_signals, drive or "", signal_values(self._signals.value or "")))
+            request = SetSignals(values=signal_values(self._signals.value or ""))
+            await in_thread(partial(self._context.robot.drives.ask, self._drive.value or "", request))
         except (ConfigError, RemoteError) as error:
             show_notice("Not set", str(error))
 
     async def _switch_quirk(self, on: bool) -> None:
-        drive, quirk, client = self._drive.value, self._quirk.value, self._context.robot.fault_client
-        if not drive or not quirk:
-            return
+        quirk = self._quirk.value
         strength = (self._strength.value or "").strip() if on else ""
         text = f"{quirk}{strength}" if strength.startswith(("@", "=")) or not strength else f"{quirk}={strength}"
-        try:
-            await in_thread(partial(client.switch_quirk, drive, text, on=on))
-        except RemoteError as error:
-            show_notice("Not switched", str(error))
-        self._context.refresh_faults()
+        if quirk:
+            await self._ask(SwitchQuirk(quirk=text, on=on))
 
     async def _switch(self, on: bool) -> None:
-        drive, fault, context = self._drive.value, self._fault.value, self._context.robot.fault_client
-        if not drive or not fault:
-            return
-        try:
-            await in_thread(partial(context.switch, drive, fault, on=on))
-        except RemoteError as error:
-            show_notice("Not switched", str(error))
-        self._context.refresh_faults()
+        if fault := self._fault.value:
+            await self._ask(SwitchFault(name=fault, on=on))
+
+    async def _ask(self, request: Request[Any]) -> None:
+        drives = self._context.robot.drives
+        if drive := self._drive.value:
+            try:
+                await in_thread(lambda: drives.ask(drive, request))
+            except RemoteError as error:
+                show_notice("Not switched", str(error))
+            self._context.refresh_faults()
+
+
+def _offer(select: ui.select, names: list[str]) -> None:
+    """Set the options of a select element; the selected one remains if it is still an option."""
+    if names != select.options:
+        select.set_options(names, value=select.value if select.value in names else next(iter(names), None))
 
 
 _HEAVIEST: Final = "the heaviest link"

@@ -14,10 +14,10 @@ from canopen_control.view.panels.simulation_panels import FaultPanel
 
 
 @contextlib.asynccontextmanager
-async def played(switch=None):
+async def played(ask=None):
     context = FakeContext().with_faults()
     switched = []
-    context.robot.fault_client.switch = switch or (lambda *args, **how: switched.append((*args, how["on"])))
+    context.robot.drives.ask = ask or (lambda drive, request: switched.append((drive, request.name, request.on)))
 
     async with visited(lambda: FaultPanel(context), context) as (user, _panel):
         yield user, switched
@@ -56,7 +56,7 @@ async def test_inputs_are_set_where_a_device_has_some():
     board = context.content().faults
     module = (*board.drives["left_drive"], FaultListing(name="input_stuck", acts="input"))
     context.robot.faults = DriveFaults({"io": module, **board.drives})
-    context.robot.fault_client.set_signals = lambda *args: given.append(args)
+    context.robot.drives.ask = lambda drive, request: given.append((drive, request.values))
     async with visited(lambda: FaultPanel(context)) as (user, panel):
         panel.show(context.content())
         drive = seen(ui.select)[0]
@@ -92,7 +92,7 @@ async def test_a_quirk_is_explained_and_switched_with_its_strength():
     )  # fmt: skip
     board = context.content().faults
     context.robot.faults = DriveFaults(board.drives, {"left_drive": (late,)})
-    context.robot.fault_client.switch_quirk = lambda *args, on: switched.append((*args, on))
+    context.robot.drives.ask = lambda drive, request: switched.append((drive, request.quirk, request.on))
     async with visited(lambda: FaultPanel(context)) as (user, panel):
         panel.show(context.content())
         for text in ("", "1.5", "@0", "=2@0"):
