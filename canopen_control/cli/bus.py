@@ -8,7 +8,7 @@ Exit codes: 0 done; 1 refused, or the bus is gone; 2 wrong usage, or no such cha
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, TypeAlias, get_args
 
 from canopen_control.bus import can_interfaces
@@ -42,18 +42,11 @@ MEASURE_S = 0.5
 _COMMAND_LENGTH = 60
 
 
-@dataclass(frozen=True, slots=True)
-class InterfaceStatus:
-    """Status of a CAN interface; `unnamed_listeners` is the number of sockets that belong to other users."""
+class InterfaceStatus(Document, frozen=True, kw_only=True):
+    """CAN interface in `bus status`; unknown values are None. The first fields are those of CanInterface.
 
-    link: CanInterface
-    traffic: Traffic | None
-    listeners: list[Listener]
-    unnamed_listeners: int
-
-
-class InterfaceDocument(Document, frozen=True, kw_only=True):
-    """CAN interface in `bus status --json`; unknown values are null. The first fields are those of CanInterface."""
+    `unnamed_listeners` is the number of sockets that belong to other users.
+    """
 
     name: str
     kind: str
@@ -72,18 +65,6 @@ class InterfaceDocument(Document, frozen=True, kw_only=True):
     unnamed_listeners: int
 
 
-def document_of(status: InterfaceStatus) -> InterfaceDocument:
-    """Return the status of an interface as `--json` prints it."""
-    link, traffic = status.link, status.traffic
-    return InterfaceDocument(
-        **asdict(link),
-        frames_per_second=None if traffic is None else traffic.frames_per_second,
-        load=None if traffic is None else traffic.load,
-        listeners=status.listeners,
-        unnamed_listeners=status.unnamed_listeners,
-    )
-
-
 def status_of_interfaces(links: Sequence[CanInterface]) -> dict[str, InterfaceStatus]:
     """Measure the traffic of interfaces for half a second and return their status by name."""
     traffic = measure(links, MEASURE_S)
@@ -93,21 +74,26 @@ def status_of_interfaces(links: Sequence[CanInterface]) -> dict[str, InterfaceSt
 def _interface_status(link: CanInterface, traffic: Traffic | None) -> InterfaceStatus:
     listeners = find_listeners(link.name)
     named = sum(listener.interface is not None and listener.identifiers != 0 for listener in listeners)
-    return InterfaceStatus(link, traffic, listeners, max(0, count_hearing(link.name) - named))
+    return InterfaceStatus(
+        **asdict(link),
+        frames_per_second=None if traffic is None else traffic.frames_per_second,
+        load=None if traffic is None else traffic.load,
+        listeners=listeners,
+        unnamed_listeners=max(0, count_hearing(link.name) - named),
+    )
 
 
 def render_interface(status: InterfaceStatus) -> list[str]:
     """Format the status of an interface as lines of text."""
-    link, traffic = status.link, status.traffic
-    words = [link.kind, "up" if link.is_up else "down"]
-    words += [link.state] if link.state else []
-    words += [f"{link.bitrate} bit/s"] if link.bitrate else []
-    if link.error_counters:
-        words.append("transmit errors {}, receive errors {}".format(*link.error_counters))
-    words += [] if traffic is None else [f"{traffic.frames_per_second:.0f} frames/s"]
-    words += [] if traffic is None or traffic.load is None else [f"load {100 * traffic.load:.0f} %"]
-    lines = [f"{link.name}: {', '.join(words)}"]
-    for counters in (link.counters, link.traffic):
+    words = [status.kind, "up" if status.is_up else "down"]
+    words += [status.state] if status.state else []
+    words += [f"{status.bitrate} bit/s"] if status.bitrate else []
+    if status.error_counters:
+        words.append("transmit errors {}, receive errors {}".format(*status.error_counters))
+    words += [] if status.frames_per_second is None else [f"{status.frames_per_second:.0f} frames/s"]
+    words += [] if status.load is None else [f"load {100 * status.load:.0f} %"]
+    lines = [f"{status.name}: {', '.join(words)}"]
+    for counters in (status.counters, status.traffic):
         counts = [f"{name} {number}" for name, number in counters.items() if number]
         lines += [f"  {', '.join(counts)}"] if counts else []
     return lines + [f"  {line}" for line in _listeners(status)]
@@ -257,7 +243,7 @@ def _status(args: argparse.Namespace) -> int:
         spec = parse_channel(args.channel)
         states = {str(spec): _status_of(spec)}
     if args.json:
-        print(json_text({channel: _document(status) for channel, status in states.items()}))
+        print(json_text(states))
         return 0
     lines = [line for channel, status in states.items() for line in _render(channel, status)]
     print("\n".join(lines) or "no local bus is open, and this computer has no CAN interface")
@@ -273,10 +259,6 @@ def _status_of(spec: ChannelSpec) -> Status:
     if link is None:
         raise InterfaceNotFound(spec.name, "list the channels with: canopen-control bus list")
     return status_of_interfaces([link])[link.name]
-
-
-def _document(status: Status) -> InterfaceDocument | hub.HubStatus:
-    return document_of(status) if isinstance(status, InterfaceStatus) else status
 
 
 def _render(channel: str, status: Status) -> list[str]:

@@ -6,7 +6,7 @@ import pytest
 
 from canopen_control.bus.can_interfaces import CanInterface, Listener, Traffic
 from canopen_control.cli import bus
-from canopen_control.cli.bus import document_of, render_interface, status_of_interfaces
+from canopen_control.cli.bus import render_interface, status_of_interfaces
 from canopen_control.rpc.wire import plain
 
 CAN0 = CanInterface("can0", "can", is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000, error_counters=(0, 0))
@@ -27,7 +27,7 @@ def kernel(monkeypatch):
 
 def lines(link):
     status = status_of_interfaces([link])[link.name]
-    written = plain(document_of(status))
+    written = plain(status)
     assert (written["name"], len(written["listeners"])) == (link.name, len(status.listeners))
     assert {"frames_per_second", "load", "unnamed_listeners"} < set(written)
     return render_interface(status)
