@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from canopen_control.controllers.limiters import VelocityLimits
-from canopen_control.controllers.params import CommonParams
-from canopen_control.errors import RobotConfigError
+from canopen_control.controllers.params import CommonParams, refuse
 from canopen_control.yamlfile.convert import section, setting
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from canopen_control.controllers.base import WheelGeometrySource
     from canopen_control.controllers.params import Params
@@ -95,8 +94,8 @@ class BaseParams(CommonParams):
         True, help="whether to publish the transform from the odometry frame to the base frame"
     )
 
-    def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield each check as a flag, True if it failed, and its error text; the base class checks nothing."""
+    def mistakes(self) -> Iterator[str]:
+        """Yield the error text of each failed check; the base class checks nothing."""
         return iter(())
 
     def frame_ids(self, namespace: str = "") -> tuple[str, str]:
@@ -150,13 +149,6 @@ def with_dimensions(
     return replace(params, **inferred)
 
 
-def refuse(name: str, checks: Iterable[tuple[bool, str]]) -> None:
-    """Raise RobotConfigError with the texts of all failed checks, if any; `name` is the controller."""
-    problems = [text for wrong, text in checks if wrong]
-    if problems:
-        raise RobotConfigError("\n".join(f"{name}: {text}" for text in problems))
-
-
 def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:
     """Return the prefix of frame names, or "" unless `enable`.
 
@@ -208,21 +200,18 @@ class OmniParams(PrefixedParams):
         help="time in s after which a twist command expires; 0: a command is used for one update",
     )
 
-    def mistakes(self) -> Iterator[tuple[bool, str]]:
+    def mistakes(self) -> Iterator[str]:
         names = self.wheel_names
-        yield (
-            len(names) < MIN_WHEELS,
-            f"wheel_names has {len(names)} joints; give {MIN_WHEELS} or more, counterclockwise around the base",
-        )
-        both = sorted({name for name in names if names.count(name) > 1})
-        yield bool(both), f"wheel_names contains a name twice: {', '.join(both)}; list each name once"
-        missing = "wheel_offset is missing; give the angle in rad of the first wheel, seen from the centre"
-        yield self.wheel_offset is None, missing
-        yield (
-            self.robot_radius <= 0.0,
-            "robot_radius is missing or 0; give the distance in m from the centre to a wheel",
-        )
-        yield self.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"
+        if len(names) < MIN_WHEELS:
+            yield f"wheel_names has {len(names)} joints; give {MIN_WHEELS} or more, counterclockwise around the base"
+        if both := sorted({name for name in names if names.count(name) > 1}):
+            yield f"wheel_names contains a name twice: {', '.join(both)}; list each name once"
+        if self.wheel_offset is None:
+            yield "wheel_offset is missing; give the angle in rad of the first wheel, seen from the centre"
+        if self.robot_radius <= 0.0:
+            yield "robot_radius is missing or 0; give the distance in m from the centre to a wheel"
+        if self.wheel_radius <= 0.0:
+            yield "wheel_radius is missing or 0; give it in m"
 
 
 WHEELS: Final = ("front_left", "front_right", "rear_right", "rear_left")
@@ -303,14 +292,17 @@ class MecanumParams(PrefixedParams):
         """Pose of the base frame relative to the centre of the wheels: x and y in m, angle in rad."""
         return self.offset_x, self.offset_y, self.offset_angle
 
-    def mistakes(self) -> Iterator[tuple[bool, str]]:
+    def mistakes(self) -> Iterator[str]:
         for wheel, joint in zip(WHEELS, self.commanded, strict=True):
-            yield not joint, f"no {wheel}_wheel_command_joint_name; give the joint of this wheel"
+            if not joint:
+                yield f"no {wheel}_wheel_command_joint_name; give the joint of this wheel"
         joints = [joint for joint in self.commanded if joint]
-        both = sorted({joint for joint in joints if joints.count(joint) > 1})
-        yield bool(both), f"{', '.join(both)} is the joint of several wheels; give each wheel its own joint"
-        yield self.radius <= 0.0, f"{_RADIUS} is missing or 0; give it in m"
-        yield self.reach <= 0.0, f"{_REACH} is missing or 0; give the sum of a wheel's distances along x and y in m"
+        if both := sorted({joint for joint in joints if joints.count(joint) > 1}):
+            yield f"{', '.join(both)} is the joint of several wheels; give each wheel its own joint"
+        if self.radius <= 0.0:
+            yield f"{_RADIUS} is missing or 0; give it in m"
+        if self.reach <= 0.0:
+            yield f"{_REACH} is missing or 0; give the sum of a wheel's distances along x and y in m"
 
 
 @dataclass(frozen=True)
@@ -400,6 +392,27 @@ class DiffDriveParams(PrefixedParams):
         axes = {"linear.x": self.linear, "angular.z": self.angular}
         return tuple(name for name, axis in axes.items() if axis.freezes)
 
+    def mistakes(self) -> Iterator[str]:
+        left, right = self.left, self.right
+        given, scaled = (
+            (self.wheel_separation, self.wheel_radius),
+            (self.separation, self.left_radius, self.right_radius),
+        )
+        if not left:
+            yield "no left_wheel_names; give the joints of the left wheels"
+        if not right:
+            yield "no right_wheel_names; give the joints of the right wheels"
+        if left and right and len(left) != len(right):
+            yield f"{len(left)} left wheels and {len(right)} right wheels; give the same number of each"
+        if both := sorted({*left} & {*right}):
+            yield f"{', '.join(both)} is a wheel of both sides; list each wheel on one side"
+        if self.wheel_separation <= 0.0:
+            yield "wheel_separation is missing or 0; give the distance between the wheels in m"
+        if self.wheel_radius <= 0.0:
+            yield "wheel_radius is missing or 0; give it in m"
+        if all(size > 0.0 for size in given) and not all(size > 0.0 for size in scaled):
+            yield "a multiplier of wheel_separation or wheel_radius is 0 or less; give a factor above 0"
+
 
 RENAMES: Final = {
     "left_wheel": "left_wheel_names",
@@ -429,7 +442,7 @@ def read_params(
     ):  # noetic: this multiplier overrides the multipliers of both sides
         both = settings.wheel_radius_multiplier
         settings = replace(settings, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
-    refuse(params.name, _checks(settings))
+    refuse(params.name, settings.mistakes())
     params.source = settings
     return settings
 
@@ -441,24 +454,3 @@ def _completed(
         return params
     separation, radius = geometry.separation(params.left, params.right), geometry.radius((*params.left, *params.right))
     return with_dimensions(params, report, wheel_separation=separation, wheel_radius=radius)
-
-
-def _checks(params: DiffDriveParams) -> list[tuple[bool, str]]:
-    left, right = params.left, params.right
-    both = sorted({*left} & {*right})
-    positive = (params.separation > 0.0, params.left_radius > 0.0, params.right_radius > 0.0)
-    return [
-        (not left, "no left_wheel_names; give the joints of the left wheels"),
-        (not right, "no right_wheel_names; give the joints of the right wheels"),
-        (
-            bool(left and right) and len(left) != len(right),
-            f"{len(left)} left wheels and {len(right)} right wheels; give the same number of each",
-        ),
-        (bool(both), f"{', '.join(both)} is a wheel of both sides; list each wheel on one side"),
-        (params.wheel_separation <= 0.0, "wheel_separation is missing or 0; give the distance between the wheels in m"),
-        (params.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"),
-        (
-            params.wheel_separation > 0.0 and params.wheel_radius > 0.0 and not all(positive),
-            "a multiplier of wheel_separation or wheel_radius is 0 or less; give a factor above 0",
-        ),
-    ]

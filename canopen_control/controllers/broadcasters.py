@@ -11,12 +11,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.cia301.nmt import NmtState, state_of_byte
 from canopen_control.cia402.state import State, decode_statusword
 from canopen_control.controllers.base import ALL_STATES, Controller, StateCopy, finite
-from canopen_control.controllers.params import CommonParams, refuse_all
+from canopen_control.controllers.params import CommonParams, refuse, repeated
 from canopen_control.errors import ControlError, nearest
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, ReturnType
 from canopen_control.rpc.messages.fault import FaultEvent
@@ -126,8 +126,7 @@ class BatteryParams(CommonParams):
         if bool(self.sensor_name) == bool(self.batteries):
             both = "both 'sensor_name' and 'batteries'" if self.batteries else "no 'batteries'"
             yield f"{both}; give only batteries under ros__parameters: batteries: [main_battery]"
-        if len(set(self.batteries)) != len(self.batteries):
-            yield f"batteries contains a name twice: {', '.join(self.batteries)}; list each name once"
+        yield from repeated("batteries", self.batteries)
         interfaces = [f"{battery}.{quantity}" for battery in self.batteries for quantity in QUANTITIES[1:]]
         yield from (
             f"interfaces.{interface}{nearest(interface, interfaces)}"
@@ -141,10 +140,9 @@ class BatteryParams(CommonParams):
 
 def read_params(params: Params, name: str) -> BatteryParams:
     """Return the parameters of battery broadcaster `name`; raise RobotConfigError with all errors in them."""
-    nodes = [params.flat.get(key) for key in ("batteries", "state_joints")]
-    batteries = tuple(dict.fromkeys(element.text for node in nodes if node is not None for element in node.elements()))
-    settings = params.read(_with_batteries(batteries), _RENAMES)
-    facts = tuple(getattr(settings, f"battery_{batteries.index(battery)}") for battery in settings.batteries)
+    batteries = params.names("batteries", "state_joints")
+    settings = params.read_each(BatteryParams, batteries, {"facts": ("{}", BatteryFacts)}, _RENAMES)
+    facts = tuple(settings.facts[batteries.index(battery)] for battery in settings.batteries)
     if settings.sensor_name:
         facts = (
             BatteryFacts(
@@ -152,18 +150,8 @@ def read_params(params: Params, name: str) -> BatteryParams:
             ),
         )
     result = dataclasses.replace(settings, facts=facts)
-    refuse_all(name, result.mistakes())
+    refuse(name, result.mistakes())
     return result
-
-
-def _with_batteries(batteries: tuple[str, ...]) -> type[BatteryParams]:
-    """Return a parameter class that has a section of `BatteryFacts` for each battery."""
-    fields: list[tuple[str, Any, Any]] = [
-        (f"battery_{index}", BatteryFacts, section(battery, BatteryFacts())) for index, battery in enumerate(batteries)
-    ]
-    return cast(
-        "type[BatteryParams]", dataclasses.make_dataclass("BatteryParams", fields, bases=(BatteryParams,), frozen=True)
-    )
 
 
 # The parameters of the sensor broadcasters: IMU, range, force and torque, pose.
@@ -370,7 +358,7 @@ class SensorBroadcaster(Controller):
         return OK
 
     def _set_up(self, params: SensorParams | PoseParams, names: list[str]) -> None:
-        refuse_all(self.name, params.mistakes())
+        refuse(self.name, params.mistakes())
         self.update_rate, self.frame_id, self._names = params.update_rate, params.frame_id, names
 
     def _finite(self, first: int, last: int) -> tuple[float | None, ...]:
@@ -475,7 +463,7 @@ class PoseBroadcaster(SensorBroadcaster):
 
     def on_configure(self, params: Params) -> None:
         self.params = settings = params.read(PoseParams)
-        refuse_all(self.name, settings.mistakes())  # before `names`, which need all keys
+        refuse(self.name, settings.mistakes())  # before `names`, which need all keys
         self._set_up(settings, settings.names)
         if settings.tf.publish_rate:
             self.report(

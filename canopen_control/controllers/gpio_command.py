@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, StateCopy
 from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, timeout_warning
-from canopen_control.controllers.params import CommonParams, refuse_all
+from canopen_control.controllers.params import CommonParams, refuse, repeated
 from canopen_control.errors import ControlError, RobotConfigError, nearest
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.rpc.messages.samples import GpioSample
@@ -108,14 +108,14 @@ def read_params(params: Params, name: str, joints: Sequence[str]) -> GpioParams:
     `joints` are the movable joints of the description, whose motion interfaces are not allowed as outputs.
     """
     settings = params.read(GpioParams)
-    refuse_all(name, [*_of_names(settings), *_of_safe_values(settings), *_of_joints(settings, joints)])
+    refuse(name, [*_of_names(settings), *_of_safe_values(settings), *_of_joints(settings, joints)])
     return settings
 
 
 def _of_names(params: GpioParams) -> Iterator[str]:
     if not params.gpios:
         yield "no 'gpios'; give it under ros__parameters: gpios: [io]"
-    yield from _doubles("gpios", params.gpios)
+    yield from repeated("gpios", params.gpios)
     for key, lists in (
         ("command_interfaces", params.command_interfaces),
         ("state_interfaces", params.state_interfaces),
@@ -124,7 +124,7 @@ def _of_names(params: GpioParams) -> Iterator[str]:
             gpio = name.removesuffix(_LIST)
             if gpio not in params.gpios or gpio == name:
                 yield f"{key}.{name} is not NAME{_LIST} of a GPIO in gpios{nearest(gpio, params.gpios)}"
-            yield from _doubles(f"{key}.{name}", interfaces)
+            yield from repeated(f"{key}.{name}", interfaces)
 
 
 def _of_safe_values(params: GpioParams) -> Iterator[str]:
@@ -145,11 +145,6 @@ def _of_joints(params: GpioParams, joints: Sequence[str]) -> Iterator[str]:
         joint, _, interface = name.rpartition("/")
         if joint in joints and interface in (POSITION, *MOVING):
             yield f"{name} moves a joint and is not an output; command it with a forward command controller"
-
-
-def _doubles(key: str, names: Sequence[str]) -> Iterator[str]:
-    if len(set(names)) != len(names):
-        yield f"{key} contains a name twice: {', '.join(names)}; list each name once"
 
 
 def _dotted(output: str) -> str:

@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar, cast
 
 from canopen_control.controllers.base import Controller, ControllerState, finite
 from canopen_control.controllers.command_timeout import GoalState
-from canopen_control.controllers.params import CommonParams, LoopGains
+from canopen_control.controllers.params import CommonParams, LoopGains, refuse
 from canopen_control.controllers.pid import Pid
 from canopen_control.controllers.request_protocols import GripperGoal, GripStatus, StallDetector
-from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.rpc.messages.samples import GripperSample
 from canopen_control.rpc.messages.state import GRIPPER_GOALS, PARALLEL_GRIPPER_GOALS
@@ -27,7 +26,7 @@ from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 from canopen_control.yamlfile.convert import derived, section, setting
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
@@ -81,14 +80,13 @@ class GripperParams(CommonParams):
         """Configured command interfaces that limit effort and velocity."""
         return [name for name in (self.max_effort_interface, self.max_velocity_interface) if name]
 
-    def mistake(self) -> str | None:
+    def mistakes(self) -> Iterator[str]:
         if not self.joint:
-            return "no 'joint'; give it under ros__parameters: joint: finger_joint"
+            yield "no 'joint'; give it under ros__parameters: joint: finger_joint"
         if missing := [kind for kind in (POSITION, VELOCITY) if kind not in self.state_interfaces]:
-            return f"state_interfaces lacks {missing[0]}; goals need position and velocity"
+            yield f"state_interfaces lacks {missing[0]}; goals need position and velocity"
         if len(set(self.state_interfaces)) != len(self.state_interfaces) or len(set(self.limits)) != len(self.limits):
-            return "state_interfaces or the limits contain an interface twice; list each once"
-        return None
+            yield "state_interfaces or the limits contain an interface twice; list each once"
 
 
 @dataclass(frozen=True)
@@ -112,8 +110,7 @@ def read_params(params: Params, name: str, cls: type[P]) -> P:
     settings = params.read(_with_gains(cls, joint))
     if isinstance(settings, EffortGripperParams):
         settings = dataclasses.replace(settings, gains=getattr(settings, "loop"))  # noqa: B009 - of the class that is made
-    if (mistake := settings.mistake()) is not None:
-        raise RobotConfigError(f"{name}: {mistake}")
+    refuse(name, settings.mistakes())
     return settings
 
 

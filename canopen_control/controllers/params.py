@@ -20,7 +20,7 @@ from canopen_control.yamlfile.convert import convert, derived, keys_of, section,
 from canopen_control.yamlfile.node import Node, Problems
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     from canopen_control.rpc.messages.parameters import PlainValue
 
@@ -70,6 +70,36 @@ class Params:
                 (self.flat.get(name) or self.flat).error(text.removeprefix(f"{name}: "))
         self.source, self.known = value, {*keys_of(cls), *(renames or {})}
         return typing.cast("T", value)
+
+    def read_each(
+        self,
+        cls: type[T],
+        names: Sequence[str],
+        sections: Mapping[str, tuple[str, type]],
+        renames: Mapping[str, str] | None = None,
+        judge: Callable[[T], Iterable[tuple[str, str]]] = lambda _: (),
+    ) -> T:
+        """Convert parameters as `read` does, with sections for each of `names`, such as `gains.JOINT`.
+
+        `sections` maps a field of `cls` to the key of its sections and to their class; the field gets a tuple of
+        sections, in the order of `names`.
+        """
+        fields: list[tuple[str, Any, Any]] = [
+            (f"{field}_{number}", kind, section(key.format(name), kind()))
+            for field, (key, kind) in sections.items()
+            for number, name in enumerate(names)
+        ]
+        made = dataclasses.make_dataclass(cls.__name__, fields, bases=(cls,), frozen=True)
+        value: Any = self.read(made, renames, judge)
+        gathered = {
+            field: tuple(getattr(value, f"{field}_{number}") for number in range(len(names))) for field in sections
+        }
+        return typing.cast("T", dataclasses.replace(value, **gathered))
+
+    def names(self, *keys: str) -> tuple[str, ...]:
+        """Return the distinct texts in the list parameters `keys`, before they are read."""
+        nodes = [node for key in keys if (node := self.flat.get(key)) is not None]
+        return tuple(dict.fromkeys(element.text for node in nodes for element in node.elements()))
 
     def changed(self, values: Mapping[str, PlainValue]) -> Params:
         """Return a copy with other values for some parameters, by dotted name; the file is unchanged."""
@@ -197,10 +227,16 @@ class CommonParams:
     thread_priority: int = setting(50, help="has no effect: `run --realtime` sets the priority of the control cycle")
 
 
-def refuse_all(name: str, mistakes: Iterable[str]) -> None:
-    """Raise RobotConfigError with all error texts, if there are any; `name` is the controller."""
+def refuse(name: str, mistakes: Iterable[str]) -> None:
+    """Raise RobotConfigError with all error texts, each on a line, if there are any; `name` is the controller."""
     if texts := list(mistakes):
-        raise RobotConfigError(f"{name}: {'; '.join(texts)}")
+        raise RobotConfigError("\n".join(f"{name}: {text}" for text in texts))
+
+
+def repeated(key: str, names: Collection[str]) -> Iterator[str]:
+    """Yield the error text for a parameter that contains a name twice, if it does."""
+    if len(set(names)) != len(names):
+        yield f"{key} contains a name twice: {', '.join(names)}; list each name once"
 
 
 # Parameters of the forward command controllers and the joint state broadcaster, and gains of PID loops.
@@ -397,48 +433,26 @@ class PidParams(CommonParams):
         """Names of the degrees of freedom in references and states; by default `dof_names`."""
         return self.reference_and_state_dof_names or self.dof_names
 
-    def mistake(self) -> str | None:
-        for key, names in (
-            ("dof_names", self.dof_names),
-            ("reference_and_state_dof_names", self.reference_and_state_dof_names),
-        ):
-            if len(set(names)) != len(names):
-                return f"{key} contains a name twice: {', '.join(names)}; list each name once"
+    def mistakes(self) -> Iterator[str]:
+        yield from repeated("dof_names", self.dof_names)
+        yield from repeated("reference_and_state_dof_names", self.reference_and_state_dof_names)
         if not self.dof_names:
-            return "no 'dof_names'; give it under ros__parameters: dof_names: [joint_1, joint_2]"
-        if len(self.measured) != len(self.dof_names):
+            yield "no 'dof_names'; give it under ros__parameters: dof_names: [joint_1, joint_2]"
+        elif len(self.measured) != len(self.dof_names):
             count = f"{len(self.measured)} for {len(self.dof_names)} dof_names"
-            return f"reference_and_state_dof_names: {count}; give the same number"
+            yield f"reference_and_state_dof_names: {count}; give the same number"
         if not self.command_interface:
-            return "no 'command_interface'; give it: command_interface: effort"
-        if len(self.reference_and_state_interfaces) not in (1, 2):
-            length = len(self.reference_and_state_interfaces)
-            return f"reference_and_state_interfaces has {length}; give one, or two as in [position, velocity]"
-        if len(set(self.reference_and_state_interfaces)) != len(self.reference_and_state_interfaces):
-            return (
-                "reference_and_state_interfaces contains an interface twice; give the derivative: [position, velocity]"
-            )
-        return None
+            yield "no 'command_interface'; give it: command_interface: effort"
+        interfaces = self.reference_and_state_interfaces
+        if len(interfaces) not in (1, 2):
+            yield f"reference_and_state_interfaces has {len(interfaces)}; give one, or two as in [position, velocity]"
+        elif len(set(interfaces)) != len(interfaces):
+            twice = "reference_and_state_interfaces contains an interface twice"
+            yield f"{twice}; give the derivative: [position, velocity]"
 
 
 def read_pid_params(params: Params, name: str) -> PidParams:
     """Return the parameters of PID controller `name`; raise RobotConfigError if they are invalid."""
-    node = params.flat.get("dof_names")
-    dofs = tuple(dict.fromkeys(element.text for element in node.elements())) if node is not None else ()
-    settings = params.read(_with_dof_gains(dofs))
-    result = dataclasses.replace(
-        settings, gains=tuple(getattr(settings, f"gains_{index}") for index in range(len(dofs)))
-    )
-    if (mistake := result.mistake()) is not None:
-        raise RobotConfigError(f"{name}: {mistake}")
-    return result
-
-
-def _with_dof_gains(dofs: tuple[str, ...]) -> type[PidParams]:
-    """Return a parameter class with a section of gains for each degree of freedom."""
-    fields: list[tuple[str, Any, Any]] = [
-        (f"gains_{index}", DofGains, section(f"gains.{dof}", DofGains())) for index, dof in enumerate(dofs)
-    ]
-    return typing.cast(
-        "type[PidParams]", dataclasses.make_dataclass("PidParams", fields, bases=(PidParams,), frozen=True)
-    )
+    settings = params.read_each(PidParams, params.names("dof_names"), {"gains": ("gains.{}", DofGains)})
+    refuse(name, settings.mistakes())
+    return settings

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, ClassVar
 from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.base import ControllerState, DriveGeometry, finite
-from canopen_control.controllers.base_params import refuse
 from canopen_control.controllers.mobile_base import MobileBase
+from canopen_control.controllers.params import refuse
 from canopen_control.controllers.steering_kinematics import SteeringKinematics
 from canopen_control.controllers.steering_params import (
     AckermannParams,

@@ -17,6 +17,7 @@ from canopen_control.controllers.base_params import (
     read_checked,
     with_dimensions,
 )
+from canopen_control.controllers.params import repeated
 from canopen_control.controllers.steering_kinematics import (
     AckermannKinematics,
     SteeringKinematics,
@@ -110,20 +111,20 @@ class SteeringParams(BaseParams):
         kinematics.fits = True
         return kinematics
 
-    def mistakes(self) -> Iterator[tuple[bool, str]]:
+    def mistakes(self) -> Iterator[str]:
         counts = {"traction": self.kinematics.traction_count, "steering": self.kinematics.steering_count}
         for part, count in counts.items():
             for key in (f"{part}_joints_names", f"{part}_joints_state_names"):
                 names: tuple[str, ...] = getattr(self, key)
                 optional = key.endswith("state_names")
                 advice = f"give {count}{' or none' if optional else ''}, from right to left"
-                yield len(names) != count and not (optional and not names), f"{key} has {len(names)} joints; {advice}"
-                yield (
-                    len(set(names)) < len(names),
-                    f"{key} contains a name twice: {', '.join(names)}; list each name once",
-                )
-        yield self.wheelbase <= 0.0, "wheelbase is missing or 0; give the distance between front and rear axle in m"
-        yield self.radius <= 0.0, f"{self.radius_key} is missing or 0; give it in m"
+                if len(names) != count and not (optional and not names):
+                    yield f"{key} has {len(names)} joints; {advice}"
+                yield from repeated(key, names)
+        if self.wheelbase <= 0.0:
+            yield "wheelbase is missing or 0; give the distance between front and rear axle in m"
+        if self.radius <= 0.0:
+            yield f"{self.radius_key} is missing or 0; give it in m"
 
 
 @dataclass(frozen=True)
@@ -148,10 +149,10 @@ class TricycleParams(SteeringParams):
     def tracks(self) -> tuple[float, float]:
         return self.traction_track_width, 0.0
 
-    def mistakes(self) -> Iterator[tuple[bool, str]]:
+    def mistakes(self) -> Iterator[str]:
         yield from super().mistakes()
-        missing = "traction_track_width is missing or 0; give the distance between the traction wheels in m"
-        yield self.traction_track_width <= 0.0, missing
+        if self.traction_track_width <= 0.0:
+            yield "traction_track_width is missing or 0; give the distance between the traction wheels in m"
 
 
 @dataclass(frozen=True)
@@ -244,10 +245,11 @@ class Ros1AckermannParams(BicycleParams):
             traction_wheel_radius=self.traction_wheel_radius * self.wheel_radius_multiplier,
         )
 
-    def mistakes(self) -> Iterator[tuple[bool, str]]:
+    def mistakes(self) -> Iterator[str]:
         yield from super().mistakes()
-        scale = "it scales only the feedback; set scale_pos_from_dev and scale_pos_to_dev instead"
-        yield self.steer_pos_multiplier != 1.0, f"steer_pos_multiplier is {self.steer_pos_multiplier:g}; {scale}"
+        if self.steer_pos_multiplier != 1.0:
+            scale = "it scales only the feedback; set scale_pos_from_dev and scale_pos_to_dev instead"
+            yield f"steer_pos_multiplier is {self.steer_pos_multiplier:g}; {scale}"
 
 
 _RENAMES: Final = {

@@ -120,15 +120,19 @@ class DrivenWheelParams(BaseParams):
     traction: TractionLimits = section("traction", TractionLimits())
     steering: SteeringLimits = section("steering", SteeringLimits())
 
-    def mistakes(self) -> Iterator[tuple[bool, str]]:
+    def mistakes(self) -> Iterator[str]:
         for key in ("traction_joint_name", "steering_joint_name"):
-            yield not getattr(self, key), f"no {key}; give the joint"
-        both = bool(self.traction_joint_name) and self.traction_joint_name == self.steering_joint_name
-        yield both, f"{self.traction_joint_name} is both traction and steering joint; give a joint for each"
-        yield self.wheelbase <= 0.0, "wheelbase is missing or 0; give the distance of the wheel from the axle in m"
-        yield self.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"
+            if not getattr(self, key):
+                yield f"no {key}; give the joint"
+        if self.traction_joint_name and self.traction_joint_name == self.steering_joint_name:
+            yield f"{self.traction_joint_name} is both traction and steering joint; give a joint for each"
+        if self.wheelbase <= 0.0:
+            yield "wheelbase is missing or 0; give the distance of the wheel from the axle in m"
+        if self.wheel_radius <= 0.0:
+            yield "wheel_radius is missing or 0; give it in m"
         low, high = self.steering.bounds()
-        yield low > high, f"steering.min_position {low:g} is above steering.max_position {high:g}; exchange them"
+        if low > high:
+            yield f"steering.min_position {low:g} is above steering.max_position {high:g}; exchange them"
 
 
 class DrivenWheelPose(PlanarPose):

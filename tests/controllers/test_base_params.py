@@ -2,10 +2,7 @@ from __future__ import annotations
 
 import math
 
-import pytest
-
-from canopen_control.controllers.base_params import TwistAxisLimits, refuse
-from canopen_control.errors import RobotConfigError
+from canopen_control.controllers.base_params import TwistAxisLimits
 
 
 def test_limits_are_those_of_the_limiter():
@@ -14,9 +11,3 @@ def test_limits_are_those_of_the_limiter():
     assert math.isnan(limits.max_jerk)
     assert TwistAxisLimits(max_jerk=0.0).freezes
     assert not TwistAxisLimits().freezes
-
-
-def test_every_error_is_reported_with_the_controller():
-    refuse("base", [(False, "one")])
-    with pytest.raises(RobotConfigError, match="base: two\nbase: three"):
-        refuse("base", [(False, "one"), (True, "two"), (True, "three")])

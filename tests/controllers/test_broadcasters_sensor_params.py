@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from canopen_control.controllers.broadcasters import AXES, ForceTorqueParams, ImuParams, PoseParams, RangeParams
-from canopen_control.controllers.params import Params, refuse_all
+from canopen_control.controllers.params import Params, refuse
 from canopen_control.errors import RobotConfigError
 
 SENSOR = {"sensor_name": "s", "frame_id": "link"}
@@ -12,7 +12,7 @@ NAMED = {"frame_id": "link", "interface_names": {"force": {"z": "scale/load"}}}
 
 def read(cls, **params):
     given = Params.of(params).read(cls)
-    refuse_all("b", given.mistakes())
+    refuse("b", given.mistakes())
     return given
 
 

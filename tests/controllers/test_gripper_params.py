@@ -37,3 +37,9 @@ def test_the_gains_of_the_joint_stand_below_its_name():
 def test_what_cannot_be_is_reported(params, words):
     with pytest.raises(RobotConfigError, match=words):
         read(**params)
+
+
+def test_all_mistakes_are_reported_at_once_each_on_a_line():
+    with pytest.raises(RobotConfigError) as refused:
+        read(joint="", state_interfaces=["position"])
+    assert len(str(refused.value).splitlines()) == 2

@@ -9,9 +9,11 @@ from canopen_control.controllers.params import (
     BroadcasterParams,
     LoopGains,
     Params,
+    refuse,
+    repeated,
 )
 from canopen_control.errors import RobotConfigError
-from canopen_control.yamlfile.convert import setting
+from canopen_control.yamlfile.convert import derived, setting
 
 
 def test_a_value_is_read_from_the_interface_that_the_map_names():
@@ -64,3 +66,31 @@ def test_a_renamed_key_is_reported_once_and_one_without_effect_too():
         "c: colour: 'colour' has no effect and can be removed",
         "c: pace: 'pace' is read as 'rate'",
     ]
+
+
+def test_every_mistake_is_reported_with_the_controller():
+    refuse("base", [])
+    with pytest.raises(RobotConfigError, match="base: two\nbase: three"):
+        refuse("base", ["two", "three"])
+
+
+def test_a_repeated_name_is_a_mistake():
+    assert not list(repeated("joints", ("a", "b")))
+    assert list(repeated("joints", ("a", "a"))) == ["joints contains a name twice: a, a; list each name once"]
+
+
+@dataclass(frozen=True)
+class Gain:
+    p: float = setting(1.0)
+
+
+@dataclass(frozen=True)
+class OfJoints:
+    gains: tuple[Gain, ...] = derived(())
+
+
+def test_sections_of_each_name_are_gathered_in_the_order_of_the_names():
+    given = Params.of({"joints": ["b", "a", "b"], "gains": {"a": {"p": 2.0}}})
+    assert given.names("joints", "others") == ("b", "a")
+    read = given.read_each(OfJoints, ("b", "a"), {"gains": ("gains.{}", Gain)}, {"joints": ""})
+    assert [gain.p for gain in read.gains] == [1.0, 2.0]

@@ -53,3 +53,14 @@ def test_gains_of_a_stranger_are_reported():
     params = Params.of({**GIVEN, "gains.c.p": 1.0}, "pid")
     read_pid_params(params, "pid")
     assert any("gains.c.p" in each for each in params.warnings)
+
+
+def test_all_mistakes_are_reported_at_once_each_on_a_line():
+    wrong = {"dof_names": [], "command_interface": "", "reference_and_state_interfaces": []}
+    with pytest.raises(RobotConfigError) as refused:
+        read(**wrong)
+    assert [line.partition(";")[0] for line in str(refused.value).splitlines()] == [
+        "pid: no 'dof_names'",
+        "pid: no 'command_interface'",
+        "pid: reference_and_state_interfaces has 0",
+    ]

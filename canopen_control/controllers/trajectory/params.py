@@ -6,14 +6,13 @@ controller.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.params import CommonParams, LoopGains
+from canopen_control.controllers.params import CommonParams, LoopGains, repeated
 from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, VELOCITY, HardLimits
-from canopen_control.yamlfile.convert import derived, section, setting
+from canopen_control.yamlfile.convert import derived, setting
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -409,8 +408,7 @@ class TrajectoryParams(CommonParams):
         if not self.joints:
             yield "joints", "no 'joints'; give it under ros__parameters: joints: [joint_1, joint_2]"
         for key, names in (("joints", self.joints), ("command_joints", self.command_joints)):
-            if len(set(names)) != len(names):
-                yield key, f"{key} contains a name twice: {', '.join(names)}; list each name once"
+            yield from ((key, text) for text in repeated(key, names))
         commands, states = wrong_commands(self.command_interfaces), wrong_states(self.state_interfaces)
         if commands is None and states is None:
             states = wrong_together(self.command_interfaces, self.state_interfaces)
@@ -427,14 +425,9 @@ class TrajectoryParams(CommonParams):
 def read_params(params: Params, name: str) -> TrajectoryParams:
     """Return the parameters of a trajectory controller; raise RobotConfigError with all errors in them."""
     del name  # the position of each error contains it
-    node = params.flat.get("joints")
-    joints = tuple(dict.fromkeys(element.text for element in node.elements())) if node is not None else ()
+    joints = params.names("joints")
     old = OLD_KEYS | {key.format(joint): "" for joint in joints for key in _WITHOUT_EFFECT}
-    settings = params.read(_with_joints(joints), old, TrajectoryParams.mistakes)
-    gains = tuple(getattr(settings, f"gains_{index}") for index in range(len(joints)))
-    constraints = tuple(getattr(settings, f"constraints_{index}") for index in range(len(joints)))
-    limits = tuple(getattr(settings, f"joint_limits_{index}") for index in range(len(joints)))
-    return dataclasses.replace(settings, gains=gains, constraints=constraints, joint_limits=limits)
+    return params.read_each(TrajectoryParams, joints, _OF_JOINTS, old, TrajectoryParams.mistakes)
 
 
 OLD_KEYS: Final[dict[str, str]] = dict.fromkeys(
@@ -453,20 +446,9 @@ _WITHOUT_EFFECT: Final = (
 
 The description says which joints are continuous, and points have no jerk.
 """
-
-
-def _with_joints(joints: tuple[str, ...]) -> type[TrajectoryParams]:
-    """Return a parameter class with sections of gains, constraints and limits for each joint."""
-    fields: list[tuple[str, Any, Any]] = []
-    for index, joint in enumerate(joints):
-        fields += [
-            (f"gains_{index}", JointGains, section(f"gains.{joint}", JointGains())),
-            (
-                f"constraints_{index}",
-                JointConstraints,
-                section(f"constraints.{joint}", JointConstraints()),
-            ),
-            (f"joint_limits_{index}", LimitParams, section(f"joint_limits.{joint}", LimitParams())),
-        ]
-    cls = dataclasses.make_dataclass("TrajectoryParams", fields, bases=(TrajectoryParams,), frozen=True)
-    return cast("type[TrajectoryParams]", cls)
+_OF_JOINTS: Final = {
+    "gains": ("gains.{}", JointGains),
+    "constraints": ("constraints.{}", JointConstraints),
+    "joint_limits": ("joint_limits.{}", LimitParams),
+}
+"""Sections of each joint, by field: key and class."""
