@@ -172,7 +172,7 @@ class Stage:
     def end(self) -> None:
         """End everything by its id; fail if something does not end as it should."""
         try:
-            for program in self.programs:
+            for program in reversed(self.programs):  # a robot before its drives: it waits for those that are gone
                 with contextlib.suppress(ProcessLookupError):
                     program.end()
             end_hubs()
