@@ -211,6 +211,7 @@ def checks() -> list[Part]:
 DEALT: Final = ("-n", "2", "--dist", "worksteal")  # tests without processes: no CPU is idle at the end of a long file
 # the tests of a file share its fixtures, such as running robots and browsers
 SHARED: Final = ("-n", "2", "--dist", "loadfile")
+WAITING: Final = ("-n", "3", "--dist", "loadfile")  # tests that wait two thirds of their time, without time limits
 APART: Final = ("-n", "8", "--dist", "loadgroup")  # a few tests that mostly wait for answers: all at once
 
 
@@ -257,12 +258,13 @@ def rest_steps() -> list[list[list[Part]]]:
     Whole robots whose reactions have a limit in time (`timed`) run two at a time, what measures (`alone`) runs alone.
     What only computes has the lowest priority, and takes what they leave: the compiled package and the long tests
     without a process, in one pytest process each, since workers of pytest-xdist would each collect all of them. The
-    loops of ROS programs are a step of their own where they run for longer.
+    timed tests come first: they leave most of the processors to the compiler, for which the robots on the compiled
+    package wait at the end. The loops of ROS programs are a step of their own where they run for longer.
     """
     compiled = Path("build/compiled").absolute()
     rest = rest_files()
     with_processes = set(files_with(*PROCESS_MARKS))
-    long = pytest("long tests with processes", "process and rest and not alone and not timed", *SHARED,
+    long = pytest("long tests with processes", "process and rest and not alone and not timed", *WAITING,
                   *(path for path in rest if path in with_processes), again=True)  # fmt: skip
     long_fast = pytest("long tests without a process", "not process and rest and not alone and not timed", *rest,
                        again=True)  # fmt: skip
@@ -278,7 +280,7 @@ def rest_steps() -> list[list[list[Part]]]:
     alone = pytest("tests that measure", "alone", *files_with("alone"), again=True)
     computing = [[Part(_COMPILE, ("tools/compile",)), compiled_modules], [long_fast]]
     return [
-        [*([replace(part, nice=_LEAVING_ALL) for part in lane] for lane in computing), [long, compiled_robots, timed]],
+        [*([replace(part, nice=_LEAVING_ALL) for part in lane] for lane in computing), [timed, long, compiled_robots]],
         guests(),  # time in a guest is slower than on the host, so nothing runs in parallel
         *([[[long_loops]]] if loops else []),
         [[alone]],

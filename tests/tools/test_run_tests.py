@@ -94,6 +94,15 @@ def test_every_file_of_a_part_exists(in_checkout):
     assert [path for path in named if not Path(path).exists()] == []
 
 
+def test_the_rest_begins_with_the_robots_that_leave_most_to_the_compiler_and_ends_with_those_it_makes(in_checkout):
+    *computing, waiting = run_tests.rest_steps()[0]
+    assert [each.name for each in waiting] == ["timed tests", "long tests with processes", "compiled, whole robots"]
+    assert {each.nice for lane in computing for each in lane} == {run_tests._LEAVING_ALL}
+    assert {each.nice for each in waiting} == {0}
+    workers = {each.name: each.command[each.command.index("-n") + 1] for each in waiting}
+    assert workers == {"timed tests": "2", "long tests with processes": "3", "compiled, whole robots": "2"}
+
+
 # ------------------------------------------------------------------------------------------------- running parts
 
 
