@@ -72,6 +72,7 @@ def drive_of_300_parameters(path):
 
 
 @pytest.mark.process
+@pytest.mark.alone
 def test_300_parameters_are_cloned_in_less_than_ten_seconds_at_1_mbit_s(private_folders, tmp_path, capsys):
     eds = drive_of_300_parameters(tmp_path / "large.eds")
     with OnBus("local:paced", {3: eds, 4: eds}) as bus:

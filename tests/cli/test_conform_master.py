@@ -5,6 +5,7 @@ import threading
 from xml.etree import ElementTree as Xml
 
 import pytest
+from support.lockstep import lockstep
 from support.onbus import TMCM, OnBus
 
 from canopen_control.bus.channel import open_port
@@ -23,14 +24,15 @@ def bus(private_folders):
 def test_a_master_is_checked_and_the_reports_name_it(private_folders, capsys, tmp_path):
     page, path = tmp_path / "master.html", tmp_path / "master.xml"
     reports = ["--html", str(page), "--junit", str(path), "--json"]
-    ended = threading.Event()
-    master = threading.Thread(target=_start_nodes, args=(ended,))
-    master.start()
-    try:
-        assert main(["conform", "--master", *CAN, "--node-id", "5", "--for", "0.6", *reports]) == 1
-    finally:
-        ended.set()
-        master.join()
+    with lockstep():
+        ended = threading.Event()
+        master = threading.Thread(target=_start_nodes, args=(ended,))
+        master.start()
+        try:
+            assert main(["conform", "--master", *CAN, "--node-id", "5", "--for", "0.6", *reports]) == 1
+        finally:
+            ended.set()
+            master.join()
     document = json.loads(capsys.readouterr().out)
     assert (document["node_id"], document["subject"]) == (5, "master")
     observed = {result["id"]: result["observed"] for result in document["results"]}

@@ -7,11 +7,12 @@ test_deaths, test_recovery and test_verbs, on a machine that does nothing else.
 import contextlib
 import json
 import signal
-import time
+from functools import partial
 
 import pytest
 from support.commander import Commander
 from support.host import eventually
+from support.processes import cycles_pass
 from support.robots import PATIENT_ROBBY, copy_robby
 
 from canopen_control.client import RobotClient
@@ -57,10 +58,11 @@ class Robot:
         assert eventually(condition, LONG_S), [event.text for event in self.client.ask(GetStatus()).events][-12:]
 
     def stays_standing(self, *nodes):
-        """Look for a while whether the commands, which go on, move anything."""
+        """Look whether the commands, which go on, move anything: three more of them, each with some cycles after it."""
         self.reaches(lambda: self.stands(*nodes))
-        for _ in range(10):
-            time.sleep(0.03)
+        for sent in range(self.commander.sent + 1, self.commander.sent + 4):
+            self.reaches(partial(self.commander.has_sent, sent))
+            cycles_pass(self.client, 4)
             assert self.stands(*nodes)
 
     def close(self):

@@ -49,6 +49,7 @@ def test_without_a_robot_it_reports_this(number):
     assert output.startswith("canopen-control: no robot 'fake' is running")
 
 
+@pytest.mark.timed
 @pytest.mark.parametrize(
     ("end", "words"),
     [
@@ -80,6 +81,7 @@ def start_as_run_does(number, **options):
     return child
 
 
+@pytest.mark.timed
 def test_started_before_its_robot_it_waits_for_the_gate_and_then_shows_it(number):
     child = start_as_run_does(number, gated=True)
     try:
@@ -112,6 +114,7 @@ def test_started_before_a_robot_that_never_comes_it_ends(number, is_open, code, 
         child.wait()
 
 
+@pytest.mark.timed
 @pytest.mark.parametrize("number_of_signal", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_within_two_seconds(number, number_of_signal):
     with ros.FakeRobot() as robot, ros.bridge(number) as process:
@@ -327,6 +330,7 @@ def test_a_bridge_outlives_the_runtime_and_shows_the_next_one(number):
                     assert process.poll() is None
 
 
+@pytest.mark.timed
 def test_the_death_of_the_runtime_ends_the_bridge(number):
     with Robby(number) as robby:
         pidfd = os.pidfd_open(robby.bridge_pid())
