@@ -142,11 +142,7 @@ class RobotCycle:
         period = self._period_after_skipping(skipped) if (skipped := pacer.skipped) else self._period
         components, manager, edge = self._registry.components, self._manager, pacer.edge
         for component in components:
-            try:
-                if component.read(now, period) is ERROR:
-                    self._failed(component, "read", now)
-            except Exception as error:  # noqa: BLE001 - the other components continue
-                self._note(f"read of {component.name}", error)
+            self._read(component, now, period)
         if self._robot.advances:
             self._robot.advance(now)
         try:
@@ -161,6 +157,13 @@ class RobotCycle:
         manager.broadcast(edge, period)
         self._supervise(now)
         self._robot.after_cycle(now)
+
+    def _read(self, component: HardwareComponent, now: int, period: float) -> None:
+        try:
+            if component.read(now, period) is ERROR:
+                self._failed(component, "read", now)
+        except Exception as error:  # noqa: BLE001 - the other components continue
+            self._note(f"read of {component.name}", error)
 
     def _write(self, component: HardwareComponent, now: int) -> None:
         """Write the commands of a component, unless its `write` has raised exceptions too often."""
@@ -227,8 +230,7 @@ class RobotCycle:
     def _run_edge(self, edge: int, period: float) -> None:
         """Read the components, update the controllers and write the commands at an edge, then publish the states."""
         for component in self._registry.components:
-            if component.read(edge, period) is ERROR:
-                self._failed(component, "read", edge)
+            self._read(component, edge, period)
         self._manager.update(edge, period)
         for component in self._registry.components:
             self._write(component, edge)
