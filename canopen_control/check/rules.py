@@ -19,7 +19,7 @@ from canopen_control.controllers.base import sample_type_of
 from canopen_control.controllers.command_timeout import DEFAULT_TIMEOUT_S, UNLIMITED
 from canopen_control.controllers.controllers_file import ManagerParams, is_within
 from canopen_control.controllers.limiters import SLOW_STOP
-from canopen_control.controllers.mobile_base import ONE_UPDATE
+from canopen_control.controllers.mobile_base import IMMOBILE, ONE_UPDATE
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, nearest
 from canopen_control.hardware.axis_parameters import PLUGINS
@@ -607,6 +607,10 @@ def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
                 line = config.params.line("command_timeout") or config.params.line("cmd_vel_timeout") or config.line
                 fix = f"give the time without a command after which the joints stop, such as {DEFAULT_TIMEOUT_S:g} s"
                 yield Finding(config.path, line, Severity.WARNING, notice.text, fix)
+            if notice.kind == IMMOBILE:
+                key = notice.text.removeprefix(f"{name}: ").partition(" ")[0]
+                line = config.params.line(key) or config.line
+                yield Finding(config.path, line, Severity.WARNING, notice.text, "give a value above 0, or remove it")
             if notice.kind == SLOW_STOP:
                 text, _, fix = notice.text.partition("; ")
                 key = fix.rpartition(" ")[2]  # without it the acceleration limit is that of a stop, too

@@ -33,7 +33,8 @@ or --scenario is given.
 Ctrl-C ends a simulation and keeps the results so far. --json prints one object at the end, with the SHA-256 of every
 frame and event with its time.
 
-Exit codes: 0 success; 1 an invariant was violated; 2 wrong usage or configuration; 130 the seeds were interrupted.
+Exit codes: 0 success; 1 an invariant was violated, the robot did not start, or its limits permit no motion; 2 wrong
+usage or configuration; 130 the seeds were interrupted.
 """
 
 from __future__ import annotations
@@ -171,7 +172,8 @@ def _add_serving(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate a robot, a world or a campaign.
 
-    Return 1 if an invariant was violated or the robot does not start, 130 if a campaign was interrupted, else 0.
+    Return 1 if an invariant was violated, the robot does not start or its limits permit no motion, 130 if a campaign
+    was interrupted, else 0.
     """
     try:
         if args.world is not None and not names_robot(args):
@@ -213,7 +215,7 @@ def _run_one(args: argparse.Namespace) -> int:
         _watch(simulation, duration_ns, args.record, quiet=args.json)
         outcome = simulation.outcome
         failure = simulation.robot.core.failure
-        never = simulation.start_failure(duration_ns)
+        never = simulation.start_failure(duration_ns) or simulation.immobility
     finally:
         simulation.close()
     _report(outcome, failure, as_json=args.json)

@@ -336,6 +336,14 @@ class Controller:
         """Whether a command with these values stops all motion; such a command may outlive its client."""
         return not any(values) and all(command.quantity in MOVING for command in self.commands)
 
+    def why_immobile(self, values: Sequence[float]) -> str | None:
+        """Return why the limits of the controller permit none of the motions of a command, or None."""
+        pairs = zip(self.commands, values, strict=False)
+        moving = [command for command, value in pairs if value and command.quantity in MOVING]
+        if not moving or any(command.minimum != 0.0 or command.maximum != 0.0 for command in moving):
+            return None
+        return f"min and max of the command interface {moving[0].name} are 0 in the description"
+
     # ------------------------------------------------------------------------------------------------ for overrides
 
     def published(self, wall_offset_ns: int) -> float:

@@ -104,6 +104,15 @@ class RateLaw:
         return not self._has_a or self._dec < 0.0 < self._dec_reverse
 
     @property
+    def immobile(self) -> str:
+        """Name of a limit that permits no motion from standstill in either direction, or ""."""
+        if self._has_v and self._min_v == 0.0 == self._max_v:
+            return "max_velocity"
+        if self._has_a and self._acc == 0.0 == self._acc_reverse:
+            return "max_acceleration"
+        return "max_jerk" if self._has_j and self._min_j == 0.0 == self._max_j else ""
+
+    @property
     def brake_s(self) -> float:
         """Time in s to stop from the velocity limit, or else from 1 m/s or rad/s; 0 without a deceleration limit."""
         if not (self._has_a and self.brakes):

@@ -135,6 +135,8 @@ class ControllerManager:
         self.limiter: CommandLimiter | None = None
         self.enable_status = enable_status or EnableStatus()
         self._reported_refusals: set[str] = set()
+        self.immobile: dict[str, str] = {}
+        """By controller, why its limits permitted none of the motions of its commands; "" if they permitted one."""
         self._reported_idle: dict[str, set[str]] = {}  # by controller: joints that do not follow
         self._controllers: dict[str, Controller] = {}
         self._params: dict[str, Params] = {}
@@ -401,6 +403,11 @@ class ControllerManager:
         """Return, by joint, why it does not follow a command that requires its motion; report each new joint once."""
         name, entry = controller.name, self.running.entry_of(controller)
         disabled = [] if entry is None else entry.disabled
+        reason = controller.why_immobile(values)
+        if any(values):
+            self.immobile[name] = "" if reason is None else self.immobile.get(name, reason)
+        if reason is not None:
+            return self._report_idle(name, {command.joint: reason for command in controller.commands})
         if not disabled:
             self._reported_idle.pop(name, None)
             return {}
@@ -408,7 +415,9 @@ class ControllerManager:
             pairs = zip(controller.commands, values, strict=True)
             still = {command.name for command, value in pairs if not self._requires_motion(command, value)}
             disabled = [command for command in disabled if command.name not in still]
-        reasons = self.enable_status.idle(disabled)
+        return self._report_idle(name, self.enable_status.idle(disabled))
+
+    def _report_idle(self, name: str, reasons: dict[str, str]) -> dict[str, str]:
         reported = self._reported_idle.setdefault(name, set())
         if not reported.issuperset(reasons):
             reported.update(reasons)

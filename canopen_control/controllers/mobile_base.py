@@ -188,6 +188,9 @@ BASELINE: Final = -1.0
 """Return value of `elapsed` for the first step."""
 TOO_SHORT: Final = 0.0
 """Return value of `elapsed` for a time step that is too short and is added to the next step."""
+IMMOBILE: Final = "immobile"
+"""Kind of the event for a limit of 0, which permits no motion along an axis."""
+
 ONE_UPDATE: Final = "one_update"
 """Kind of the event that reports a timeout of 0, with which a twist applies to a single update."""
 _NEVER: Final = -1
@@ -223,6 +226,7 @@ class MobileBase(Controller):
         self._require_methods()
         self.pose = pose
         self._twist = LimitedTwist(self.twist_axes)
+        self._immobile: dict[str, str] = {}  # by axis: the limit that permits no motion
         self.desired, self.limited = self._twist.desired, self._twist.limited
         self.targets: list[float] = []
         self.braking = False
@@ -264,10 +268,14 @@ class MobileBase(Controller):
         if limits:
             self._twist.set_limits(self.name, limits)
         self._odometry_params = params
+        self._immobile.clear()
         for axis, limit in zip(self.twist_axes, limits, strict=False):
             if limit.freezes:
                 self.report("parameter", f"{axis}.max_jerk is 0, which keeps the speed constant; remove it")
             law = RateLaw(limit.limits())
+            if law.immobile:
+                self._immobile[axis] = f"{axis}.{law.immobile}"
+                self.report(IMMOBILE, f"{axis}.{law.immobile} is 0, so the base does not move along {axis}")
             if (text := slow_stop(axis, law.brake_s, f"{axis}.{law.longest_brake}")) is not None:
                 self.report(SLOW_STOP, text)
         self.command_timeout.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
@@ -277,6 +285,14 @@ class MobileBase(Controller):
             )
         elif (text := timeout_warning(self.timeout_key, timeout, (VELOCITY,))) is not None:
             self.report(UNLIMITED, text)
+
+    def why_immobile(self, values: Sequence[float]) -> str | None:
+        limits = self._immobile
+        moving = [axis for axis, value in zip(self.twist_axes, values, strict=False) if value]
+        if not moving or not all(axis in limits for axis in moving):
+            return None
+        names = " and ".join(limits[axis] for axis in moving)
+        return f"{names} of {self.name} {'is' if len(moving) == 1 else 'are'} 0, so the base does not move"
 
     @abstractmethod
     def compute_commands(self, twist: Sequence[float]) -> None:

@@ -133,6 +133,12 @@ class SimulationRun:
         why = core.failure or core.hint or "see its events for the progress, or allow more time with --for"
         return f"{core.setup.name} did not reach the state RUNNING within {seconds:g} s: {why}"
 
+    @property
+    def immobility(self) -> str:
+        """Why no command to a controller could move anything, or ""."""
+        reasons = self.robot.core.manager.immobile
+        return "; ".join(f"{name} moved nothing: {reason}" for name, reason in reasons.items() if reason)
+
     def close(self) -> None:
         """Shut down robot, drives and served socket, and delete temporary files."""
         if self.served is not None:

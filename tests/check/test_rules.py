@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from support.configs import BASES, FIRST, ROBOTS, changed, found, line_of
 from support.makers import folder
 from support.properties import examples
+from support.robots import copy_robby
 
 from canopen_control.check.rules import find
 from canopen_control.controllers.controllers_file import read_controllers
@@ -402,3 +403,14 @@ def test_a_controller_of_a_mimic_joint_is_answered_with_what_works(tmp_path):
     own = text.replace('<joint name="tilt"><param', '<joint name="tilt" mimic="false"><param')
     urdf.write_text(own)
     assert not [each for each in found(find_robot(str(path))) if "error" in each]
+
+
+def test_limits_of_zero_are_reported_with_the_axis_that_they_stop(tmp_path):
+    edits = {"linear.x.max_velocity: 1.0 ": "linear.x.max_velocity: 0.0 ", "linear.x.min_velocity: -1.0": ""}
+    config = copy_robby(tmp_path, controllers=edits)
+    files = find_robot(str(config))
+    line = line_of(files, "controllers", "linear.x.max_velocity: 0.0")
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line}: warning: robby_base_controller: linear.x.max_velocity is 0, so the base does "
+        "not move along linear.x; give a value above 0, or remove it"
+    ]

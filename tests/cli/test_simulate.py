@@ -157,3 +157,20 @@ def test_what_drives_cannot_behave_like_is_one_sentence(capsys, words, sentence)
     error = capsys.readouterr().err
     assert sentence in error
     assert len(error.splitlines()) == 1
+
+
+_STILL = {
+    "linear.x.max_velocity: 1.0 ": "linear.x.max_velocity: 0.0 ",
+    "linear.x.min_velocity: -1.0": "linear.x.min_velocity: 0.0",
+    "angular.z.max_velocity: 1.0": "angular.z.max_velocity: 0.0",
+    "angular.z.min_velocity: -1.0": "angular.z.min_velocity: 0.0",
+}
+
+
+def test_a_base_whose_limits_permit_no_motion_is_exit_1_and_a_sentence(capsys, tmp_path):
+    words = [str(copy_robby(tmp_path, controllers=_STILL)), "--controller", "robby_base_controller"]
+    assert main(["simulate", *words, "--for", "5", "--json"]) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "canopen-control: robby_base_controller moved nothing: linear.x.max_velocity and angular.z.max_velocity of "
+        "robby_base_controller are 0, so the base does not move"
+    )

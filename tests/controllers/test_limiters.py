@@ -183,3 +183,18 @@ def test_a_number_that_is_not_a_command_stays_with_its_history():
     limiter.step([1.0, 0.4], desired)
     assert math.isnan(desired[0])
     assert limiter.last == [0.0, 0.4]
+
+
+@pytest.mark.parametrize(
+    ("limits", "name"),
+    [
+        ({"max_velocity": 0.0}, "max_velocity"),
+        ({"max_velocity": 0.0, "min_velocity": -1.0}, ""),
+        ({"max_acceleration": 0.0, "max_deceleration": -1.0, "max_deceleration_reverse": 1.0}, "max_acceleration"),
+        ({"max_acceleration": 1.0}, ""),
+        ({"max_jerk": 0.0}, "max_jerk"),
+        ({}, ""),
+    ],
+)
+def test_a_limit_that_permits_no_motion_is_named(limits, name):
+    assert RateLaw(VelocityLimits(**limits)).immobile == name

@@ -358,3 +358,18 @@ def test_a_disabled_joint_that_is_at_its_commanded_position_is_not_named(target,
     left = hardware.command_interfaces[0]
     left.enabled, left.excluded = False, True
     assert list(control.command("both", [target, 1.0], 0)) == idle
+
+
+def test_a_command_that_the_range_of_its_interface_keeps_at_zero_moves_nothing(robot):
+    hardware, control = robot
+    control.switch(["both"], now=0)
+    for command in hardware.command_interfaces:
+        command.minimum = command.maximum = 0.0
+    reason = "min and max of the command interface l/velocity are 0 in the description"
+    assert control.command("both", [0.0, 0.0], 1) == {}
+    assert control.immobile == {}
+    assert control.command("both", [1.0, 0.0], 2) == {"l": reason, "r": reason}
+    assert control.immobile == {"both": reason}
+    hardware.command_interfaces[1].maximum = 2.0
+    assert control.command("both", [1.0, 2.0], 3) == {}
+    assert control.immobile == {"both": ""}

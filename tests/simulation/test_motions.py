@@ -1,6 +1,9 @@
 import pytest
+from support.generic import write_generic
 from support.simulated import S, setup_of
 
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.random_schedule import draw_schedule
 from canopen_control.simulation.simulation_run import SimulationRun
@@ -38,3 +41,10 @@ def test_a_bundled_robot_follows_what_is_drawn_without_a_breach(name):
     assert run.outcome.breaches == ()
     assert any(joint.states["velocity"].value for joint in run.robot.core.joints.values())
     run.close()
+
+
+def test_a_velocity_limit_of_zero_is_unknown_and_not_a_standstill(tmp_path):
+    """Exporters write 0 for an unknown limit; commands are not limited by it."""
+    setup = read_robot(find_robot(str(write_generic(tmp_path, velocity=0))))
+    (velocities,) = [each.ranges for each in motions_of(setup) if each.controller == "velocity"]
+    assert velocities == ((-8.0, 8.0),) * 2
