@@ -228,8 +228,7 @@ def profile_of(od: ObjectDictionary) -> Profile:
         for axis in range(_AXES)
     ):
         return Profile.DRIVE
-    entry = od.get(DEVICE_TYPE)  # the low word is the number of the profile (CiA 301 7.5.2.1)
-    number = entry.value & 0xFFFF if entry is not None and isinstance(entry.value, int) else 0
+    number = (od.number(DEVICE_TYPE) or 0) & 0xFFFF  # the number of the profile (CiA 301 7.5.2.1)
     if number:
         is_known = number in _WORDS and number != Profile.DRIVE
         return Profile(number) if is_known else Profile.NONE
@@ -259,8 +258,8 @@ _ANGLE_DEG: Final = 1e-3  # 0x6000 of an inclinometer is in 0.001 degrees
 
 
 def _number(od: ObjectDictionary, index: int, subindex: int, default: int) -> int:
-    entry = od.get(index, subindex)
-    return entry.value if entry is not None and isinstance(entry.value, int) else default
+    number = od.number(index, subindex)
+    return default if number is None else number
 
 
 def measuring_signals(od: ObjectDictionary) -> Iterator[Signal]:

@@ -12,6 +12,7 @@ from canopen_control.controllers.base import ALL_STATES
 from canopen_control.hardware.feedback import MEASURED
 from canopen_control.hardware.plugins import KNOWN, PluginKind
 from canopen_control.master.known_drives import known_drive, proposals
+from canopen_control.od.indices import TPDO
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.sync_choice import CyclicAxis, axis_number, cyclic_axes, joint_words, node_of
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
@@ -326,8 +327,7 @@ def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
             if not feedback or layout.transmission_type not in _ON_ARRIVAL:
                 continue
             override = node.boot.tpdo.get(layout.number)
-            entry = config.dictionaries[node.name].get(0x1800 + layout.number - 1, 3)
-            default = entry.value if entry is not None and isinstance(entry.value, int) else 0
+            default = config.dictionaries[node.name].number(TPDO + layout.number - 1, 3) or 0
             inhibit = override.inhibit_time if override is not None and override.inhibit_time is not None else default
             if inhibit * 100 > period_us:
                 text = (

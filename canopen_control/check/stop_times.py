@@ -272,8 +272,7 @@ class _Values:
         data = self._written.get(self._address(index, subindex))
         if data is not None:
             return int.from_bytes(data, "little", signed=index & 0x7FF in _CODES)
-        entry = self._od.get(index, subindex)
-        return entry.value if entry is not None and isinstance(entry.value, int) else None
+        return self._od.number(index, subindex)
 
 
 _CODES: Final = tuple(index & 0x7FF for index in _OBJECTS[2:])

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from canopen_control.commissioning.jobs import JobRun, Reached, RestoreOptions
     from canopen_control.commissioning.node_session import NodeSession
-    from canopen_control.commissioning.parameter_set import ParameterSet
+    from canopen_control.commissioning.parameter_set import DifferentParameter, ParameterSet
     from canopen_control.od.model import Address
 
 
@@ -58,17 +58,6 @@ def _all_of(session: NodeSession, run: JobRun) -> tuple[ParameterSet, list[str]]
 
 
 @dataclass(frozen=True, slots=True)
-class DifferentParameter:
-    """Parameter with different values, as texts; None if one side lacks the object."""
-
-    index: int
-    subindex: int
-    name: str
-    a: str | None
-    b: str | None
-
-
-@dataclass(frozen=True, slots=True)
 class DiffReport:
     """Result of a comparison: number of compared parameters, and the differences in identity and parameters."""
 
@@ -88,18 +77,8 @@ class DiffReport:
 
 def compared(a: ParameterSet, b: ParameterSet) -> DiffReport:
     """Compare two parameter sets, including the identities of the devices."""
-    changes = [
-        DifferentParameter(
-            change.entry.index,
-            change.entry.subindex,
-            change.name,
-            None if change.a is None else change.a_text,
-            None if change.b is None else change.b_text,
-        )
-        for change in differences(a, b)
-    ]
     identity = [*a.identity.strangers(b.identity), *a.identity.variations(b.identity)]
-    return DiffReport(a.where, b.where, len({*a.values, *b.values}), identity, changes)
+    return DiffReport(a.where, b.where, len({*a.values, *b.values}), identity, list(differences(a, b)))
 
 
 def run_diff(session: NodeSession, run: JobRun, file: ParameterSet) -> str:

@@ -288,13 +288,25 @@ def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str
     """Return the DCF of a backup, and a text for each parameter that a DCF cannot represent."""
     info = next((lines for title, lines in parameters.od.sections.items() if title.lower() == "fileinfo"), {})
     eds_name = next((value for key, value in info.items() if key.lower() == "filename"), "")
+    text, lost = _representable_text(parameters, eds_name=eds_name, node_name=node_name)
+    return text, [f"0x{index:04X}:{subindex:02X}: a DCF cannot represent this text" for index, subindex in lost]
+
+
+def kept_text(parameters: ParameterSet) -> str:
+    """Return the DCF of the values that a DCF can represent."""
+    return _representable_text(parameters)[0]
+
+
+def _representable_text(
+    parameters: ParameterSet, *, eds_name: str = "", node_name: str = ""
+) -> tuple[str, list[Address]]:
+    """Return the text of a backup without the values that a DCF cannot represent, and their addresses."""
     text = backup_text(parameters, eds_name=eds_name, node_name=node_name)
     lost = lost_in_text(parameters, text)
-    if not lost:
-        return text, []
-    values = {address: value for address, value in parameters.values.items() if address not in lost}
-    reasons = [f"0x{index:04X}:{subindex:02X}: a DCF cannot represent this text" for index, subindex in lost]
-    return backup_text(replace(parameters, values=values), eds_name=eds_name, node_name=node_name), reasons
+    if lost:
+        values = {address: value for address, value in parameters.values.items() if address not in lost}
+        text = backup_text(replace(parameters, values=values), eds_name=eds_name, node_name=node_name)
+    return text, lost
 
 
 def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:
@@ -360,30 +372,29 @@ _COMMUNICATION = range(0x1000, 0x2000)  # identifiers and mappings are hexadecim
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterDifference:
-    """Parameter with different values on two sides; a value is None if its side lacks the parameter."""
+class DifferentParameter:
+    """Parameter with different values, as texts; None if one side lacks the object."""
 
-    entry: Entry
+    index: int
+    subindex: int
     name: str
-    a: Value | None
-    b: Value | None
-    a_text: str
-    b_text: str
+    a: str | None
+    b: str | None
 
 
-def differences(a: ParameterSet, b: ParameterSet) -> Iterator[ParameterDifference]:
+def differences(a: ParameterSet, b: ParameterSet) -> Iterator[DifferentParameter]:
     """Yield the parameters that differ, or that one side lacks, in order of address."""
     a_relative, b_relative = a.relative, b.relative
     for address in sorted({*a.values, *b.values}):
         in_a, in_b = a.values.get(address), b.values.get(address)
-        entry = (a.od if in_a is not None else b.od)[address]
+        side = a if in_a is not None else b
         follows = address in a_relative, address in b_relative
         if in_a is not None and in_b is not None and follows[0] == follows[1]:
             plain_a, plain_b = _without_id(in_a, a, follows[0]), _without_id(in_b, b, follows[1])
-            if same_value(entry, plain_a, plain_b):
+            if same_value(side.od[address], plain_a, plain_b):
                 continue
-        texts = ["" if value is None else parameter_text(side, address) for side, value in ((a, in_a), (b, in_b))]
-        yield ParameterDifference(entry, _name(a if in_a is not None else b, entry), in_a, in_b, *texts)
+        texts = [parameter_text(each, address) if address in each.values else None for each in (a, b)]
+        yield DifferentParameter(*address, _name(side, side.od[address]), *texts)
 
 
 def _without_id(value: Value, side: ParameterSet, follows: bool) -> Value:

@@ -14,7 +14,7 @@ import fnmatch
 import os
 import re
 import shlex
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -25,9 +25,8 @@ from canopen_control.cia402 import objects as o
 from canopen_control.commissioning.node_session import is_abort
 from canopen_control.commissioning.parameter_set import (
     ParameterSet,
-    backup_text,
     entry_label,
-    lost_in_text,
+    kept_text,
     protection_of,
     read_backup,
     read_values,
@@ -370,11 +369,7 @@ class KeptParameters:
         """Replace the content of the file; raise ConfigError on failure."""
         session = self._session
         listed = {address: value for address, value in values.items() if address in od}
-        parameters = ParameterSet(od, session.node_id, self._identity, listed, str(session))
-        text = backup_text(parameters)
-        if lost := lost_in_text(parameters, text):  # text that no DCF can hold
-            values_kept = {address: value for address, value in listed.items() if address not in lost}
-            text = backup_text(replace(parameters, values=values_kept))
+        text = kept_text(ParameterSet(od, session.node_id, self._identity, listed, str(session)))
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(self.path, text.encode())

@@ -34,6 +34,7 @@ from canopen_control.conformance.nmt_checks import boot
 from canopen_control.conformance.pdo_checks import first_pdo
 from canopen_control.errors import SdoAbort
 from canopen_control.od.codec import encode
+from canopen_control.od.indices import DEVICE_TYPE
 from canopen_control.od.model import DeviceInfo
 
 if TYPE_CHECKING:
@@ -159,8 +160,7 @@ def _bit_rates(node: CheckedNode) -> None:
 @_add_306("E13", "306-1, sections of objects", "a drive has 0x6040, 0x6041, 0x6060, 0x6061 and 0x6502", _SHOULD)
 def _drive(node: CheckedNode) -> None:
     od = _eds(node).od
-    entry = od.get(0x1000)
-    if entry is None or not isinstance(entry.value, int) or entry.value & 0xFFFF != 402:
+    if (od.number(DEVICE_TYPE) or 0) & 0xFFFF != 402:
         raise NotApplicable("the low word of 0x1000 is not 402: no drive")
     required = (
         o.CONTROLWORD,

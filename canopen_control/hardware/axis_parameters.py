@@ -108,9 +108,8 @@ def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[Operat
 
     The value 0 is ignored: every drive has a mode, and manufacturers also write 0 for "no value".
     """
-    identity, entry = axis.node.identity, axis.node.od.get(axis.index(objects.SUPPORTED_DRIVE_MODES), 0)
+    identity, in_eds = axis.node.identity, axis.node.od.number(axis.index(objects.SUPPORTED_DRIVE_MODES))
     at_boot = identity.supported_modes if identity is not None and len(axis.node.plan.axes) == 1 else None
-    in_eds = entry.value if entry is not None and isinstance(entry.value, int) else None
     return supported_modes(parameters.get(objects.SUPPORTED_DRIVE_MODES) or at_boot or in_eds or 0)
 
 

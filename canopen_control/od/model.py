@@ -250,6 +250,11 @@ class ObjectDictionary:
         """Return the entry at an address, or None if absent."""
         return self.entries.get((index, subindex))
 
+    def number(self, index: int, subindex: int = 0) -> int | None:
+        """Return the integer that the file gives an entry, or None if the entry is absent or has none."""
+        entry = self.entries.get((index, subindex))
+        return entry.value if entry is not None and isinstance(entry.value, int) else None
+
     def add(self, entry: Entry) -> None:
         """Add or replace an entry; an object is created for a new index."""
         self.entries[entry.address] = entry

@@ -101,15 +101,15 @@ def _pdos(od: ObjectDictionary) -> Iterator[Pdo]:
 
 
 def _pdo(od: ObjectDictionary, offset: int, is_rpdo: bool, communication: int, mapping: int) -> Pdo:
-    count = _number(od, mapping, 0)
+    count = od.number(mapping, 0)
     sources = [entry for sub in range(1, 65) if (entry := od.get(mapping, sub)) is not None]
     return Pdo(
         number=offset + 1,
         is_rpdo=is_rpdo,
         communication=communication,
         mapping=mapping,
-        cob_id=_number(od, communication, 1),
-        transmission_type=_number(od, communication, 2),
+        cob_id=od.number(communication, 1),
+        transmission_type=od.number(communication, 2),
         count=count,
         slots=len(sources),
         mapped=tuple(_mapped(od, sources, count)),
@@ -125,8 +125,3 @@ def _mapped(od: ObjectDictionary, sources: list[Entry], count: int | None) -> It
             continue
         index, subindex, bits = value >> 16 & 0xFFFF, value >> 8 & 0xFF, value & 0xFF
         yield Mapped(index, subindex, bits, od.get(index, subindex), source)
-
-
-def _number(od: ObjectDictionary, index: int, subindex: int) -> int | None:
-    entry = od.get(index, subindex)
-    return entry.value if entry is not None and isinstance(entry.value, int) else None

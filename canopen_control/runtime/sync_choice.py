@@ -79,8 +79,8 @@ def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[CyclicAxis]:
     if node is None or node.name not in config.plans:
         return
     number = axis_number(joint)
-    entry = config.dictionaries[node.name].get(objects.axis_index(objects.SUPPORTED_DRIVE_MODES, number), 0)
-    listed = supported_modes(entry.value) if entry is not None and isinstance(entry.value, int) else ()
+    modes_object = objects.axis_index(objects.SUPPORTED_DRIVE_MODES, number)
+    listed = supported_modes(config.dictionaries[node.name].number(modes_object) or 0)
     modes = {POSITION: node.motion.position_mode, VELOCITY: node.motion.velocity_mode}
     for interface, (mode, target) in _CYCLIC.items():
         chosen = modes[interface]

@@ -158,7 +158,7 @@ def _axis_choice(
         feedback=tuple(name for name, index in _FEEDBACK.items() if objects.axis_index(index, axis) in carried),
         counts=counts or GUESSED_COUNTS,
         is_known=counts is not None,
-        rpm=rpm_of_unit(_number(od, objects.axis_index(objects.SI_UNIT_VELOCITY, axis), 0) or 0),
+        rpm=rpm_of_unit(od.number(objects.axis_index(objects.SI_UNIT_VELOCITY, axis)) or 0),
     )
 
 
@@ -222,7 +222,7 @@ def _choose_mode(
 
     `interfaces` are in order of preference; `chosen` maps each interface to the mode already chosen for earlier axes.
     """
-    listed = supported_modes(_number(_view(od), objects.axis_index(objects.SUPPORTED_DRIVE_MODES, axis), 0) or 0)
+    listed = supported_modes(_view(od).number(objects.axis_index(objects.SUPPORTED_DRIVE_MODES, axis)) or 0)
     possible = tuple(OperationMode) if motors_of(od) is None else MODES
     for interface in interfaces:
         for mode in (mode for mode in _CANDIDATES[interface] if mode in possible):
@@ -256,14 +256,9 @@ def _counts(od: ObjectDictionary, axis: int) -> float | None:
     """Return the position counts per shaft revolution from the EDS defaults, or None."""
 
     def pair(index: int) -> tuple[int, int] | None:
-        first, second = (_number(od, objects.axis_index(index, axis), subindex) for subindex in (1, 2))
+        first, second = (od.number(objects.axis_index(index, axis), subindex) for subindex in (1, 2))
         return (first, second) if first and second and first > 0 and second > 0 else None
 
     return counts_of_objects(
         *map(pair, (objects.POSITION_ENCODER_RESOLUTION, objects.GEAR_RATIO, objects.FEED_CONSTANT))
     )
-
-
-def _number(od: ObjectDictionary, index: int, subindex: int) -> int | None:
-    entry = od.get(index, subindex)
-    return entry.value if entry is not None and isinstance(entry.value, int) else None

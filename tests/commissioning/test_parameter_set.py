@@ -10,6 +10,7 @@ from canopen_control.cia402.objects import MOTION
 from canopen_control.commissioning.identity import DeviceIdentity
 from canopen_control.commissioning.node_session import NodeSession
 from canopen_control.commissioning.parameter_set import (
+    DifferentParameter,
     ParameterSet,
     backup_text,
     differences,
@@ -106,18 +107,17 @@ def test_what_follows_the_node_id_is_compared_without_it():
     a = side(5, s1800_01=0x40000185)
     assert [*differences(a, side(6, s1800_01=0x40000186))] == []
     (found,) = differences(a, side(6, s1800_01=0x40000185))
-    assert (found.a_text, found.b_text) == ("$NODEID+0x40000180", "0x40000185")
+    assert (found.a, found.b) == ("$NODEID+0x40000180", "0x40000185")
 
 
 def test_a_difference_has_name_and_both_values():
     (found,) = differences(side(5, s6081_00=3), side(5, s6081_00=4))
-    assert (found.entry.address, found.name, found.a, found.b) == ((0x6081, 0), "Profile velocity", 3, 4)
-    assert (found.a_text, found.b_text) == ("3", "4")
+    assert found == DifferentParameter(0x6081, 0, "Profile velocity", "3", "4")
 
 
 def test_what_one_side_lacks_differs_unless_it_is_skipped():
     (found,) = differences(side(5, s6081_00=3), side(5))
-    assert (found.a, found.b, found.b_text) == (3, None, "")
+    assert (found.a, found.b) == ("3", None)
 
 
 def test_mappings_are_shown_as_a_dcf_writes_them():

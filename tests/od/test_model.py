@@ -93,3 +93,13 @@ def test_one_dictionary_serves_many_nodes():
     assert (three[0x1402, 1].value, three[0x1402, 1].default) == (0x403, 5)
     assert three.for_node(5)[0x1400, 1].default == 0x205
     assert od[0x1400, 1].default == 0x200
+
+
+def test_a_number_is_the_value_of_the_file_and_none_without_one():
+    od = ObjectDictionary()
+    od.add(entry(0x1000, 0, default=0x20192))
+    od.add(entry(0x1402, 1, parameter_value=0, default=5))
+    od.add(entry(0x1008, 0, default="drive"))
+    od.add(entry(0x1017, 0))
+    found = [od.number(0x1000), od.number(0x1402, 1), od.number(0x1008), od.number(0x1017), od.number(0x1018, 1)]
+    assert found == [0x20192, 0, None, None, None]
