@@ -71,12 +71,17 @@ def _limit(processor_s: int, wall_s: int, memory: int) -> None:
 
 
 class _Arguments(dict[str, str]):
-    """Xacro arguments, with a record of the names that the file declares or uses."""
+    """Xacro arguments, with a record of the names that the file declares or uses.
 
-    def __init__(self, mappings: Mapping[str, str]) -> None:
+    With `lenient`, an argument without a value is "" and is recorded in `absent`.
+    """
+
+    def __init__(self, mappings: Mapping[str, str], *, lenient: bool = False) -> None:
         super().__init__({name.removesuffix("?"): value for name, value in mappings.items()})
         self._required = [name for name in mappings if not name.endswith("?")]
+        self._lenient = lenient
         self.declared: dict[str, None] = {}
+        self.absent: dict[str, None] = {}
 
     def __contains__(self, name: object) -> bool:
         self.declared[str(name)] = None
@@ -84,6 +89,9 @@ class _Arguments(dict[str, str]):
 
     def __getitem__(self, name: str) -> str:
         self.declared[name] = None
+        if self._lenient and not super().__contains__(name):
+            self.absent[name] = None
+            return ""
         return super().__getitem__(name)
 
     def unknown(self) -> str:
@@ -104,13 +112,11 @@ def _run(path: str, mappings: Mapping[str, str]) -> tuple[bytes, str]:
     output, arguments = io.StringIO(), _Arguments(mappings)
     try:
         with contextlib.redirect_stderr(output):
-            import xacro  # after the limits
-
-            with _source_lookup(path):
-                text = str(xacro.process_file(path, mappings=arguments).toprettyxml(indent="  "))
+            text = _urdf(path, arguments)
     except Exception as error:  # noqa: BLE001 - a xacro file runs its author's expressions: anything may come
         reason = next((words for kind, words in _TOO_MUCH.items() if _has_cause(error, kind)), "")
-        reason = reason or _absent_package(error) or str(error).strip() or type(error).__name__
+        reason = reason or _absent_package(error) or _absent_arguments(error, path, mappings, arguments)
+        reason = reason or _one_line(str(error)) or type(error).__name__
         text = f"{reason}{_where(output.getvalue())}"
         return REFUSED, "; ".join(part for part in (text, arguments.unknown()) if part)
     if unused := arguments.unknown():
@@ -118,6 +124,18 @@ def _run(path: str, mappings: Mapping[str, str]) -> tuple[bytes, str]:
     if len(text) > LARGEST:
         return REFUSED, f"its URDF has more than {LARGEST >> 20} MiB; a macro or an expression generates too much"
     return URDF, text
+
+
+def _urdf(path: str, arguments: _Arguments) -> str:
+    """Return the URDF that xacro makes of a file; raise what xacro or an expression of the file raises."""
+    import xacro  # after the limits
+
+    with _source_lookup(path):
+        return str(xacro.process_file(path, mappings=arguments).toprettyxml(indent="  "))
+
+
+def _one_line(text: str) -> str:
+    return ", ".join(line.strip() for line in text.splitlines() if line.strip())
 
 
 _TOO_MUCH = {
@@ -137,6 +155,27 @@ def _has_cause(error: BaseException, kind: type[BaseException]) -> bool:
 def _absent_package(error: BaseException) -> str:
     """Return the message of `find_package` if a package was not found, else ""."""
     return next((str(cause) for cause in _causes(error) if type(cause) is LookupError), "")
+
+
+def _absent_arguments(error: BaseException, path: str, mappings: Mapping[str, str], arguments: _Arguments) -> str:
+    """Return a message with all arguments that have no value, if an error is about one of them, else "".
+
+    xacro stops at the first. A second run gives "" for each, and ends at the latest where such a text cannot be used;
+    the names in it are added to those of the first run.
+    """
+    from xacro.substitution_args import ArgException  # imported by the first run
+
+    if not any(isinstance(getattr(cause, "exc", cause), ArgException) for cause in _causes(error)):
+        return ""
+    lenient = _Arguments(mappings, lenient=True)
+    with contextlib.suppress(Exception), contextlib.redirect_stderr(io.StringIO()):
+        _urdf(path, lenient)
+    arguments.declared |= lenient.declared
+    names, many = ", ".join(lenient.absent), len(lenient.absent) > 1
+    return (
+        f"{'arguments' if many else 'argument'} {names} {'have' if many else 'has'} neither a value nor a default; "
+        f"give {'each' if many else 'it'} as {'NAME' if many else names}:=VALUE, or the launch file with --launch"
+    )
 
 
 def _causes(error: BaseException) -> Iterator[BaseException]:

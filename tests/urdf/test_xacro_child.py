@@ -58,3 +58,23 @@ def test_a_mistyped_argument_is_reported_alongside_the_one_that_is_missing(tmp_p
     assert not good
     assert "side" in said
     assert said.endswith("no argument 'sid' (did you mean 'side'?)")
+
+
+def test_all_arguments_without_a_value_are_named_at_once(tmp_path):
+    body = '<xacro:if value="${\'$(arg kind)\' == \'real\'}"/><link name="$(arg side)_$(arg part)_$(arg side)"/>'
+    assert made(tmp_path, {"part": "arm"}, body) == (
+        False,
+        "arguments kind, side have neither a value nor a default; "
+        "give each as NAME:=VALUE, or the launch file with --launch",
+    )
+    assert made(tmp_path, {"part": "arm", "kind": "real"}, body) == (
+        False,
+        "argument side has neither a value nor a default; give it as side:=VALUE, or the launch file with --launch",
+    )
+    assert made(tmp_path, {"part": "arm", "kind": "real", "side": "left"}, body)[0]
+
+
+def test_an_error_in_an_expression_is_one_line(tmp_path):
+    good, said = made(tmp_path, {}, '<link name="${nothing}"/>')
+    assert not good
+    assert said.splitlines() == ["name 'nothing' is not defined, when evaluating expression 'nothing'"]
