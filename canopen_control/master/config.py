@@ -40,7 +40,7 @@ from canopen_control.yamlfile.node import Node
 from canopen_control.yamlfile.reader import tree
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from canopen_control.od.eds import EdsFile
     from canopen_control.od.issues import Issue
@@ -404,7 +404,8 @@ class _Reader:
                     pdo = f"{kind.upper()} {layout.number} of {name}"
                     if (first := owner.setdefault(layout.cob_id, pdo)) != pdo:
                         place = _place(nodes[name][1], f"{kind}.{layout.number}.cob_id")
-                        place.error(f"COB-ID 0x{layout.cob_id:03X} of {pdo} is already used by {first}")
+                        remedy = _own_cob_ids(kind, nodes[name][1], [each.number for each in layouts])
+                        place.error(f"COB-ID 0x{layout.cob_id:03X} of {pdo} is already used by {first}{remedy}")
 
     def _check_sync(self, master: MasterConfig, plans: dict[str, NodePlan]) -> None:
         """Report synchronous PDOs on a bus without a SYNC producer (CiA 301, 7.5.2.35 and 7.5.2.37)."""
@@ -484,6 +485,18 @@ class _Reader:
         except (ConfigError, ValueError) as error:
             place.error(f"{config.boot.configuration_file}: {error}")
         return ()
+
+
+def _own_cob_ids(kind: str, node: Node, numbers: Sequence[int]) -> str:
+    """Return how a node gets COB-IDs of its own for its PDOs of a kind.
+
+    Many EDS files have the COB-IDs of one node-ID instead of `$NODEID+0x180` (CiA 306-1). All PDOs in use are listed,
+    because listing one switches the others off.
+    """
+    if any((section := node.get(kind)) is not None and section.get(str(number)) is not None for number in numbers):
+        return "; write another cob_id, or `cob_id: auto`"
+    listed = ", ".join(f"{number}: {{cob_id: auto}}" for number in numbers)
+    return f"; COB-IDs that follow the node-ID: `{kind}: {{{listed}}}` under {node.where.rpartition('.')[2]}"
 
 
 def _place(node: Node, key: str) -> Node:

@@ -1,3 +1,4 @@
+import re
 import shutil
 import tempfile
 import textwrap
@@ -373,7 +374,21 @@ def test_sections_that_are_indented_too_far_are_reported_and_no_missing_master(t
 
 def test_two_live_pdos_with_one_cob_id_are_refused(tmp_path):
     text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, tpdo: {1: {cob_id: 0x183}}}")
-    assert "COB-ID 0x183 of TPDO 1 of right_drive is already used by TPDO 1 of left_drive" in mistakes(tmp_path, text)
+    said = "COB-ID 0x183 of TPDO 1 of right_drive is already used by TPDO 1 of left_drive"
+    assert f"{said}; write another cob_id, or `cob_id: auto`" in mistakes(tmp_path, text)
+
+
+def test_cob_ids_of_one_node_id_in_an_eds_are_refused_with_the_keys_that_give_each_node_its_own(tmp_path):
+    eds = data_path("eds", "generic_cia401.eds").read_text(encoding="utf-8")
+    eds = re.sub(r"\$NODEID\s*\+\s*0x([2-5]00|[1-4]80)", lambda m: f"0x{int(m[1], 16) + 1:X}", eds)
+    (tmp_path / "fixed.eds").write_text(eds, encoding="utf-8")
+    keys = "dcf: fixed.eds, revision_number: 0"
+    nodes = "".join(f"  {name}: {{node_id: {node_id}, {keys}}}\n" for name, node_id in (("a", 5), ("b", 6)))
+    text = f"master: {{node_id: 1, sync_period: 20000}}\nnodes:\n{nodes}"
+    advice = set(re.findall(r"COB-IDs that follow the node-ID: `([rt]pdo: .*)` under b", mistakes(tmp_path, text)))
+    assert len(advice) == 2
+    bus = read_bus(write(tmp_path, text.replace(f"6, {keys}", f"6, {keys}, {', '.join(advice)}")))
+    assert {pdo.cob_id & 0x7F for pdo in (*bus.plans["b"].rpdos, *bus.plans["b"].tpdos)} == {6}
 
 
 def test_the_node_id_may_be_the_dcfs_and_255_leaves_a_node_out(tmp_path):
