@@ -495,6 +495,13 @@ _MEASURE: Final = (
 )
 
 
+def _not_launched(robot: CheckedRobot) -> Iterator[Finding]:
+    """Find files of the folder that are used although the launch file names other ones."""
+    for option, (used, named) in robot.files.not_launched.items():
+        text = f"this file of the folder is used; the launch file names {named}"
+        yield Finding(str(used), 0, Severity.WARNING, text, f"give {option} {named} to use that one")
+
+
 def _no_hardware(robot: CheckedRobot) -> Iterator[Finding]:
     description = robot.description
     if description is not None and not description.hardware:
@@ -630,6 +637,7 @@ RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
     _unknown_controllers,
     _illegal_names,
     _namespaces,
+    _not_launched,
     _no_hardware,
     _plugins,
     _joints,

@@ -142,8 +142,9 @@ class RobotFiles:
 
     `arguments` are the xacro arguments, `hardware` the hardware options in the user's arguments, `idle` the arguments
     without an effect on this robot. `spawned` are the controllers that the launch file starts, `variables` the values
-    of the launch file's arguments. `world` is the Gazebo world file that an argument names. For a bus without
-    controllers, `controllers` and `description` are the path of bus.yml, so that error messages refer to that file.
+    of the launch file's arguments. `world` is the Gazebo world file that an argument names. `not_launched` are the
+    files of the folder that are used although the launch file names another one, by option, as (used, named). For a bus
+    without controllers, `controllers` and `description` are the path of bus.yml, so that error messages refer to it.
     """
 
     name: str
@@ -157,6 +158,7 @@ class RobotFiles:
     spawned: tuple[str, ...] = ()
     variables: dict[str, str] = field(default_factory=dict)
     world: Path | None = None
+    not_launched: dict[str, tuple[Path, Path]] = field(default_factory=dict)
 
     def refuse_hardware(self, why: str) -> None:
         """Raise RobotConfigError if an argument requests a channel or real drives; `why` is the reason."""
@@ -229,7 +231,31 @@ def find_robot(
     spawned = launched.spawned if launched is not None and not alone else ()
     variables = launched.variables if launched is not None else {}
     main_bus = None if no_bus else main
-    return RobotFiles(_safe(name), main_bus, control, described, more, words, hardware, idle, spawned, variables, world)
+    own = {"bus": main, "controllers": control, "description": described}
+    asked = {"bus": bus, "controllers": controllers, "description": description}
+    return RobotFiles(
+        _safe(name),
+        main_bus,
+        control,
+        described,
+        more,
+        words,
+        hardware,
+        idle,
+        spawned,
+        variables,
+        world,
+        {
+            f"--{kind}": (own[kind], files[kind])
+            for kind in files
+            if asked[kind] is None and _differ(own[kind], files[kind])
+        },
+    )
+
+
+def _differ(used: Path, named: Path) -> bool:
+    """Whether a launch file names another existing file than the one in use."""
+    return named.is_file() and used != Path() and named.resolve() != used.resolve()
 
 
 def _moving_files(

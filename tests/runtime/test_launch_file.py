@@ -3,6 +3,7 @@
 import pytest
 from support.launch_files import LAUNCH, make_package
 
+from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.errors import RobotConfigError
 from canopen_control.runtime.launch_file import launched_robot, read_launch, spawned_names, words_of
 from canopen_control.runtime.robot_files import find_launch, find_robot
@@ -83,6 +84,23 @@ def test_a_robot_is_read_with_what_its_launch_file_gives(tmp_path):
     assert read_robot(files).description.hardware[0].plugin == "mock_components/GenericSystem"
     drives = find_robot(first, launch=str(path))
     assert read_robot(drives).description.hardware[0].plugin == "canopen_ros2_control/RobotSystem"
+
+
+def test_a_file_of_the_folder_that_the_launch_file_does_not_name_is_told_with_the_option_for_the_other(tmp_path):
+    path = make_package(tmp_path)
+    first = path.parents[1] / "config" / "first"
+    assert find_robot(str(first), launch=str(path)).not_launched == {}
+    named = path.parents[1] / "urdf" / "base" / "robby.urdf.xacro"
+    own = first / "other.urdf.xacro"
+    own.write_text(named.read_text(encoding="utf-8"), encoding="utf-8")
+    files = find_robot(str(first), launch=str(path))
+    assert files.not_launched == {"--description": (own, named)}
+    warned = [str(each) for each in check_robot(files, CheckOptions()).findings if "launch file" in each.text]
+    assert warned == [
+        f"{own}: warning: this file of the folder is used; the launch file names {named}; "
+        f"give --description {named} to use that one"
+    ]
+    assert find_robot(str(first), launch=str(path), description=str(named)).not_launched == {}
 
 
 def test_a_launch_file_may_be_named_by_its_package(tmp_path, monkeypatch):

@@ -61,7 +61,7 @@ def test_a_mistyped_argument_is_reported_alongside_the_one_that_is_missing(tmp_p
 
 
 def test_all_arguments_without_a_value_are_named_at_once(tmp_path):
-    body = '<xacro:if value="${\'$(arg kind)\' == \'real\'}"/><link name="$(arg side)_$(arg part)_$(arg side)"/>'
+    body = "<xacro:if value=\"${'$(arg kind)' == 'real'}\"/><link name=\"$(arg side)_$(arg part)_$(arg side)\"/>"
     assert made(tmp_path, {"part": "arm"}, body) == (
         False,
         "arguments kind, side have neither a value nor a default; "
