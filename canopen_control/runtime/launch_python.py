@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 
+_LISTS: Final = frozenset({"arguments", "ros_arguments", "parameters", "cmd"})
 _SUFFIXES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds", ".dcf", ".rviz", ".launch.py", ".launch.xml", ".launch")
 _NODES: Final = ("Node", "LifecycleNode", "ComposableNodeContainer")
 _SPAWNER_CALLS: Final = (
@@ -268,6 +269,10 @@ class _Reader:
                 return
             if _called(node) == "generate_demo_launch" and (package := self._moveit_package(node)):
                 self.launch.texts.append(LaunchText(f"{package}/config/ros2_controllers.yaml", node.lineno))
+        if isinstance(node, ast.keyword) and node.arg in _LISTS:  # of words, while other lists are parts of one text
+            for element in self._list(node.value):
+                self._files(element)
+            return
         if isinstance(node, ast.expr) and not isinstance(node, ast.Name):
             text = self.text(node)
             if text is not None and (text.endswith(_SUFFIXES) or _is_command(node)):
