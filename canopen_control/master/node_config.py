@@ -242,6 +242,7 @@ def node_config(name: str, node: Node, master: MasterConfig, options: FileOption
             place = node.get("transition_timeouts_ms") or node
             place.error(f"transition {number} does not exist; CiA 402 numbers the transitions 0 to {_TRANSITIONS[-1]}")
     _require_modes(keys.motion, node)
+    _require_values(node)
     supervision = keys.supervision
     if supervision.retry_factor == 0 and supervision.guard_time and not supervision.life_time_factor:
         # CiA 301, 7.5.2.12: a life time factor of 0 disables guarding
@@ -257,6 +258,15 @@ def node_config(name: str, node: Node, master: MasterConfig, options: FileOption
         required=_required(keys.boot, node),
     )
     return config, node
+
+
+def _require_values(node: Node) -> None:
+    """Warn about entries of `sdo` without a value, which dcfgen writes as 0."""
+    section = node.get("sdo")
+    for entry in [] if section is None else section.elements():
+        value = entry.get("value")
+        if entry.kind == "mapping" and (value is None or value.kind == "null"):
+            (value or entry).warning("there is no value, so 0 is written; write `value: 0`, or the value that is meant")
 
 
 def _supervision(keys: SupervisionKeys, master: MasterConfig, options: FileOptions) -> SupervisionKeys:
@@ -306,12 +316,13 @@ def _units(keys: UnitKeys, node: Node) -> UnitKeys:
 
 def _check_scales(keys: UnitKeys, node: Node) -> None:
     """Report scales that are zero, or whose two directions are not inverse to each other."""
-    for key in SCALES:
-        if not 1e-15 < abs(getattr(keys, key)) < 1e15:
-            (node.get(key) or node).error(
-                f"{key} {getattr(keys, key)!r} cannot be used: expected a finite number other than 0"
-            )
-            return
+    wrong = [key for key in SCALES if not 1e-15 < abs(getattr(keys, key)) < 1e15]
+    for key in wrong:
+        (node.get(key) or node).error(
+            f"{getattr(keys, key)!r} cannot be used: expected a number between 1e-15 and 1e15, or its negative"
+        )
+    if wrong:
+        return
     for name in ("pos", "vel"):
         scale = node.get(f"scale_{name}_to_dev") or node.get(f"scale_{name}_from_dev")
         product = getattr(keys, f"scale_{name}_to_dev") * getattr(keys, f"scale_{name}_from_dev")

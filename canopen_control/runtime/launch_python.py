@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.errors import RobotConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
 
 _LISTS: Final = frozenset({"arguments", "ros_arguments", "parameters", "cmd"})
@@ -269,10 +269,6 @@ class _Reader:
                 return
             if _called(node) == "generate_demo_launch" and (package := self._moveit_package(node)):
                 self.launch.texts.append(LaunchText(f"{package}/config/ros2_controllers.yaml", node.lineno))
-        if isinstance(node, ast.keyword) and node.arg in _LISTS:  # of words, while other lists are parts of one text
-            for element in self._list(node.value):
-                self._files(element)
-            return
         if isinstance(node, ast.expr) and not isinstance(node, ast.Name):
             text = self.text(node)
             if text is not None and (text.endswith(_SUFFIXES) or _is_command(node)):
@@ -283,8 +279,14 @@ class _Reader:
             elif text is None and (ending := self._ending(node)):
                 self.launch.computed.append((node.lineno, f"the name of a file that ends in {ending!r}"))
                 return
-        for child in ast.iter_child_nodes(node):
+        for child in self._parts(node):
             self._files(child)
+
+    def _parts(self, node: ast.AST) -> Iterable[ast.AST]:
+        """Return the children of a syntax tree; those of a list of words, while other lists are parts of one text."""
+        if isinstance(node, ast.keyword) and node.arg in _LISTS:
+            return self._list(node.value)
+        return ast.iter_child_nodes(node)
 
     def _ending(self, node: ast.expr) -> str:
         """Return the last part of a composed file name if it is known and has a relevant suffix, else ""."""

@@ -31,6 +31,14 @@ if TYPE_CHECKING:
 
 
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_HEX: Final = re.compile(r"[-+]?0[xX][0-9a-fA-F]+")
+_OTHER_BASE: Final = re.compile(r"[-+]?(0+[1-7][0-7]+|[1-9]\d*(:[0-5]?\d)+)")
+"""Integers that YAML 1.1 reads in another base: `010` is 8 (also for dcfgen, yaml-cpp and rcl), and `1:30` is 90."""
+_WITH_UNIT: Final = re.compile(
+    rf"({_NUMBER.pattern})\s*(%|\u00b0|([mu\u00b5nk]?(s|m|g|N|Nm|A|V|W|Hz|rad)|min|h|deg|rpm|rps|turns?|counts?|bits?|[kM]bit)"
+    r"(/(s|min|rev)(\^?2|\u00b2)?)?)"
+)
+_DASHES: Final = str.maketrans(dict.fromkeys("\u2010\u2011\u2012\u2013\u2014\u2212\ufe63\uff0d", "-"))
 _Values: typing.TypeAlias = dict[str, Any]  # converted values of a dataclass by field
 _KINDS: Final[dict[Any, str]] = {
     bool: "true or false",
@@ -188,10 +196,40 @@ def _plain(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
         node.warning("false is read as 0; write 0")
         value = 0
     if type(value) is not target or node.kind in ("mapping", "sequence"):
-        expected = _KINDS.get(target, getattr(target, "__name__", str(target)))
+        expected = meta.get("expected") or _KINDS.get(target, getattr(target, "__name__", str(target)))
         quotes = "; put it in quotes" if target is str and node.kind == "scalar" else ""
-        return _expected(node, expected, quotes or meta.get("hint", ""))
+        own_hint = _number_hint(node) if target in (int, float) else _bool_hint(node) if target is bool else ""
+        return _expected(node, expected, quotes or own_hint or meta.get("hint", ""))
+    if target in (int, float) and node.kind == "scalar" and _OTHER_BASE.fullmatch(node.text):
+        base = 60 if ":" in node.text else 8
+        node.warning(f"{node.text} is a number of base {base} in YAML, and means {value:g}; write it in base 10 or 16")
     return _bounded(node, value, meta)
+
+
+def _bool_hint(node: Node) -> str:
+    return "; remove the quotes" if node.quoted and node.text.lower() in ("true", "false") else ""
+
+
+def _number_hint(node: Node) -> str:
+    """Return how to write the number that a text seems to mean, or "".
+
+    Copied from a data sheet or a web page, numbers have a decimal comma, a typographic minus or a unit.
+    """
+    text = node.value
+    if not isinstance(text, str):
+        return ""
+    text = text.strip()
+    if node.quoted and (_NUMBER.fullmatch(text) or _HEX.fullmatch(text)):
+        return "; remove the quotes"
+    if _NUMBER.fullmatch(plain := text.translate(_DASHES)) and plain != text:
+        return f"; its minus is another character, write {plain}"
+    if re.fullmatch(r"[-+]?[\d.]+,\d+", plain):
+        return "; write a decimal point, and no separator between thousands"
+    if _NUMBER.fullmatch(text):  # where an integer is expected
+        return f"; write {float(text):.0f}" if float(text).is_integer() else ""
+    if unit := _WITH_UNIT.fullmatch(plain):
+        return f"; write the number without its unit, such as {unit[1]}"
+    return ""
 
 
 def _as_float(node: Node, value: Any) -> Any:
@@ -256,16 +294,28 @@ def _union(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
     if node.kind == "null" and type(None) in members:
         return None
     fitting = [member for member in members if member is not type(None) and _fits(node, member)]
+    literals = [member for member in fitting if typing.get_origin(member) is typing.Literal]
+    if any(node.value in typing.get_args(member) for member in literals):
+        return node.value
+    fitting = [member for member in fitting if member not in literals]
     same = [member for member in fitting if type(node.value) is member]
     tried = (
         same
         or [member for member in fitting if member not in _KINDS]
         or [member for member in fitting if member is float]
     )
+    expected = " or ".join(dict.fromkeys(_shape(member) for member in members))
     if len(fitting) == 1 or tried:
-        return _converted(node, (fitting if len(fitting) == 1 else tried)[0], meta)
-    shapes = [_KINDS.get(member, "a list" if _is_list(member) else "a mapping") for member in members]
-    return _expected(node, " or ".join(dict.fromkeys(shapes)))
+        chosen = (fitting if len(fitting) == 1 else tried)[0]
+        return _converted(node, chosen, {**meta, "expected": expected} if literals and chosen in _KINDS else meta)
+    return _expected(node, expected)
+
+
+def _shape(target: Any) -> str:
+    """Return the words for a member of a union in a message."""
+    if typing.get_origin(target) is typing.Literal:
+        return " or ".join(map(str, typing.get_args(target)))
+    return _KINDS.get(target, "a list" if _is_list(target) else "a mapping")
 
 
 def _is_list(target: Any) -> bool:

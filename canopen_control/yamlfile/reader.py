@@ -166,13 +166,34 @@ def _root(text: str) -> yaml.Node | None:
     return yaml.compose(text, Loader=yaml.SafeLoader)
 
 
+#: texts of PyYAML's errors -> what to do; its words are those of the grammar
 _HINTS: Final = {
-    "mapping values are not allowed here": "; indent it like its neighbours; put a text with a colon in quotes",
+    "mapping values are not allowed here": "indent it like its neighbours; put a text with a colon in quotes",
+    r"found character '\\t'": "indent with spaces instead of tabs",
+    "found character '[@`%]'": "put a text that begins with this character in quotes",
+    "expected (<block end>|'<document start>'), but found": "indent it like its neighbours",
+    "sequence entries are not allowed here": "begin a list in a new line",
+    "could not find expected ':'": "a key ends with a colon and a space; put a text of several lines in quotes",
+    "found undefined alias": "put a text that begins with * in quotes",
+    "found unexpected end of stream": "close the quotes",
+    r"expected ',' or '[\]}]'": "separate the entries with commas, and close the bracket",
 }
+#: Lines that git writes around two versions of some lines that it could not merge
+_CONFLICT: Final = re.compile(r"^<{7} \S.*$", re.MULTILINE)
+
+
+def _report_conflicts(problems: Problems, text: str) -> bool:
+    """Report unresolved merge conflicts, one for each; return whether there are any."""
+    places = [text.count("\n", 0, match.start()) + 1 for match in _CONFLICT.finditer(text)]
+    for line in places:
+        problems.file_error(line, 1, "a merge conflict: keep one of the versions, and remove the lines with <, = and >")
+    return bool(places)
 
 
 def _compose(problems: Problems, text: str) -> yaml.Node | None:
     """Return PyYAML's root node, or None if the text is empty or an error was reported."""
+    if _report_conflicts(problems, text):
+        return None
     try:
         root = _root(text)
         return None if root is None else _checked(problems, root)
@@ -181,7 +202,8 @@ def _compose(problems: Problems, text: str) -> yaml.Node | None:
         context = f" ({error.context} at line {start.line + 1})" if error.context and start else ""
         line, column = (mark.line + 1, mark.column + 1) if mark else (0, 0)
         problem = error.problem or "invalid YAML"
-        problems.file_error(line, column, f"{problem}{context}{_HINTS.get(problem, '')}")
+        hint = next((f"; {hint}" for pattern, hint in _HINTS.items() if re.match(pattern, problem)), "")
+        problems.file_error(line, column, f"{problem}{context}{hint}")
     except yaml.reader.ReaderError as error:
         before = LINE_END.split(text[: error.position])
         code = ord(text[error.position])

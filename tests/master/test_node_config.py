@@ -1,5 +1,7 @@
 """One node of a bus.yml: its defaults, its keys under wrong names and at wrong places, and what they mean together."""
 
+import re
+
 import pytest
 from support.busfile import MERGED, NESTED, mistakes, mistakes_of_a_node, warnings_of, with_node, write
 
@@ -53,7 +55,9 @@ def test_awaited_members(tmp_path, keys, required):
         ("effort_mode: 4, torque_mode: 10", "`torque_mode` and `effort_mode` mean the same"),
         ("gear_ratio: 2.0", "gear_ratio needs counts_per_revolution"),
         ("counts_per_revolution: 1600, gear_ratio: [1]", "motor turns, joint turns"),
-        ("scale_vel_to_dev: 0.0", "expected a finite number other than 0"),
+        ("scale_vel_to_dev: 0.0", "scale_vel_to_dev: 0.0 cannot be used: expected a number between 1e-15 and 1e15"),
+        ("scale_vel_to_dev: 0.0, scale_pos_to_dev: .inf", "scale_pos_to_dev: inf cannot be used"),
+        ("scale_vel_to_dev: 0.0, scale_pos_to_dev: .inf", "scale_vel_to_dev: 0.0 cannot be used"),
         ("transition_timeouts_ms: {17: 100}", "transition 17 does not exist"),
     ],
 )
@@ -68,6 +72,14 @@ def test_units_by_name_and_torque_mode_are_what_they_stand_for(tmp_path):
     assert node.units.scale_pos_to_dev == pytest.approx(-3200 / 6.283185307179586)
     assert node.units.scale_pos_from_dev * node.units.scale_pos_to_dev == pytest.approx(1.0)
     assert node.motion.effort_mode == 4
+
+
+def test_an_object_of_the_sdo_list_without_a_value_is_written_as_0_with_a_warning(tmp_path):
+    keys = "sdo: [{index: 0x6083}, {index: 0x6084, value: }, {index: 0x6085, value: 0}]"
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
+    notes = [note for note in read_bus(write(tmp_path, text)).notes if "so 0 is written" in note]
+    assert [re.search(r"sdo\[\d\][.\w]*", note)[0] for note in notes] == ["sdo[0]", "sdo[1].value"]
+    assert "write `value: 0`, or the value that is meant" in notes[0]
 
 
 def test_scales_that_do_not_cancel_are_doubted(tmp_path):

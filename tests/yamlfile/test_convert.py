@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import pytest
 
@@ -30,6 +31,26 @@ class Bounds:
 class Switches:
     state: int = setting(5, choices=(2, 5), hint="; 5 is on")
     beat: int = setting(1, off=True)
+
+
+@dataclass(frozen=True)
+class Choice:
+    cob_id: int | Literal["auto"] | None = None
+    safe: bool | float | Literal["keep"] | None = None
+
+
+@pytest.mark.parametrize(("text", "value"), [("auto", "auto"), ("0x181", 0x181), ("", None)])
+def test_a_number_or_a_word(text, value):
+    assert parse(f"cob_id: {text}", Choice).cob_id == value
+
+
+def test_a_text_that_is_neither_a_number_nor_the_word_is_told_both():
+    for text in ("automatic", "[1]", "1.5"):
+        with pytest.raises(RobotConfigError, match=r"cob_id: expected an integer or auto or nothing, got "):
+            parse(f"cob_id: {text}", Choice, error=RobotConfigError)
+    assert [parse(f"safe: {text}", Choice).safe for text in ("keep", "true", "1", "1e3")] == ["keep", True, 1.0, 1000.0]
+    with pytest.raises(RobotConfigError, match=r"safe: expected true or false or a number or keep or nothing, got "):
+        parse("safe: kept", Choice, error=RobotConfigError)
 
 
 def test_a_wrong_choice_ends_with_its_hint():

@@ -16,7 +16,7 @@ from support.properties import examples
 from canopen_control.errors import BusConfigError, ConfigError, RobotConfigError
 from canopen_control.yamlfile import reader
 from canopen_control.yamlfile.convert import convert, position, setting
-from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
+from canopen_control.yamlfile.node import Node, Problem  # noqa: TC001 - types of fields are looked up at run time
 from canopen_control.yamlfile.reader import load, parse, read, read_text, tree
 
 if TYPE_CHECKING:
@@ -84,6 +84,68 @@ def test_numbers_are_taken_as_rcl_takes_them():
     assert drive("{node_id: 010}").node_id == 8
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("010", "010 is a number of base 8 in YAML, and means 8; write it in base 10 or 16"),
+        ("1:30", "1:30 is a number of base 60 in YAML, and means 90; write it in base 10 or 16"),
+        ("007", ""),
+        ("0x10", ""),
+    ],
+)
+def test_a_number_that_yaml_reads_in_another_base_is_told(text, said):
+    found: list[Problem] = []
+    parse(f"{{node_id: {text}, scale: {text}}}", Drive, "bus.yml", warnings=found)
+    assert [each.message for each in found] == [said] * (2 if said else 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('"5"', "'5'; remove the quotes"),
+        ('"0x1F"', "'0x1F'; remove the quotes"),
+        ("\u22125", "'\u22125'; its minus is another character, write -5"),
+        ("1,5", "'1,5'; write a decimal point, and no separator between thousands"),
+        ("1.000,5", "'1.000,5'; write a decimal point, and no separator between thousands"),
+        ("5 ms", "'5 ms'; write the number without its unit, such as 5"),
+        ("-5.5rad/s", "'-5.5rad/s'; write the number without its unit, such as -5.5"),
+        ("five", "'five'"),
+    ],
+)
+def test_a_text_that_means_a_number_is_refused_with_the_way_to_write_it(text, said):
+    assert messages(f"scale: {text}\nnode_id: 1", Drive) == [
+        f"bus.yml:1:8: scale: expected a number, got the text {said}"
+    ]
+    assert messages("node_id: 1e1", Drive)[0].endswith("expected an integer, got the text '1e1'; write 10")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("\tnode_id: 1", "1:1: found character '\\t' that cannot start any token; indent with spaces instead of tabs"),
+        ("scale: @x", "that cannot start any token; put a text that begins with this character in quotes"),
+        ("scale: *x", "found undefined alias 'x'; put a text that begins with * in quotes"),
+        (" scale: 1\nnode_id: 1", "found '<block mapping start>'; indent it like its neighbours"),
+        (
+            "scale: 1\nnode_id\ncob_id: 1",
+            "at line 2); a key ends with a colon and a space; put a text of several lines",
+        ),
+        ("scale: - 1", "sequence entries are not allowed here; begin a list in a new line"),
+        ('scale: "1', "found unexpected end of stream (while scanning a quoted scalar at line 1); close the quotes"),
+        ("scale: {a: 1", "separate the entries with commas, and close the bracket"),
+    ],
+)
+def test_an_error_of_the_grammar_says_what_to_do(text, said):
+    (found,) = messages(text, Drive)
+    assert said in found
+
+
+def test_merge_conflicts_are_told_each_and_nothing_else():
+    conflict = "<<<<<<< HEAD\nnode_id: 1\n=======\nnode_id: 2\n>>>>>>> other\n"
+    said = "a merge conflict: keep one of the versions, and remove the lines with <, = and >"
+    assert messages(f"{conflict}scale: 1\n{conflict}", Drive) == [f"bus.yml:1:1: {said}", f"bus.yml:7:1: {said}"]
+
+
 def test_every_error_is_reported_at_once_in_the_order_of_the_lines():
     found = messages(
         "nodes:\n"
@@ -100,7 +162,7 @@ def test_every_error_is_reported_at_once_in_the_order_of_the_lines():
         "bus.yml:2:24: nodes.left.hartbeat_producer: unknown key 'hartbeat_producer' (did you mean "
         "'heartbeat_producer'?)",
         "bus.yml:4:14: nodes.right.node_id: expected an integer, got the text 'three'",
-        "bus.yml:5:14: nodes.right.polling: expected true or false, got the text 'false'",
+        "bus.yml:5:14: nodes.right.polling: expected true or false, got the text 'false'; remove the quotes",
         "bus.yml:6:23: nodes.right.mapping[0].index: 1 is out of range 4096..65535",
         "bus.yml:7:13: nodes.right.cob_id: expected an integer or text, got the number 1.5",
         "bus.yml:8:1: foo: unknown key 'foo'; known: nodes, pdos, options",
