@@ -86,7 +86,7 @@ def test_a_robot_is_read_with_what_its_launch_file_gives(tmp_path):
     assert read_robot(drives).description.hardware[0].plugin == "canopen_ros2_control/RobotSystem"
 
 
-def test_a_file_of_the_folder_that_the_launch_file_does_not_name_is_told_with_the_option_for_the_other(tmp_path):
+def test_a_file_of_the_folder_that_the_launch_file_does_not_name_is_reported_with_the_option_for_the_other(tmp_path):
     path = make_package(tmp_path)
     first = path.parents[1] / "config" / "first"
     assert find_robot(str(first), launch=str(path)).not_launched == {}

@@ -44,7 +44,7 @@ def test_a_number_or_a_word(text, value):
     assert parse(f"cob_id: {text}", Choice).cob_id == value
 
 
-def test_a_text_that_is_neither_a_number_nor_the_word_is_told_both():
+def test_a_text_that_is_neither_a_number_nor_the_word_is_refused_with_both():
     for text in ("automatic", "[1]", "1.5"):
         with pytest.raises(RobotConfigError, match=r"cob_id: expected an integer or auto or nothing, got "):
             parse(f"cob_id: {text}", Choice, error=RobotConfigError)

@@ -93,7 +93,7 @@ def test_numbers_are_taken_as_rcl_takes_them():
         ("0x10", ""),
     ],
 )
-def test_a_number_that_yaml_reads_in_another_base_is_told(text, said):
+def test_a_number_that_yaml_reads_in_another_base_is_reported(text, said):
     found: list[Problem] = []
     parse(f"{{node_id: {text}, scale: {text}}}", Drive, "bus.yml", warnings=found)
     assert [each.message for each in found] == [said] * (2 if said else 0)
@@ -135,12 +135,12 @@ def test_a_text_that_means_a_number_is_refused_with_the_way_to_write_it(text, sa
         ("scale: {a: 1", "separate the entries with commas, and close the bracket"),
     ],
 )
-def test_an_error_of_the_grammar_says_what_to_do(text, said):
+def test_an_error_of_the_grammar_names_the_correction(text, said):
     (found,) = messages(text, Drive)
     assert said in found
 
 
-def test_merge_conflicts_are_told_each_and_nothing_else():
+def test_each_merge_conflict_is_reported_and_nothing_else():
     conflict = "<<<<<<< HEAD\nnode_id: 1\n=======\nnode_id: 2\n>>>>>>> other\n"
     said = "a merge conflict: keep one of the versions, and remove the lines with <, = and >"
     assert messages(f"{conflict}scale: 1\n{conflict}", Drive) == [f"bus.yml:1:1: {said}", f"bus.yml:7:1: {said}"]
