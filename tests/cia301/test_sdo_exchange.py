@@ -198,39 +198,6 @@ def test_segments_that_is_not_needed_any_more_do_not_leave():
     assert [one.data[0] for one in client.frames()] == [0x80, 0x40]
 
 
-def test_a_server_that_aborts_because_it_waited_too_long_is_asked_once_more():
-    client = SdoClient(NODE)
-    request = client.read(0x1008, now=0)
-    for _ in range(2):
-        client.frames()
-        client.receive(frame("583#4108100009000000"), 0)
-        client.frames()
-        client.receive(frame("583#8008100000000405"), 0)
-    assert request.error.code == 0x05040000
-    assert client.retried == 1
-
-
-def test_a_probe_is_settled_by_the_right_object_only():
-    client = SdoClient(NODE)
-    client.read(0x6064, now=0)
-    client.frames()
-    client.tick(HALF)
-    client.frames()
-    for answer in ("583#4F01100000000000", "583#6000100000000000", "583#8064600000000206"):
-        client.receive(frame(answer), HALF)
-    assert (client.frames(), client.ignored) == ([], 3)
-
-
-def test_a_device_type_that_comes_in_segments_settles_too():
-    client = SdoClient(NODE)
-    client.read(0x6064, now=0)
-    client.frames()
-    client.tick(HALF)
-    client.frames()
-    client.receive(frame("583#4100100004000000"), HALF)
-    assert [str(one) for one in client.frames()] == ["603#4064600000000000"]
-
-
 def test_a_late_abort_without_a_multiplexer_is_not_the_next_requests():
     client = SdoClient(NODE, retries=0)
     client.read(0x1008, now=0)
@@ -240,14 +207,6 @@ def test_a_late_abort_without_a_multiplexer_is_not_the_next_requests():
     client.frames()
     client.receive(frame("583#8000000001000405"), HALF)
     assert not request.done
-
-
-def test_a_block_upload_answered_plainly_is_a_plain_upload():
-    client = SdoClient(NODE)
-    request = client.read(0x1018, 1, block=True, now=0)
-    client.frames()
-    client.receive(frame("583#4318100186020000"), 0)
-    assert request.data == b"\x86\2\0\0"
 
 
 def test_each_answer_leads_to_the_phase_that_has_a_name(exchange):

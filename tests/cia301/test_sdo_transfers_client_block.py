@@ -1,12 +1,66 @@
 from __future__ import annotations
 
 import pytest
-from support.sdo import NODE, frame
+from support.sdo import NODE, conversations, frame, play_client
 
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia301.sdo_exchange import SdoOptions
 
-HALF = 500_000_000
+CONVERSATIONS = conversations("""
+a gap is acknowledged at the end of the sub-block
+    block-read 2008 > A40820007F < C608200014 > A3 < 0100010203040506 < 830E0F10111213 > A2017F = open
+what comes behind a gap is not kept: CRC 0 is wrong for these bytes
+    block-read 2008 > A40820007F < C608200014 > A3 < 0100010203040506 < 830E0F10111213 > A2017F < 010708090A0B0C0D
+        < 820E0F10111213 > A2027F < C5 > 8008200004000405 > 400820 = open
+without CRC its field does not count
+    crc=0 block-read 2008 > A00820007F < C608200014 > A3 < 0100010203040506 < 020708090A0B0C0D < 830E0F10111213
+        > A2037F < C5FFFF > A1 = 000102030405060708090A0B0C0D0E0F10111213
+a doubled segment of a block is taken once
+    crc=0 block-read 2008 > A00820007F < C608200014 > A3 < 0100010203040506 <! 0100010203040506 < 020708090A0B0C0D
+        < 830E0F10111213 > A2037F < C5 > A1 = 000102030405060708090A0B0C0D0E0F10111213
+silence within a sub-block acknowledges what came
+    block-read 2008 > A40820007F < C608200014 > A3 < 0100010203040506 < 020708090A0B0C0D +500 > A2027F
+        < 810E0F10111213 > A2017F = open
+what was still under way after such a silence does not count
+    block-read 2008 > A40820007F < C608200014 > A3 < 0100010203040506 +500 > A2017F <! 830E0F10111213 = open
+with CRC it acknowledges again when the first segment is lost as well
+    block-read 2008 > A40820007F < C608200014 > A3 < 0100010203040506 +500 > A2017F +500 > A2007F +500 > A2007F +500
+        > A2007F +500 > 8008200000000405 > 400010 = open
+silence before any segment is a timeout
+    block-read 2008 > A40820007F < C608200014 > A3 +500 > 8008200000000405 > 400010 = open
+without CRC more bytes than announced are noticed, and segments are tried
+    crc=0 block-read 2008 > A00820007F < C60820000D > A3 < 0100010203040506 < 020708090A0B0C0D < 830E0F10111213
+        > 8008200012000706 > 400820 = open
+without CRC fewer bytes than announced are noticed, and segments are tried
+    crc=0 block-read 2008 > A00820007F < C608200015 > A3 < 0100010203040506 < 020708090A0B0C0D < 830E0F10111213
+        > A2037F < C5 > 8008200013000706 > 400820 = open
+an empty object is one segment without bytes
+    block-read 2008 > A40820007F < C60820 > A3 < 81 > A2017F < DD > A1 = empty
+the size of a block upload may be unknown
+    block-read 2008 > A40820007F < C40820 > A3 < 813132333435 > A2017F < C96C54 > A1 = 3132333435
+the server sets the size of every sub-block
+    block-write 2008 #20 > C608200014 < A408200001 > 0100010203040506 < A20101 > 010708090A0B0C0D < A2017F
+        > 810E0F10111213 = open
+an acknowledgement of a segment that was not sent ends the block transfer
+    block-write 2008 #20 > C608200014 < A40820007F > 0100010203040506 > 020708090A0B0C0D > 830E0F10111213 < A2047F
+        > 8008200003000405 > 2108200014 = open
+an acknowledgement that asks for blocks of no segment ends the block transfer
+    block-write 2008 #20 > C608200014 < A40820007F > 0100010203040506 > 020708090A0B0C0D > 830E0F10111213 < A203
+        > 8008200002000405 > 2108200014 = open
+an acknowledgement that asks for blocks of 128 segments ends the block transfer
+    block-write 2008 #20 > C608200014 < A40820007F > 0100010203040506 > 020708090A0B0C0D > 830E0F10111213 < A20380
+        > 8008200002000405 > 2108200014 = open
+a lost confirmation of the end is a timeout
+    block-write 2008 #20 > C608200014 < A40820007F > 0100010203040506 > 020708090A0B0C0D > 830E0F10111213 < A2037F
+        > C5CCAC <! A2037F +500 > 8008200000000405 > 400010 = open
+""")
+
+
+@pytest.mark.parametrize("words", CONVERSATIONS.values(), ids=CONVERSATIONS)
+def test_the_conversations_of_the_client(words):
+    play_client(words)
+
+
 SEGMENTS = ["583#0100010203040506", "583#020708090A0B0C0D", "583#830E0F1011121300"]
 
 
@@ -32,63 +86,6 @@ def said(client):
     return [str(one) for one in client.frames()]
 
 
-def test_a_gap_is_acknowledged_at_the_end_of_the_sub_block():
-    client, _ = reading(SEGMENTS[0], SEGMENTS[2])
-    assert said(client) == ["603#A2017F0000000000"]
-
-
-def test_what_comes_behind_a_gap_is_not_kept():
-    client, request = reading(SEGMENTS[0], SEGMENTS[2], "583#010708090A0B0C0D", "583#820E0F1011121300")
-    assert said(client) == ["603#A2027F0000000000"]
-    client.receive(frame("583#C500000000000000"), 0)
-    assert not request.done  # CRC 0 is wrong for these bytes
-    assert said(client)[0] == "603#8008200004000405"
-
-
-def test_without_crc_its_field_does_not_count():
-    _, request = reading(*SEGMENTS, "583#C5FFFF0000000000", crc=False)
-    assert (request.error, request.data) == (None, bytes(range(20)))
-
-
-def test_a_doubled_segment_is_taken_once():
-    client, request = reading(SEGMENTS[0], SEGMENTS[0], *SEGMENTS[1:], "583#C500000000000000", crc=False)
-    assert request.data == bytes(range(20))
-    assert client.ignored == 1
-
-
-def test_silence_within_a_sub_block_acknowledges_what_came():
-    client, request = reading(SEGMENTS[0], SEGMENTS[1])
-    client.tick(HALF)
-    assert said(client) == ["603#A2027F0000000000"]
-    client.receive(frame("583#810E0F1011121300"), HALF)
-    assert said(client) == ["603#A2017F0000000000"]
-    assert not request.done
-
-
-def test_after_that_what_was_still_under_way_does_not_count():
-    client, _ = reading(SEGMENTS[0])
-    client.tick(HALF)
-    said(client)
-    client.receive(frame(SEGMENTS[2]), HALF)
-    assert said(client) == []
-
-
-def test_with_crc_it_reports_this_again_when_the_first_segment_is_lost_as_well():
-    client, _ = reading(SEGMENTS[0])
-    for number, expected in enumerate(["01", "00", "00", "00"], 1):
-        client.tick(number * HALF)
-        assert said(client) == [f"603#A2{expected}7F0000000000"]
-    client.tick(5 * HALF)
-    assert said(client)[0] == "603#8008200000000405"
-
-
-def test_silence_before_any_segment_is_a_timeout():
-    client, _ = reading()
-    said(client)
-    client.tick(HALF)
-    assert said(client)[0] == "603#8008200000000405"
-
-
 def test_a_server_that_never_gets_further_is_given_up():
     client, request = reading()
     for _ in range(17):
@@ -98,61 +95,9 @@ def test_a_server_that_never_gets_further_is_given_up():
     assert not request.done
 
 
-@pytest.mark.parametrize(
-    ("size", "answers", "code"),
-    [("0D000000", SEGMENTS, "12000706"), ("15000000", [*SEGMENTS, "583#C500000000000000"], "13000706")],
-)
-def test_without_crc_a_wrong_length_is_noticed_and_segments_are_tried(size, answers, code):
-    client, _ = reading(*answers, size=size, crc=False)
-    frames = said(client)
-    assert f"603#80082000{code}" in frames
-    assert frames[-1] == "603#4008200000000000"
-
-
-def test_an_empty_object_is_one_segment_without_bytes():
-    client, request = reading("583#8100000000000000", "583#DD00000000000000", size="00000000")
-    assert said(client) == ["603#A100000000000000"]
-    assert (request.error, request.data) == (None, b"")
-
-
-def test_the_size_may_be_unknown():
-    client = SdoClient(NODE)
-    request = client.read(0x2008, block=True, now=0)
-    for answer in ("583#C408200000000000", "583#8131323334350000", "583#C96C540000000000"):
-        client.frames()
-        client.receive(frame(answer), 0)
-    assert (request.error, request.data) == (None, b"12345")
-    assert said(client) == ["603#A100000000000000"]
-
-
-def test_the_server_sets_the_size_of_every_sub_block():
-    client, _ = writing("583#A201010000000000", block_size="01")
-    assert said(client) == ["603#010708090A0B0C0D"]
-    client.receive(frame("583#A2017F0000000000"), 0)
-    assert said(client) == ["603#810E0F1011121300"]
-
-
-@pytest.mark.parametrize(
-    ("answer", "code"),
-    [("583#A2047F0000000000", "03000405"), ("583#A203000000000000", "02000405"), ("583#A203800000000000", "02000405")],
-)
-def test_an_impossible_acknowledgement_ends_the_block_transfer(answer, code):
-    client, _ = writing(answer)
-    assert said(client) == [f"603#80082000{code}", "603#2108200014000000"]
-
-
 def test_a_server_that_never_acknowledges_anything_is_given_up():
     client, _ = writing(*["583#A2007F0000000000"] * 17)
     assert said(client) == ["603#8008200003000405", "603#2108200014000000"]
-
-
-def test_a_lost_confirmation_of_the_end_is_a_timeout():
-    client, request = writing("583#A2037F0000000000")
-    assert said(client)[0].startswith("603#C5")
-    client.receive(frame("583#A2037F0000000000"), 0)
-    client.tick(HALF)
-    assert said(client)[0] == "603#8008200000000405"
-    assert not request.done
 
 
 def test_no_segment_can_be_mistaken_for_an_abort():

@@ -1,95 +1,45 @@
 from __future__ import annotations
 
 import pytest
-from support.sdo import NODE, MemoryStore, frame
+from support.sdo import NODE, MemoryStore, conversations, frame, play_server
 
 from canopen_control.cia301.sdo_server import SdoServer
 
-INITIATE_UNSIZED = "603#2008200000000000"
+CONVERSATIONS = conversations("""
+a doubled request for a segment is answered once
+    > 400720 < 410720000A > 60 >! 60 < 0030313233343536 > 70 < 19373839
+a request for a segment that is repeated after its answer has not alternated, and the transfer is over
+    > 400720 < 410720000A > 60 < 0030313233343536 > 60 < 8007200000000305 > 70 < 8000000001000405
+a doubled request for the last segment is no error
+    > 400720 < 410720000A > 60 < 0030313233343536 > 70 < 19373839 >! 70
+a doubled segment is taken once
+    > 200820 < 600820 > 0031323334353637 >! 0031323334353637 < 20 > 1D38 < 30 >! 1D38 = 3132333435363738
+a segment that is repeated after its confirmation has not alternated
+    > 200820 < 600820 > 0031323334353637 < 20 > 0031323334353637 < 8008200000000305
+another segment with the old toggle is an error
+    > 200820 < 600820 > 0031323334353637 < 20 > 0D38 < 8008200000000305
+more bytes than announced are refused and nothing is written
+    > 2108200007 < 600820 > 0031323334353637 < 20 > 1D38 < 8008200012000706
+fewer bytes than announced are refused and nothing is written
+    > 2108200009 < 600820 > 0031323334353637 < 20 > 1D38 < 8008200013000706
+one that grows over the limit is refused
+    max_size=10 > 200820 < 600820 > 0031323334353637 < 20 > 1031323334353637 < 8008200005000405
+the last segment is confirmed only when the store has taken the object
+    size=4 > 200820 < 600820 > 053132333435 < 8008200012000706
+""")
 
 
-def device(**options):
-    return SdoServer(NODE, MemoryStore({(0x2007, 0): b"0123456789", (0x2008, 0): b"old"}), **options)
-
-
-def ask(server, *requests):
-    said = []
-    for request in requests:
-        server.receive(frame(request), 0)
-        said += [str(one) for one in server.frames()]
-    return said
-
-
-def at_once(server, *requests):
-    """Return the answers to requests that come before any answer has left, as copies by the bus do."""
-    for request in requests:
-        server.receive(frame(request), 0)
-    return [str(one) for one in server.frames()]
-
-
-def test_a_doubled_request_for_a_segment_is_answered_once():
-    server = device()
-    ask(server, "603#4007200000000000")
-    assert at_once(server, *["603#6000000000000000"] * 2) == ["583#0030313233343536"]
-    assert ask(server, "603#7000000000000000") == ["583#1937383900000000"]
-
-
-def test_a_request_that_is_repeated_after_its_answer_has_not_alternated():
-    server = device()
-    ask(server, "603#4007200000000000", "603#6000000000000000")
-    assert ask(server, "603#6000000000000000") == ["583#8007200000000305"]
-    assert ask(server, "603#7000000000000000") == ["583#8000000001000405"]  # the transfer is over
-
-
-def test_a_doubled_request_for_the_last_segment_is_not_an_error():
-    said = ask(device(), "603#4007200000000000", "603#6000000000000000", *["603#7000000000000000"] * 2)
-    assert len(said) == 3
+@pytest.mark.parametrize("words", CONVERSATIONS.values(), ids=CONVERSATIONS)
+def test_the_conversations_of_the_server(words):
+    play_server(words)
 
 
 def test_the_object_is_read_once_and_does_not_change_under_way():
-    server = device()
-    ask(server, "603#4007200000000000", "603#6000000000000000")
+    server = SdoServer(NODE, MemoryStore({(0x2007, 0): b"0123456789"}))
+    server.receive(frame("603#4007200000000000"), 0)
     server.store.objects[0x2007, 0] = b"changed while it was read"
-    assert ask(server, "603#7000000000000000") == ["583#1937383900000000"]
+    for request in ("603#6000000000000000", "603#7000000000000000"):
+        server.frames()
+        server.receive(frame(request), 0)
+    assert server.frames() == [frame("583#1937383900000000")]
     assert server.store.uploads == 1
-
-
-def test_a_doubled_segment_is_taken_once():
-    server = device()
-    ask(server, INITIATE_UNSIZED)
-    assert at_once(server, *["603#0031323334353637"] * 2) == ["583#2000000000000000"]
-    assert ask(server, *["603#1D38000000000000"] * 2) == ["583#3000000000000000"]
-    assert server.store.downloads == [(0x2008, 0, b"12345678")]
-
-
-def test_a_segment_that_is_repeated_after_its_confirmation_has_not_alternated():
-    server = device()
-    said = ask(server, INITIATE_UNSIZED, *["603#0031323334353637"] * 2)
-    assert said[1:] == ["583#2000000000000000", "583#8008200000000305"]
-    assert server.store.downloads == []
-
-
-def test_another_segment_with_the_old_toggle_is_an_error():
-    said = ask(device(), INITIATE_UNSIZED, "603#0031323334353637", "603#0D38000000000000")
-    assert said[2] == "583#8008200000000305"
-
-
-@pytest.mark.parametrize(("size", "code"), [("07", "12000706"), ("09", "13000706")])
-def test_another_length_than_announced_is_refused_and_nothing_is_written(size, code):
-    server = device()
-    said = ask(server, f"603#21082000{size}000000", "603#0031323334353637", "603#1D38000000000000")
-    assert said[-1] == f"583#80082000{code}"
-    assert server.store.downloads == []
-
-
-def test_one_that_grows_over_the_limit_is_refused():
-    said = ask(device(max_size=10), INITIATE_UNSIZED, "603#0031323334353637", "603#1031323334353637")
-    assert said[-1] == "583#8008200005000405"
-
-
-def test_the_last_segment_is_confirmed_only_when_the_store_has_taken_the_object():
-    server = device()
-    server.store.sizes[0x2008, 0] = 4
-    said = ask(server, INITIATE_UNSIZED, "603#0531323334350000")
-    assert said == ["583#6008200000000000", "583#8008200012000706"]
-    assert server.store.objects[0x2008, 0] == b"old"

@@ -6,22 +6,122 @@ import random
 from collections import deque
 from typing import TYPE_CHECKING
 
+from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.cia301.sdo_exchange import SdoOptions
 from canopen_control.cia301.sdo_server import SdoServer, SdoServerAbort
+from canopen_control.errors import SdoAbort
 from canopen_control.frame import CanFrame
 
 if TYPE_CHECKING:
-    from canopen_control.cia301.sdo_client import SdoClient
     from canopen_control.cia301.sdo_exchange import SdoRequest
 
 NODE = 3
 MS = 1_000_000
 SECOND = 1_000_000_000
+IDENTIFIERS = {">": 0x603, "<": 0x583}
 
 
 def frame(text: str) -> CanFrame:
     """Make a frame of candump's log form."""
     identifier, data = text.split("#")
     return CanFrame(int(identifier, 16), bytes.fromhex(data))
+
+
+def conversations(text: str) -> dict[str, str]:
+    """Read conversations of a client and a server: a name, and the words of `play_client` or `play_server` below it."""
+    found: dict[str, str] = {}
+    for line in text.strip().splitlines():
+        if not line.startswith(" "):
+            found[line] = ""
+        else:
+            found[next(reversed(found))] += line
+    return found
+
+
+def _options(text: str) -> tuple[dict[str, int], list[str]]:
+    """Split NAME=NUMBER off the words that follow."""
+    words, options = text.split(), {}
+    while "=" in words[0]:
+        name, _, number = words.pop(0).partition("=")
+        options[name] = int(number)
+    return options, words
+
+
+def _frame(side: str, digits: str) -> CanFrame:
+    """Make a frame of eight bytes; zeros at its end are not written down."""
+    return CanFrame(IDENTIFIERS[side], bytes.fromhex(digits).ljust(8, b"\0"))
+
+
+def _play(core: SdoClient | SdoServer, words: list[str], sends: str) -> list[str]:
+    """Let a core hear and say what it is to, frame for frame, and return the words behind `=`.
+
+    `>` is a frame of the client and `<` one of the server; `!` behind it says that it is ignored. `+500` is 500 ms.
+    What the core sends leaves only where it stands, and no time passes before.
+    """
+    now, sent = 0, []
+    while words and (word := words.pop(0)) != "=":
+        if word == sends:
+            sent = sent or core.frames()
+            assert sent
+            assert sent.pop(0) == _frame(sends, words.pop(0))
+            continue
+        assert sent == []
+        ignored = core.ignored
+        if word.startswith("+"):
+            assert core.frames() == []
+            now += int(word) * MS
+            core.tick(now)
+        else:
+            core.receive(_frame(word[0], words.pop(0)), now)
+        assert core.ignored == ignored + word.endswith("!")
+    assert (sent, core.frames()) == ([], [])
+    return words
+
+
+def play_client(text: str) -> None:
+    """Play a conversation with a client of these options, behind `=` its end: the bytes, `written`, an error or `open`.
+
+    #20 are the 20 bytes from 0 to 19.
+    """
+    options, (verb, address, *words) = _options(text)
+    index, _, subindex = address.partition(":")
+    tries = {name: options.pop(name) for name in ("retries",) if name in options}
+    client = SdoClient(NODE, options=SdoOptions(**options), **tries)
+    place, block = (int(index, 16), int(subindex or "0", 16)), {"block": True} if "block" in verb else {}
+    if verb.endswith("write"):
+        data = words.pop(0)
+        value = bytes(range(int(data[1:]))) if data.startswith("#") else bytes.fromhex(data)
+        request = client.write(*place, value, **block, now=0)
+    else:
+        request = client.read(*place, **block, now=0)
+    end = _play(client, words, ">")
+    if not request.done:
+        ended = ["open"]
+    elif isinstance(request.error, SdoAbort):
+        ended = ["abort", f"{request.error.code:08X}"]
+    elif request.error is not None:
+        ended = [type(request.error).__name__]
+    else:
+        ended = ["written" if verb.endswith("write") else request.data.hex().upper() or "empty"]
+    assert end == ended
+
+
+def play_server(text: str) -> None:
+    """Play a conversation with a server of these options, behind `=` what 0x2008 holds then if it was written.
+
+    2007=20 makes 0x2007 the 20 bytes from 0 to 19; size=4 is the size of 0x2008.
+    """
+    options, words = _options(text)
+    length = options.pop("2007", 0)
+    store = MemoryStore({(0x2007, 0): bytes(range(length)) or b"0123456789", (0x2008, 0): b"old"})
+    if "size" in options:
+        store.sizes[0x2008, 0] = options.pop("size")
+    if "timeout_ms" in options:
+        options["timeout_ns"] = options.pop("timeout_ms") * MS
+    server = SdoServer(NODE, store, **options)
+    aborted = words[-2:-1] == ["<"] and words[-1].startswith("80")
+    assert _play(server, words, "<") == [data.hex().upper() for *_, data in store.downloads]
+    assert not aborted or server.next_deadline() is None
 
 
 class MemoryStore:
