@@ -1,6 +1,7 @@
 from types import SimpleNamespace
 
 import pytest
+from support.fake_client import FakeClient
 
 from canopen_control.cli import stop
 from canopen_control.cli.main import main
@@ -73,20 +74,10 @@ def test_without_a_name_all_robots_are_stopped(monkeypatch, capsys):
     ("axes", "begin"), [((AxisReading(joint="x"),), "stopped and disabled;"), ((), "stopped; no drive")]
 )
 def test_a_robot_of_io_modules_has_no_drives(axes, begin, monkeypatch, capsys):
-    class Client:
-        robot = "lamps"
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
-        def ask(self, request, _timeout=None):
-            node = NodeReading(name="io", node_id=5, axes=axes)
-            return SimpleNamespace(nodes={"io": node}) if isinstance(request, GetStatus) else None
-
-    monkeypatch.setattr(stop.RobotClient, "connect", lambda _name: Client())
+    status = SimpleNamespace(nodes={"io": NodeReading(name="io", node_id=5, axes=axes)})
+    client = FakeClient(answers={GetStatus: status})
+    client.robot = "lamps"
+    monkeypatch.setattr(stop.RobotClient, "connect", lambda _name: client)
     monkeypatch.setattr(stop, "find_robots", lambda: ["lamps"])
     assert main(["stop"]) == 0
     assert capsys.readouterr().out.startswith(begin)

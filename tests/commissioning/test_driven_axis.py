@@ -25,19 +25,11 @@ from canopen_control.rpc.messages.state import ControllerReading
 DRIVE = JogDrive("jog_5", "drive", "joint", "controller", "PV")
 
 
-class FakeRobot:
-    robot = "robby"
+NODES = NodeListing({}, [NodePlace(name="left", node_id=2, joints=["wheel"]), NodePlace(name="io", node_id=3)])
 
-    def __init__(self, *controllers):
-        self._controllers = controllers
 
-    def ask(self, request):
-        if isinstance(request, GetNodes):
-            return NodeListing(
-                {}, [NodePlace(name="left", node_id=2, joints=["wheel"]), NodePlace(name="io", node_id=3)]
-            )
-        assert isinstance(request, ListControllers)
-        return self._controllers
+def robot(*controllers):
+    return FakeClient(answers={GetNodes: NODES, ListControllers: controllers})
 
 
 def controller(name, topic=None, *, active=True, joint="wheel"):
@@ -45,7 +37,7 @@ def controller(name, topic=None, *, active=True, joint="wheel"):
 
 
 def test_a_drive_that_takes_targets_by_itself_is_moved_through_its_robot():
-    found = drive_of_robot(FakeRobot(controller("wheel", "target")), "2", 0, "PV")
+    found = drive_of_robot(robot(controller("wheel", "target")), "2", 0, "PV")
     assert (found.robot, found.node, found.joint, found.controller, found.mode) == (
         "robby",
         "left",
@@ -70,7 +62,7 @@ def test_a_drive_that_takes_targets_by_itself_is_moved_through_its_robot():
 )
 def test_any_other_drive_of_a_robot_is_left_to_it_with_what_to_do_instead(node, controllers, why):
     with pytest.raises(ConfigError, match=why):
-        drive_of_robot(FakeRobot(*controllers), node, 0, "PV")
+        drive_of_robot(robot(*controllers), node, 0, "PV")
 
 
 def test_a_mode_is_asked_for_again_while_the_drive_boots(monkeypatch):

@@ -3,6 +3,7 @@
 import contextlib
 
 import pytest
+from support.fake_client import FakeClient
 from support.pages import StubDesk
 from support.service_node import NodeStub
 
@@ -12,34 +13,13 @@ from canopen_control.commissioning.object_rows import READS_PER_S, LiveObject
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, EdsError, RemoteError, SdoTimeout
 from canopen_control.od.eds import read_eds
-from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import NodePlace, SdoData, SdoRead
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 
 
-class FakeRobot:
-    robot = "robby"
-
-    def __init__(self):
-        self.asked, self.closed = [], False
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.closed = True
-
-    def ask(self, request, timeout=None):
-        self.asked.append(request)
-        return SdoData(bytes(4)) if isinstance(request, SdoRead) else Done()
-
-    def sdo_write(self, request, timeout):
-        self.ask(request)
-
-
 def test_a_session_is_on_a_connection_of_its_own_and_writes_by_its_name():
-    robot = FakeRobot()
+    robot = FakeClient(answers={SdoRead: SdoData(bytes(4))})
     place = NodePlace(name="left", node_id=3, eds=str(data_path("eds", "TMCM-1270.eds")))
     node = NodeObjects("robby", place, "view", lambda name, timeout: robot)
     with node.session() as session:

@@ -1,6 +1,7 @@
 import math
 
 import pytest
+from support.fake_client import FakeClient
 
 from canopen_control.commissioning.driven_axis import JogDrive
 from canopen_control.commissioning.jog_motion import JogEnd, JogKind, JogLimits
@@ -17,8 +18,7 @@ from canopen_control.commissioning.tune_run import (
     TuneSample,
     TuneTest,
 )
-from canopen_control.errors import ConfigError, RemoteError
-from canopen_control.rpc.messages.declare import Done
+from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.robot import MappedValue, ProcessData
 from canopen_control.rpc.messages.state import AxisReading, CycleTimes, JointReading, NodeReading, StateSample
 
@@ -223,26 +223,14 @@ def test_current_and_state_of_a_sample_end_it(effort, state, why):
 
 
 def test_a_refused_command_ends_it():
-    class Refusing:
-        def ask(self, request, timeout=None):
-            raise RemoteError("NotEnabled", "off")
-
-    class Taking:
-        def __init__(self):
-            self.asked = []
-
-        def ask(self, request, timeout=None):
-            self.asked.append(request)
-            return Done()
-
-    run, moved = tune(), motion()
+    run, moved, taking = tune(), motion(), FakeClient()
     run._has_torque = True
     moved.tick(10**9)
-    run._command(taking := Taking(), moved)
+    run._command(taking, moved)
     assert (taking.asked[0].values, taking.asked[0].dead_man, taking.asked[0].source) == ([3.0], True, "tune")
     moved.tick(int(1.5e9))
     run._sender._sent = 0.0
-    run._command(Refusing(), moved)
+    run._command(FakeClient(("NotEnabled", "off")), moved)
     assert moved.ended is JogEnd.STATE
 
 

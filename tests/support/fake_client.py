@@ -1,5 +1,6 @@
 """A robot's client without a robot, which refuses and answers what a test says."""
 
+from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.declare import Done
 
@@ -7,14 +8,20 @@ from canopen_control.rpc.messages.declare import Done
 class FakeClient:
     """Refuses the first requests with `refusals`, answers the others by type."""
 
+    robot = "robby"
+    sdo_write = RobotClient.sdo_write
+
     def __init__(self, *refusals, answers=()):
-        self.refusals, self.asked, self.answers = list(refusals), [], dict(answers)
+        self.refusals, self.asked, self.answers, self.closed = list(refusals), [], dict(answers), False
 
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
-        pass
+        self.close()
+
+    def close(self):
+        self.closed = True
 
     def ask(self, request, timeout=None):
         self.asked.append(request)

@@ -1,4 +1,5 @@
 import pytest
+from support.fake_client import FakeClient
 from support.host import use_private_folders
 from support.virtualbench import served, servo
 
@@ -50,33 +51,15 @@ def test_without_physics_nothing_can_be_asked_for(served_in):
     assert not WorldClient("robby", VirtualDrives(NODES)).changeable()
 
 
-class Asked:
-    """A robot's client that notes what it is asked for."""
-
-    def __init__(self, changeable):
-        self.acts, self._changeable = [], changeable
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-    def ask(self, request):
-        if isinstance(request, GetSimulation):
-            return Simulation(seconds=1.0, paused=False, period=0.02, changeable=self._changeable)
-        self.acts.append(request)
-        return None
-
-
 @pytest.mark.parametrize("changeable", [True, False])
 def test_a_robot_without_drives_is_asked_itself_and_reports_of_it(monkeypatch, changeable):
-    robot = Asked(changeable)
+    simulation = Simulation(seconds=1.0, paused=False, period=0.02, changeable=changeable)
+    robot = FakeClient(answers={GetSimulation: simulation})
     monkeypatch.setattr(robot_view.RobotClient, "connect", lambda name, _timeout: robot if name == "diffbot" else None)
     client = WorldClient("diffbot", VirtualDrives(()))
     assert client.changeable() is changeable
     assert client.act(AddPayload(mass=3.0))
-    assert robot.acts == [AddPayload(mass=3.0)]
+    assert [each for each in robot.asked if not isinstance(each, GetSimulation)] == [AddPayload(mass=3.0)]
 
 
 def test_a_robot_that_is_gone_is_in_no_world(tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 import argparse
 
 import pytest
+from support.fake_client import FakeClient
 from support.onbus import TMCM, OnBus
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
@@ -21,26 +22,10 @@ ANSWERS = {
 }
 
 
-class FakeRobot:
-    robot = "robby"
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.close()
-
-    def close(self):
-        pass
-
-    def ask(self, request, timeout=None):
-        return ANSWERS[type(request)]
-
-
 @pytest.fixture
 def robby(monkeypatch):
     monkeypatch.setattr(target, "find_robots", lambda: ["robby"])
-    monkeypatch.setattr(target.RobotClient, "connect", lambda name, timeout=10.0: FakeRobot())
+    monkeypatch.setattr(target.RobotClient, "connect", lambda name, timeout=10.0: FakeClient(answers=ANSWERS))
 
 
 def arguments(*words):
