@@ -8,89 +8,46 @@ from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia402.state import State
 
 START = bytes((NmtCommand.START, NODE))
+INVALID = 0x80000000
+
+
+def broken(method="", /, *acts, base=ScriptedMaster, **attributes):
+    """Return a master that does `acts` in place of a method, and the method itself where `...` is among them."""
+
+    def does(master, *words):
+        for act in acts:
+            if act is ...:
+                getattr(super(kind, master), method)(*words)
+            else:
+                act(master)
+
+    kind = type(method or next(iter(attributes)), (base,), {method: does} if method else attributes)
+    return kind
+
+
+def asks(command, index, subindex, value):
+    """Return an act: one SDO request, whatever the answer."""
+    return lambda master: master.ask(struct.pack("<BHBI", command, index, subindex, value))
+
+
+def writes(index, subindex, value, size):
+    return lambda master: master.write(index, subindex, value, size)
+
+
+def puts(can_id, data=b""):
+    return lambda master: master.put(can_id, data)
+
+
+def says(*frames):
+    """Return a master that sends raw frames before NMT start."""
+    return broken("start", *(puts(can_id, bytes.fromhex(data)) for can_id, data in frames), ...)
+
+
+def requests(*frames):
+    return says(*((0x600 + NODE, data) for data in frames))
 
 
 # -- mutants of the configuration
-
-
-class EarlyRequest(ScriptedMaster):
-    def reset(self):
-        self.put(0, bytes((NmtCommand.RESET_COMMUNICATION, NODE)))
-        self.ask(struct.pack("<BHB4x", 0x40, 0x1000, 0), 0.05)
-        super().reset()
-
-
-class NoIdentity(ScriptedMaster):
-    def identify(self):
-        pass
-
-
-class StartsFirst(ScriptedMaster):
-    def supervise(self):
-        self.start()
-        super().supervise()
-
-
-class Unsupervised(ScriptedMaster):
-    def supervise(self):
-        pass
-
-
-class ProducerAlone(ScriptedMaster):
-    def supervise(self):
-        self.write(0x1017, 0, 100, 2)
-
-
-class MapsValid(ScriptedMaster):
-    def map_rpdo(self):
-        self.write(0x1400, 1, RPDO, 4)
-        for number in (0, 1, 2):
-            self.ask(struct.pack("<BHBI", 0x2F if not number else 0x23, 0x1600, number, 0x60400010 if number else 0))
-        super().map_rpdo()
-
-
-class MapsWithoutZero(ScriptedMaster):
-    def map_rpdo(self):
-        self.write(0x1400, 1, 0x80000000 | RPDO, 4)
-        self.ask(struct.pack("<BHBI", 0x23, 0x1600, 1, 0x60400010))
-        super().map_rpdo()
-
-
-class WrongCount(ScriptedMaster):
-    def map_rpdo(self):
-        super().map_rpdo()
-        self.write(0x1400, 1, 0x80000000 | RPDO, 4)
-        self.write(0x1600, 0, 0, 1)
-        for number, entry in ((1, 0x60400010), (2, 0x60FF0020)):
-            self.write(0x1600, number, entry, 4)
-        self.write(0x1600, 0, 1, 1)
-        self.write(0x1600, 0, 0, 1)
-        self.write(0x1600, 1, 0x60400010, 4)
-        self.ask(struct.pack("<BHBI", 0x2F, 0x1600, 0, 2))
-
-
-class OtherIdentifier(ScriptedMaster):
-    def map_rpdo(self):
-        self.ask(struct.pack("<BHBI", 0x23, 0x1400, 1, 0x206))
-        super().map_rpdo()
-
-
-class InhibitWhileValid(ScriptedMaster):
-    def start(self):
-        self.ask(struct.pack("<BHBI", 0x2B, 0x1800, 3, 50))
-        super().start()
-
-
-class MapsInOperation(ScriptedMaster):
-    def start(self):
-        super().start()
-        self.map_rpdo()
-
-
-class RestrictedIdentifier(ScriptedMaster):
-    def supervise(self):
-        self.ask(struct.pack("<BHBI", 0x23, 0x1014, 0, 0x601))
-        super().supervise()
 
 
 class StartsAnyway(ScriptedMaster):
@@ -98,48 +55,38 @@ class StartsAnyway(ScriptedMaster):
         return self.ask(struct.pack("<BHBI", {1: 0x2F, 2: 0x2B, 4: 0x23}[size], index, subindex, value))
 
 
-class ConsumesItself(ScriptedMaster):
-    def supervise(self):
-        self.ask(struct.pack("<BHBI", 0x23, 0x1016, 2, NODE << 16 | 500))
-        super().supervise()
-
-
+RESET = puts(0, bytes((NmtCommand.RESET_COMMUNICATION, NODE)))
+MAPS = (asks(0x23, 0x1600, 1, 0x60400010), asks(0x23, 0x1600, 2, 0))
+MAPS_WRONG_COUNT = (
+    writes(0x1400, 1, INVALID | RPDO, 4),
+    writes(0x1600, 0, 0, 1),
+    writes(0x1600, 1, 0x60400010, 4),
+    writes(0x1600, 2, 0x60FF0020, 4),
+    writes(0x1600, 0, 1, 1),
+    writes(0x1600, 0, 0, 1),
+    writes(0x1600, 1, 0x60400010, 4),
+    asks(0x2F, 0x1600, 0, 2),
+)
 CONFIGURATION = [
-    ("MC01", EarlyRequest, ()),
-    ("MC02", NoIdentity, ()),
-    ("MC03", NoIdentity, ()),
-    ("MC04", StartsFirst, ()),
-    ("MC05", Unsupervised, ()),
-    ("MC06", ProducerAlone, ()),
-    ("MC07", MapsValid, ()),
-    ("MC08", MapsWithoutZero, ()),
-    ("MC09", WrongCount, ()),
-    ("MC10", OtherIdentifier, ()),
-    ("MC11", InhibitWhileValid, ()),
-    ("MC12", MapsInOperation, ()),
-    ("MC13", RestrictedIdentifier, ()),
+    ("MC01", broken("reset", RESET, lambda master: master.ask(struct.pack("<BHB4x", 0x40, 0x1000, 0), 0.05), ...), ()),
+    ("MC02", broken("identify"), ()),
+    ("MC03", broken("identify"), ()),
+    ("MC04", broken("supervise", ScriptedMaster.start, ...), ()),
+    ("MC05", broken("supervise"), ()),
+    ("MC06", broken("supervise", writes(0x1017, 0, 100, 2)), ()),
+    ("MC07", broken("map_rpdo", writes(0x1400, 1, RPDO, 4), asks(0x2F, 0x1600, 0, 0), *MAPS, ...), ()),
+    ("MC08", broken("map_rpdo", writes(0x1400, 1, INVALID | RPDO, 4), MAPS[0], ...), ()),
+    ("MC09", broken("map_rpdo", ..., *MAPS_WRONG_COUNT), ()),
+    ("MC10", broken("map_rpdo", asks(0x23, 0x1400, 1, 0x206), ...), ()),
+    ("MC11", broken("start", asks(0x2B, 0x1800, 3, 50), ...), ()),
+    ("MC12", broken("start", ..., ScriptedMaster.map_rpdo), ()),
+    ("MC13", broken("supervise", asks(0x23, 0x1014, 0, 0x601), ...), ()),
     ("MC14", StartsAnyway, [("reset", 4)]),
-    ("MC15", ConsumesItself, ()),
+    ("MC15", broken("supervise", asks(0x23, 0x1016, 2, NODE << 16 | 500), ...), ()),
 ]
 
 
 # -- mutants of NMT and SDO
-
-
-def says(*frames):
-    """Return a master that sends raw frames before NMT start."""
-
-    class Says(ScriptedMaster):
-        def start(self):
-            for can_id, data in frames:
-                self.put(can_id, bytes.fromhex(data))
-            super().start()
-
-    return Says
-
-
-def requests(*frames):
-    return says(*((0x600 + NODE, data) for data in frames))
 
 
 class StartsUnbooted(ScriptedMaster):
@@ -232,27 +179,6 @@ class Guards(ScriptedMaster):
         super().cycle()
 
 
-class GuardsHeartbeat(Guards):
-    producer = 100
-
-
-class GuardsLate(Guards):
-    gap_s = 0.4
-
-
-class NoBeat(ScriptedMaster):
-    def beat(self):
-        pass
-
-
-class SlowBeat(ScriptedMaster):
-    beat_ns = 600_000_000
-
-
-class NarrowBeat(ScriptedMaster):
-    beat_ns = 400_000_000
-
-
 class NoSync(ScriptedMaster):
     def sync(self):
         pass
@@ -273,11 +199,6 @@ class Synchronous(NoSync):
         super().rpdo()
 
 
-class LongSync(ScriptedMaster):
-    def sync(self):
-        self.put(SYNC, b"\1")
-
-
 class Counts(ScriptedMaster):
     step = 1
 
@@ -295,26 +216,12 @@ class Counts(ScriptedMaster):
             self.put(SYNC, bytes((self.count,)))
 
 
-class CountsByTwo(Counts):
-    step = 2
-
-
-class AnnouncesOther(ScriptedMaster):
-    def supervise(self):
-        super().supervise()
-        self.write(0x1006, 0, 10_000, 4)
-
-
 class Csp(ScriptedMaster):
     mode, interpolation = 8, 20
 
     def supervise(self):
         super().supervise()
         self.write(0x60C2, 1, self.interpolation, 1)
-
-
-class InterpolatesOther(Csp):
-    interpolation = 10
 
 
 class Jitters(ScriptedMaster):
@@ -324,19 +231,6 @@ class Jitters(ScriptedMaster):
         self.turn += 1
         self.sync_ns = (10, 30)[self.turn % 2] * 1_000_000
         super().sync()
-
-
-class EarlyRpdo(ScriptedMaster):
-    def start(self):
-        self.wait(0.1)
-        self.command(0)
-        super().start()
-
-
-class ShortRpdo(ScriptedMaster):
-    def command(self, word, target=0):
-        super().command(word, target)
-        self.put(RPDO, b"\0\0\0")
 
 
 class AsksProtected(ScriptedMaster):
@@ -350,32 +244,26 @@ class AsksProtected(ScriptedMaster):
         self.ask_remote(0x185)
 
 
-class LateRpdo(ScriptedMaster):
-    def supervise(self):
-        super().supervise()
-        self.write(0x1400, 5, 10, 2)
-
-
 CYCLIC = [
-    ("MG01", GuardsHeartbeat, ()),
-    ("MG02", GuardsLate, ()),
-    ("MG03", GuardsLate, ()),
-    ("MH01", NoBeat, ()),
-    ("MH02", SlowBeat, ()),
-    ("MH03", NarrowBeat, ()),
+    ("MG01", broken(base=Guards, producer=100), ()),
+    ("MG02", broken(base=Guards, gap_s=0.4), ()),
+    ("MG03", broken(base=Guards, gap_s=0.4), ()),
+    ("MH01", broken("beat"), ()),
+    ("MH02", broken(beat_ns=600_000_000), ()),
+    ("MH03", broken(beat_ns=400_000_000), ()),
     ("MH04", says((BEAT, "03")), ()),
     ("MH05", says((0x700 + NODE, "05")), ()),
     ("MY01", NoSync, ()),
-    ("MY02", LongSync, ()),
-    ("MY03", CountsByTwo, ()),
-    ("MY04", AnnouncesOther, ()),
-    ("MY05", InterpolatesOther, ()),
+    ("MY02", broken("sync", puts(SYNC, b"\1")), ()),
+    ("MY03", broken(base=Counts, step=2), ()),
+    ("MY04", broken("supervise", ..., writes(0x1006, 0, 10_000, 4)), ()),
+    ("MY05", broken(base=Csp, interpolation=10), ()),
     ("MY06", Jitters, ()),
-    ("MP01", EarlyRpdo, ()),
-    ("MP02", ShortRpdo, ()),
+    ("MP01", broken("start", lambda master: master.wait(0.1), lambda master: master.command(0), ...), ()),
+    ("MP02", broken("command", ..., puts(RPDO, b"\0\0\0")), ()),
     ("MP03", Synchronous, ()),
     ("MP04", AsksProtected, ()),
-    ("MP05", LateRpdo, ()),
+    ("MP05", broken("supervise", ..., writes(0x1400, 5, 10, 2)), ()),
 ]
 
 
@@ -407,27 +295,6 @@ class TargetBeforeEnable(ScriptedMaster):
     def supervise_drive(self):
         super().supervise_drive()
         self.target = 500
-
-
-class Jumps(Csp):
-    def enable(self):
-        self.write(0x607A, 0, 5_000_000, 4)
-        super().enable()
-
-
-class OddMode(ScriptedMaster):
-    def start(self):
-        self.ask(struct.pack("<BHBI", 0x2F, 0x6060, 0, 25))
-        super().start()
-
-
-class NoMode(ScriptedMaster):
-    mode = 0
-
-
-class Bit10(ScriptedMaster):
-    def command(self, word, target=0):
-        super().command(word | 0x400, target)
 
 
 class SetPointsAtOnce(ScriptedMaster):
@@ -514,10 +381,10 @@ class StartsUnconfigured(ScriptedMaster):
 COMMANDS = [
     ("MW01", EnablesAtOnce, ()),
     ("MW05", TargetBeforeEnable, ()),
-    ("MW06", Jumps, ()),
-    ("MW07", OddMode, ()),
-    ("MW08", NoMode, ()),
-    ("MW09", Bit10, ()),
+    ("MW06", broken("enable", writes(0x607A, 0, 5_000_000, 4), ..., base=Csp), ()),
+    ("MW07", broken("start", asks(0x2F, 0x6060, 0, 25), ...), ()),
+    ("MW08", broken(mode=0), ()),
+    ("MW09", broken(command=lambda master, word, target=0: ScriptedMaster.command(master, word | 0x400, target)), ()),
     ("MW10", SetPointsAtOnce, ()),
     ("MF01", GoesOn, [("fault", 0)]),
     ("MF02", GoesOn, [("fault", 0)]),
