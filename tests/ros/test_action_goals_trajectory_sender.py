@@ -1,26 +1,13 @@
 from __future__ import annotations
 
 import pytest
+from support.endpoints import Client
 
 from canopen_control.errors import RemoteError
 from canopen_control.ros.action_goals import HEARTBEAT_S, TrajectorySender
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.trajectory import SetTrajectory, TrajectoryData, TrajectoryHeartbeat
-
-
-class Client:
-    def __init__(self):
-        self.asked, self.closed, self.said = [], 0, []
-
-    def ask(self, request, answer):
-        self.asked.append((request, answer))
-
-    def send_periodically(self, request, every_ns):
-        self.said.append((request, every_ns))
-
-    def close(self):
-        self.closed += 1
 
 
 class Scene:

@@ -41,10 +41,32 @@ def test_the_three_files_alone_are_enough(tmp_path):
     assert files.name == "r"
 
 
-def test_everything_that_is_missing_is_named_at_once(tmp_path):
-    with pytest.raises(RobotConfigError) as caught:
-        find_robot(str(robot(tmp_path / "r")))
-    assert all(word in str(caught.value) for word in ("bus.yml", "ros2_controllers.yaml", "*.urdf"))
+THREE = ("bus.yml", "ros2_controllers.yaml", "x.urdf")
+REFUSED = {
+    "an empty folder": ((), {}, r"bus\.yml(.|\n)*ros2_controllers\.yaml(.|\n)*\*\.urdf"),
+    "no controllers": (("bus.yml", "x.urdf"), {}, r"ros2_controllers\.yaml"),
+    "no description": (("bus.yml", "ros2_controllers.yaml"), {}, r"\*\.urdf"),
+    "a further bus alone": (("bus_arm.yml",), {}, r"bus\.yml"),
+    "a description that is missing, where bus.yml may be": (
+        ("ros2_controllers.yaml",), {}, r"^\S+ has no \*\.urdf\.xacro or \*\.urdf or \*\.system\.xacro$",
+    ),
+    "two descriptions": ((*THREE, "y.urdf"), {}, "--description"),
+    "a device": (THREE, {"bus": "/dev/zero"}, "/dev/zero is a pipe or a device, not a file"),
+    "a file that is not there": (THREE, {"bus": "nowhere.yml"}, r"--bus: no file nowhere\.yml"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("names", "how", "words"), REFUSED.values(), ids=REFUSED)
+def test_what_is_not_a_robot_is_reported(tmp_path, names, how, words):
+    with pytest.raises(RobotConfigError, match=words):
+        find_robot(str(robot(tmp_path / "r", *names)), **how)
+
+
+def test_an_unknown_robot_names_the_bundled_ones_which_are_no_buses_alone():
+    with pytest.raises(RobotConfigError, match="robby"):
+        find_robot("nobody")
+    assert not find_robot("robby").bus_alone
+    assert not find_robot("diffbot_sim").bus_alone
 
 
 def test_bus_yml_may_be_absent_but_not_alongside_further_buses_and_not_when_it_is_named(tmp_path):
@@ -75,12 +97,6 @@ def test_what_is_not_a_regular_file_is_refused_and_never_opened(tmp_path, name):
             find_buses(str(folder))
 
 
-def test_a_device_is_not_a_file_of_a_robot(tmp_path):
-    folder = robot(tmp_path / "r", "ros2_controllers.yaml", "x.urdf")
-    with pytest.raises(RobotConfigError, match="/dev/zero is a pipe or a device, not a file"):
-        find_robot(str(folder), bus="/dev/zero")
-
-
 def test_a_file_of_a_robot_is_not_the_robot_and_its_folder_is_reported(tmp_path):
     folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf")
     for find in (find_robot, find_buses):
@@ -107,22 +123,6 @@ def test_an_empty_name_is_not_a_robot_and_not_the_present_folder(tmp_path, monke
     for find in (find_robot, find_buses):
         with pytest.raises(RobotConfigError, match="no robot given: name a folder"):
             find("")
-
-
-def test_two_descriptions_need_a_choice(tmp_path):
-    folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "a.urdf", "b.urdf")
-    with pytest.raises(RobotConfigError, match="--description"):
-        find_robot(str(folder))
-
-
-def test_an_unknown_robot_names_the_bundled_ones():
-    with pytest.raises(RobotConfigError, match="robby"):
-        find_robot("nobody")
-
-
-def test_a_file_that_is_not_there_is_named_with_its_option():
-    with pytest.raises(RobotConfigError, match=r"--bus: no file nowhere\.yml"):
-        find_robot("robby", bus="nowhere.yml")
 
 
 def test_further_buses_stand_alongside_the_first_by_their_names(tmp_path):
@@ -183,21 +183,6 @@ def test_a_bus_file_alone_is_a_bus_without_controllers(tmp_path):
     assert files.controllers == files.description == tmp_path / "cell" / "bus.yml"
     assert list(files.buses) == ["can", "arm"]
     assert find_robot(None, bus=str(tmp_path / "cell" / "bus.yml")).bus_alone
-
-
-@pytest.mark.parametrize("names", [("bus.yml", "x.urdf"), ("bus.yml", "ros2_controllers.yaml"), ("bus_arm.yml",)])
-def test_half_of_a_robot_is_not_a_bus_without_controllers(tmp_path, names):
-    with pytest.raises(RobotConfigError):
-        find_robot(str(robot(tmp_path / "r", *names)))
-    assert not find_robot("robby").bus_alone
-    assert not find_robot("diffbot_sim").bus_alone
-
-
-def test_an_absent_bus_is_not_reported_alongside_another_error_of_a_robot_that_may_do_without(tmp_path):
-    folder = robot(tmp_path / "r", "ros2_controllers.yaml")
-    with pytest.raises(RobotConfigError) as caught:
-        find_robot(str(folder))
-    assert str(caught.value) == f"{folder} has no *.urdf.xacro or *.urdf or *.system.xacro"
 
 
 def test_an_argument_names_the_world_from_here_or_in_the_package_of_the_launch_file(tmp_path, monkeypatch):

@@ -12,16 +12,16 @@ from canopen_control.rpc.messages.samples import kind_of
 
 class Client:
     def __init__(self):
-        self.asked, self.closed = [], False
+        self.asked, self.said, self.closed = [], [], 0
 
     def ask(self, request, answer):
         self.asked.append((request, answer))
 
     def send_periodically(self, request, every_ns):
-        del request, every_ns
+        self.said.append((request, every_ns))
 
     def close(self):
-        self.closed = True
+        self.closed += 1
 
 
 class Publisher:

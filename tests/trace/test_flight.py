@@ -3,6 +3,7 @@
 import json
 import os
 import time
+from types import SimpleNamespace
 
 import pytest
 from msgspec.structs import replace
@@ -198,19 +199,18 @@ def test_a_storm_of_faults_costs_bounded_memory_and_one_file(reactor):
     assert file.events[-1].text.startswith("storm 19999 ")
 
 
+def stamped(*stamps):
+    """Return a port that has received a frame for each stamp of the kernel."""
+    records = pack_records([CanFrame(0x181)] * len(stamps))
+    return SimpleNamespace(
+        stats=SimpleNamespace(lost=0), ask_stamps=lambda: None, receive_stamped=lambda: (records, list(stamps))
+    )
+
+
 def test_the_time_of_a_frame_is_the_kernels_stamp_if_it_has_one(reactor):
-    class Stamped:
-        stats = type("Stats", (), {"lost": 0})
-
-        def ask_stamps(self):
-            pass
-
-        def receive_stamped(self):
-            return pack_records([CanFrame(0x181), CanFrame(0x182)]), [base + 1_000_000, base + 2_500_000]
-
     recorder = FlightRecorder(reactor, "nobody", {"can": "can0"})
     base = reactor.now() - SECOND
-    recorder._take_frames(0, Arrivals(Stamped(), reactor.now))
+    recorder._take_frames(0, Arrivals(stamped(base + 1_000_000, base + 2_500_000), reactor.now))
     recorder._on_event(FAULT)
     recorder.finish()
     times = [time for time, _, _ in read_flight(newest(flight_folder("nobody"))).frames]
@@ -219,19 +219,11 @@ def test_the_time_of_a_frame_is_the_kernels_stamp_if_it_has_one(reactor):
 
 
 def test_a_clock_that_is_set_while_it_records_is_followed(reactor, monkeypatch):
-    class Stamped:
-        stats = type("Stats", (), {"lost": 0})
-
-        def ask_stamps(self):
-            pass
-
-        def receive_stamped(self):
-            return pack_records([CanFrame(0x181)]), [reactor.now() - 1_000_000]
 
     recorder = FlightRecorder(reactor, "nobody", {"can": "can0"})
     now = time.time_ns
     monkeypatch.setattr("canopen_control.trace.flight.time.time_ns", lambda: now() + 3600 * SECOND)
-    recorder._take_frames(0, Arrivals(Stamped(), reactor.now))
+    recorder._take_frames(0, Arrivals(stamped(reactor.now() - 1_000_000), reactor.now))
     recorder._on_event(FAULT)
     recorder.finish()
     file = read_flight(newest(flight_folder("nobody")))
