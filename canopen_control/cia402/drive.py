@@ -14,6 +14,8 @@ Rules (CiA 402-2, 6.3, seen from the master):
   command is confirmed. A quick stop ends when the state shows it, for each value of 0x605A; power is not cut before.
 - The mode-specific bits (4, 5, 6, 9) and halt (8) are sent only to an enabled drive, and the former are cleared when
   the drive is no longer enabled, so that no old set-point starts a motion.
+- A drive in PP continues to its old set-point when the halt bit falls. It leaves OPERATION_ENABLED before, which clears
+  its set-points (table 22, transition 4).
 """
 
 from __future__ import annotations
@@ -257,7 +259,9 @@ class DriveRequest:
         if self._is_leaving_quick_stop(drive_state):
             return self._stop_exit.command(enable, statusword or 0, standstill, may_enable)
         if self.detour is not None and enable:
-            stays = drive_state is State.OPERATION_ENABLED and not standstill  # a turning motor would coast
+            # a turning motor would coast, unless the drive already ramps to a standstill because of an older command
+            leaving = self.state is EnableRequest.OVERTAKING
+            stays = drive_state is State.OPERATION_ENABLED and not standstill and not leaving
             return Command.ENABLE_OPERATION if stays else next_command(drive_state, self.detour)
         if drive_state is State.SWITCHED_ON and enable and not may_enable:
             return Command.SWITCH_ON  # stay until the mode is confirmed
@@ -350,6 +354,7 @@ class DriveMachine:
         self.mode_request = ModeRequest(mode_timeout_ns)
         self._switching_state = switching_state
         self._awaits_switching_state = False
+        self._clears_set_points = False  # halt ends when the drive has left OPERATION_ENABLED
         self._mode_bits = 0
         self._reset = FaultReset(fault_reset_timeout_ns)
         self._deadline = NEVER
@@ -401,8 +406,17 @@ class DriveMachine:
         self._fire(EnableTrigger.QUICK_STOP_ENABLED if enabled else EnableTrigger.QUICK_STOP)
 
     def halt(self, on: bool = True) -> None:
-        """Set or clear the halt bit (bit 8, option code 0x605D), which is sent while the drive is enabled."""
-        if on is not self.halted:
+        """Set or clear the halt bit (bit 8, option code 0x605D), which is sent while the drive is enabled.
+
+        To clear it, an enabled drive in mode PP is taken down to SWITCHED_ON and enabled again, which takes some cycles.
+        """
+        # CiA 402-2, 0x6040 in mode PP: without halt the drive continues to its set-point
+        clears = self.halted and not on and self.state is State.OPERATION_ENABLED and self.mode == OperationMode.PP
+        if clears is not self._clears_set_points:
+            self._clears_set_points = clears
+            self._detour()
+            self.next_update = _AT_ONCE
+        if not clears and on is not self.halted:
             self.halted = on
             self.next_update = _AT_ONCE
 
@@ -620,6 +634,8 @@ class DriveMachine:
             self._events.append(FaultCleared(now, statusword))
         elif previous is not None and self._request.lost_enable(previous, state):
             self._lose(now, state)
+        if self._clears_set_points:
+            self._end_halt()
 
     def _enter(self, state: State | None, now: int) -> None:
         self._events.append(StateChanged(now, self.state, state, self.statusword))
@@ -651,9 +667,17 @@ class DriveMachine:
         if isinstance(event, ModeTimedOut) and self.goal is DriveGoal.ENABLED and not stayed:
             self._lose(now, self.state)
 
+    def _end_halt(self) -> None:
+        """Clear the halt bit of a drive that has left OPERATION_ENABLED, so that it has no set-point."""
+        self._clears_set_points = self.halted = False
+        self._detour()
+
     def _detour(self) -> None:
-        """Make an enabled drive pass through `switching_state`, where it can change its mode."""
+        """Make an enabled drive pass through a lower state, to change its mode or to clear its set-points there."""
         detour = self._switching_state if self._awaits_switching_state else None
+        # CiA 402-2, table 22, transition 4: the internal set-points are cleared
+        if detour is None and self._clears_set_points:
+            detour = State.SWITCHED_ON
         if detour is not self._request.detour:
             self._request.detour = detour
             self._step.rearm()
@@ -667,7 +691,8 @@ class DriveMachine:
     def _choose(self) -> Command | None:
         may_enable = self.mode_request.may_enable and not self.held_in_switched_on
         command = self._request.choose(self.state, self.statusword, self.standstill, may_enable)
-        if self._awaits_switching_state or (self.state is State.QUICK_STOP_ACTIVE and self._request.waits):
+        leaves = self._awaits_switching_state or self._clears_set_points
+        if leaves or (self.state is State.QUICK_STOP_ACTIVE and self._request.waits):
             self.next_update = _AT_ONCE  # `standstill` is not an input of update
         return command
 

@@ -629,7 +629,7 @@ def test_a_drive_that_leaves_its_mode_by_itself_is_disabled():
 
 
 def test_halt_and_mode_bits_are_sent_to_an_enabled_drive_only():
-    rig = Rig(mode=1)
+    rig = Rig(mode=7)
     rig.machine.halt()
     rig.machine.mode_bits = 0x70
     rig.machine.enable()
@@ -647,6 +647,52 @@ def test_halt_and_mode_bits_are_sent_to_an_enabled_drive_only():
     rig.machine.enable()
     rig.until(ref.OE)
     assert rig.words[-1] == 0x0F
+
+
+@pytest.mark.parametrize("delay", [1, 2, 4])
+def test_a_halt_in_pp_ends_only_after_the_drive_has_left_operation_enabled(delay):
+    """CiA 402-2, table 22, transition 4 clears the set-points; without it the drive would continue to the old one."""
+    rig = Rig(mode=1, delay=delay).enabled()
+    rig.machine.halt()
+    rig.cycle(10)
+    rig.forget()
+    rig.machine.halt(False)
+    rig.cycle(10)
+    assert set(rig.words) == {0x10F}  # while the motor turns
+    assert not rig.machine.may_move
+    rig.machine.standstill = True
+    rig.cycle(60)
+    assert rig.drive.taken == [5, 4]
+    assert rig.words.index(0x107) < rig.words.index(0x0F)
+    assert not rig.machine.halted
+    assert rig.machine.may_move
+    assert rig.of(EnableLost) == rig.of(TransitionTimedOut) == []
+
+
+def test_a_halt_in_pp_that_is_requested_again_remains():
+    rig = Rig(mode=1).enabled()
+    rig.machine.halt()
+    rig.cycle(3)
+    rig.machine.halt(False)
+    rig.cycle(3)
+    rig.machine.halt()
+    rig.machine.standstill = True
+    assert set(rig.cycle(60).words) == {0x10F}
+
+
+def test_an_enable_during_the_stop_of_a_halted_pp_drive_waits_for_the_end_of_the_stop():
+    rig = Rig(mode=1, ramp_steps=10).enabled()
+    rig.machine.halt()
+    rig.cycle(3)
+    rig.machine.disable()
+    rig.cycle(3)
+    rig.forget()
+    rig.machine.enable()
+    rig.machine.halt(False)
+    rig.cycle(30)
+    assert rig.words.index(0x07) < rig.words.index(0x0F)
+    assert rig.drive.taken == [5, 4]
+    assert rig.machine.may_move
 
 
 def test_bits_that_are_not_a_modes_are_refused():

@@ -339,3 +339,27 @@ def test_the_velocity_limit_of_the_description_holds_in_every_mode(servo, interf
     # a torque is judged by what it did, and TQ takes it away along its slope (0x6087)
     assert max(speeds) < (1.2 if interface == "effort" else 1.03) * LIMIT
     assert max(speeds) > 0.8 * LIMIT
+
+
+@pytest.mark.parametrize("after", [2.0, 0.1])
+@pytest.mark.parametrize("end", ["halt", "stop"])
+def test_an_enable_after_a_halt_or_a_stop_does_not_resume_the_old_set_point(robot, end, after):
+    """A drive in PP keeps its set-point while the halt bit is set, and continues to it afterwards."""
+    made = robot("pp")
+    made.command("pos", 2.5, 2.5, seconds=1)
+    made.run(1)
+    if end == "halt":
+        made.do("axis", name="halt")
+    else:
+        made.stop()
+    made.run(after)
+    made.enable()
+    made.until(lambda: made.state == "running", 5)
+    assert made.stopped_within(0.1)
+    position = made.position("pan")
+    made.run(2)
+    assert made.position("pan") == position < 1.5
+    made.command("pos", 1.6, 1.6, seconds=3)
+    made.run(3)
+    assert made.position("pan") == pytest.approx(1.6, abs=0.01)
+    assert made.breaches == []
