@@ -37,6 +37,7 @@ from canopen_control.cia402.drive_goal import (
     QuickStopExit,
     StepTimer,
     StopStage,
+    SupplyWatch,
     is_stopped,
     state_of_goal,
     transition_number,
@@ -57,6 +58,7 @@ from canopen_control.cia402.state import (
     MODE_SPECIFIC_BITS,
     REMOTE,
     TARGET_REACHED,
+    VOLTAGE_ENABLED,
     Command,
     State,
     controlword_of,
@@ -288,7 +290,9 @@ class DriveRequest:
 
 
 _AT_ONCE: Final = -1
-_WATCHED: Final = 0x6F | REMOTE | TARGET_REACHED  # changes of other bits of the statusword need no evaluation
+_WATCHED: Final = (
+    0x6F | VOLTAGE_ENABLED | REMOTE | TARGET_REACHED
+)  # changes of other bits of the statusword need no evaluation
 _SECOND: Final = 1_000_000_000
 # Transition 16 is optional: a drive without this transition is soon taken through SWITCH ON DISABLED instead. A quick
 # stop starts at once, unless 0x605A disables quick stops (Beckhoff AX8000: -1).
@@ -357,6 +361,7 @@ class DriveMachine:
         self._clears_set_points = False  # halt ends when the drive has left OPERATION_ENABLED
         self._mode_bits = 0
         self._reset = FaultReset(fault_reset_timeout_ns)
+        self._supply = SupplyWatch()
         self._deadline = NEVER
         self.next_update = _AT_ONCE
         """Time at which `update` must evaluate again, even with the same statusword and mode display."""
@@ -408,7 +413,7 @@ class DriveMachine:
     def halt(self, on: bool = True) -> None:
         """Set or clear the halt bit (bit 8, option code 0x605D), which is sent while the drive is enabled.
 
-        To clear it, an enabled drive in mode PP is taken down to SWITCHED_ON and enabled again, which takes some cycles.
+        To clear it, an enabled drive in mode PP is taken down to SWITCHED_ON and enabled again within some cycles.
         """
         # CiA 402-2, 0x6040 in mode PP: without halt the drive continues to its set-point
         clears = self.halted and not on and self.state is State.OPERATION_ENABLED and self.mode == OperationMode.PP
@@ -567,7 +572,7 @@ class DriveMachine:
         command = self._choose()
         self._request.begin(command, self.state, now)
         self.controlword = self._word(command, now)
-        self._deadline = min(step.deadline, mode.deadline, self._reset.deadline)
+        self._deadline = min(step.deadline, mode.deadline, self._reset.deadline, self._supply.deadline)
         self.next_update = min(self.next_update, self._deadline)
         return self.controlword
 
@@ -610,6 +615,9 @@ class DriveMachine:
         # CiA 402-2, 0x605A = 5 to 8: the drive stays in QUICK STOP ACTIVE after its stop
         if state is State.QUICK_STOP_ACTIVE:
             self._request.record_quick_stop(statusword)
+        elif state is State.OPERATION_ENABLED and self._supply.lost(statusword, now) and self.goal is DriveGoal.ENABLED:
+            self._events.append(EnableLost(now, state, statusword, supply_lost=True))
+            self._fire(EnableTrigger.LOST)
 
     def _count_undefined(self, statusword: int, now: int) -> None:
         self.undefined += 1
@@ -640,6 +648,7 @@ class DriveMachine:
     def _enter(self, state: State | None, now: int) -> None:
         self._events.append(StateChanged(now, self.state, state, self.statusword))
         self.state = state
+        self._supply.restart()
         self._request.on_state_entered(state)
 
     def _lose(self, now: int, state: State | None) -> None:

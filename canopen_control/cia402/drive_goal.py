@@ -18,6 +18,7 @@ from canopen_control.cia402.events import (
 from canopen_control.cia402.state import (
     FAULT_RESET_BIT,
     TARGET_REACHED,
+    VOLTAGE_ENABLED,
     Command,
     State,
     transition_of,
@@ -97,6 +98,7 @@ def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> b
 NEVER: Final = (1 << 62) - 1
 # Transitions that a drive makes by itself, by its current state (None: before the first statusword).
 AUTOMATIC: Final = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}
+_SUPPLY_NS: Final = 100_000_000
 SETTLE = -1
 """Pseudo transition number: its timeout is the time after which an overtaken command can no longer arrive."""
 
@@ -194,6 +196,34 @@ class QuickStopExit:
             over = standstill or (self._moved and bool(statusword & TARGET_REACHED))
             self.stage = StopStage.DISABLE if over else StopStage.WAIT
         return Command.DISABLE_VOLTAGE if self.stage is StopStage.DISABLE else Command.QUICK_STOP
+
+
+class SupplyWatch:
+    """Detector of a power stage that has lost its supply while the drive stays in OPERATION_ENABLED.
+
+    `deadline` is the time at which the loss counts, `NEVER` for none. A drive that has never set bit 4 in this state
+    does not maintain the bit (SMC LECSN-T).
+    """
+
+    def __init__(self) -> None:
+        self.deadline = NEVER
+        self._supplied = False
+
+    def restart(self) -> None:
+        """Forget the bit because the drive has changed its state."""
+        self.deadline, self._supplied = NEVER, False
+
+    def lost(self, statusword: int, now: int) -> bool:
+        """Return True once if bit 4 of a statusword in OPERATION_ENABLED has been 0 for `_SUPPLY_NS` after it was 1."""
+        # CiA 402-2, 0x6041: bit 4, voltage is applied to the power stage; also 0 with STO in some drives
+        if statusword & VOLTAGE_ENABLED:
+            self.deadline, self._supplied = NEVER, True
+        elif self._supplied and self.deadline == NEVER:
+            self.deadline = now + _SUPPLY_NS
+        elif now >= self.deadline:
+            self.restart()
+            return True
+        return False
 
 
 class ResetPhase(Enum):

@@ -161,12 +161,13 @@ class EnableLost:
     """Loss of the enabled state, or failure to reach it, without a command by the master; the goal is DISABLED.
 
     `state` is the current state: below OPERATION_ENABLED; None without a valid statusword; or still OPERATION_ENABLED
-    if the mode was not confirmed and the drive is being disabled.
+    if the drive is being disabled because the mode was not confirmed, or because bit 4 has fallen (`supply_lost`).
     """
 
     time: int
     state: State | None
     statusword: int | None
+    supply_lost: bool = False
 
     @property
     def power_stage_off(self) -> bool:
@@ -175,6 +176,11 @@ class EnableLost:
 
     @property
     def text(self) -> str:
+        if self.supply_lost:
+            return (
+                f"its power stage has lost its supply, or STO is active ({_word(self.statusword)}, bit 4 is 0), "
+                f"although it shows {_name(self.state)}; being disabled; enable it to continue"
+            )
         if self.state is State.OPERATION_ENABLED:
             return f"being disabled, still {_name(self.state)} ({_word(self.statusword)}); enable it to continue"
         cause = ", power stage off" if self.power_stage_off else ""

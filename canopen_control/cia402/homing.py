@@ -9,6 +9,9 @@ Rules:
 - Some drives never set bit 10 (JVL MIS): homing ends when "attained" is set and the axis has stood still for a second.
 - Some drives keep "attained" until they leave OPERATION_ENABLED (aidin_hand2): their next homing is detected only after
   they have left this state.
+- The new zero may reach the master after "attained": the position has another TPDO, and some drives update it later. A
+  success counts only when the position has not changed for `_SETTLED_NS` and `_SETTLED_FRAMES` TPDOs, since a set-point
+  in the old coordinates would make the axis jump.
 - Every exit returns bit 4 to 0: success, error, interruption, abort and timeout. Only success sets `homed`.
 """
 
@@ -17,8 +20,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
+from canopen_control.cia402.units import wrap_int32
 from canopen_control.errors import DriveError
 
 if TYPE_CHECKING:
@@ -86,6 +90,9 @@ class HomingStatus(Enum):
 _STATUS = tuple(HomingStatus)
 _RUNNING = (HomingStatus.IN_PROGRESS, HomingStatus.ATTAINED)
 _STANDING = _SECOND  # standstill after which "attained" without bit 10 (target reached) is the end
+_SETTLED_NS = _SECOND // 5
+_SETTLED_FRAMES = 2
+_LONGEST_SETTLING = 5 * _SECOND
 _LATE = "not done in time; `homing_timeout_seconds` in bus.yml allows more time"
 _UNSEEN = (
     "the drive did not start it in time; check in its manual that it supports this method and sets bit 12 (homing "
@@ -138,6 +145,14 @@ class _Phase(Enum):
     IDLE = 0
     PREPARE = 1  # bit 4 is 0, and the old bits are evaluated
     RUN = 2
+    SETTLE = 3  # homing has ended; the position may still change to the new zero
+
+
+class HomingPosition(NamedTuple):
+    """Position of the axis in counts, and the number of TPDOs received with it."""
+
+    counts: int
+    received: int
 
 
 class HomingSequence:
@@ -145,16 +160,25 @@ class HomingSequence:
 
     The caller sets 0x6098, the speeds and the mode, and restores the previous mode. `homed` is False from `start` until
     success, and after `forget`. `start_timeout_ns` limits the time until homing is seen in progress, `timeout_ns` the
-    whole homing; `settle_updates` is the number of updates for which ambiguous bits must be stable.
+    whole homing; `settle_updates` is the number of updates for which ambiguous bits must be stable. A change of the
+    position by at most `tolerance` counts is no change.
     """
 
     def __init__(
-        self, *, timeout_ns: int = 10 * _SECOND, start_timeout_ns: int = _SECOND, settle_updates: int = 3
+        self,
+        *,
+        timeout_ns: int = 10 * _SECOND,
+        start_timeout_ns: int = _SECOND,
+        settle_updates: int = 3,
+        tolerance: int = 0,
     ) -> None:
         self.method = 0
         self.homed = False
         self._timeout, self._start_timeout = timeout_ns, start_timeout_ns
         self._settle_updates = settle_updates
+        self._tolerance = tolerance
+        self._settled_from: HomingPosition | None = None  # the last changed position, received at `_settled_since`
+        self._settled_since = 0
         self._phase = _Phase.IDLE
         self._aborted = ""
         self._updates = 0
@@ -171,7 +195,7 @@ class HomingSequence:
             self._phase = _Phase.PREPARE
             self._updates = self._stopped_updates = 0
             self._attained_absent = self._error_absent = self._ran = False
-            self._standing_since = None
+            self._standing_since = self._settled_from = None
 
     def abort(self, reason: str = "aborted") -> None:
         """Abort homing at the next update with bit 4 = 0, so that the drive stops as 0x605D defines."""
@@ -196,23 +220,35 @@ class HomingSequence:
         earliest = min(self._deadline, self._start_deadline)
         return None if earliest == _NEVER else earliest
 
-    def update(self, statusword: int | None, ready: bool, now: int, *, standing: bool = False) -> int:
+    def update(
+        self,
+        statusword: int | None,
+        ready: bool,
+        now: int,
+        *,
+        standing: bool = False,
+        position: HomingPosition | None = None,
+    ) -> int:
         """Return bit 4 of the controlword to send.
 
         Call once per cycle; this method never raises an exception. `ready` is True if the drive is enabled in mode HM;
-        otherwise homing fails. `standing` is True if the axis is known to stand still.
+        otherwise homing fails. `standing` is True if the axis is known to stand still, `position` None if unknown.
         """
         if self._phase is _Phase.IDLE:
             return 0
         status = None if statusword is None else homing_status(statusword)
         if self._aborted or status is None or not ready:
             return self._fail(self._aborted or "the drive is not enabled in mode HM", status, now)
+        if self._phase is _Phase.SETTLE:
+            return self._settle(position, now)
         if self._deadline == _NEVER:
             self._deadline = now + self._timeout
         if now >= self._deadline:
             return self._fail(_LATE if self._attained_absent else _LATCHED, status, now)
         self._updates += 1
-        return self._prepare(status, now) if self._phase is _Phase.PREPARE else self._run(status, now, standing)
+        if self._phase is _Phase.PREPARE:
+            return self._prepare(status, now)
+        return self._run(status, now, standing, position)
 
     def _prepare(self, status: HomingStatus, now: int) -> int:
         """Record bits 12 and 13 for some updates before the start, because the first may belong to another mode."""
@@ -226,7 +262,7 @@ class HomingSequence:
         self._start_deadline = now + self._start_timeout
         return _START
 
-    def _run(self, status: HomingStatus, now: int, standing: bool) -> int:
+    def _run(self, status: HomingStatus, now: int, standing: bool, position: HomingPosition | None) -> int:
         self._attained_absent |= not status.value & HomingStatus.ATTAINED.value
         self._error_absent |= not status.value & HomingStatus.ERROR_MOVING.value
         if status in _RUNNING:
@@ -234,14 +270,14 @@ class HomingSequence:
             self._start_deadline = _NEVER
         self._stopped_updates = self._stopped_updates + 1 if status in _ENDED else 0
         if status is HomingStatus.COMPLETED and self._is_believable():
-            return self._finish(now)
+            return self._begin_settling(position, now)
         # JVL MIS (ros2_canopen, issue 245): bit 10 is never set
         if status is not HomingStatus.ATTAINED or not self._attained_absent or not standing:
             self._standing_since = None
         elif self._standing_since is None:
             self._standing_since = now
         elif now - self._standing_since >= _STANDING:
-            return self._finish(now)
+            return self._begin_settling(position, now)
         # CiA 402-2, 0x6041 in mode HM: bit 13 (homing error)
         if self._error_absent and status.value & HomingStatus.ERROR_MOVING.value:
             return self._fail("the drive reports a homing error", status, now)
@@ -257,6 +293,24 @@ class HomingSequence:
             return True
         # CiA 402-2, 0x6098: methods 35 and 37 take the present position, so that no motion is seen
         return self.method in METHODS_WITHOUT_MOTION and self._stopped_updates > self._settle_updates
+
+    def _begin_settling(self, position: HomingPosition | None, now: int) -> int:
+        self._phase = _Phase.SETTLE
+        self._start_deadline, self._deadline = _NEVER, now + _LONGEST_SETTLING
+        return self._settle(position, now)
+
+    def _settle(self, position: HomingPosition | None, now: int) -> int:
+        """Finish when the position has settled; a position that keeps changing, or is unknown, is not waited for."""
+        before = self._settled_from
+        # CiA 301, 7.5.2.37: 0x6064 may come on every n-th SYNC only, after the statusword; ODrive, pull request 710:
+        # the position is updated some time after the end of homing
+        if position is None or now >= self._deadline:
+            return self._finish(now)
+        if before is None or abs(wrap_int32(position.counts - before.counts)) > self._tolerance:
+            self._settled_from, self._settled_since = position, now
+        elif now - self._settled_since >= _SETTLED_NS and position.received - before.received >= _SETTLED_FRAMES:
+            return self._finish(now)
+        return _START
 
     def _finish(self, now: int) -> int:
         self.homed = True

@@ -16,7 +16,7 @@ from canopen_control.cia402.drive_goal import DriveGoal
 from canopen_control.cia402.modes import TARGET_OBJECTS, mode_of
 from canopen_control.cia402.state import State
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, PositionUnwrapper, Scale
-from canopen_control.errors import RobotConfigError, SdoAbort
+from canopen_control.errors import RobotConfigError, SdoAbort, without_node
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 GRACE_NS: Final = 300_000_000
 POLL_NS: Final = 50_000_000
+_REWRITE_NS: Final = 500_000_000
 BLIND_STOP_NS: Final = 2_000_000_000  # time for a stop ramp that cannot be observed
 QUICK_STOP_WORD: Final = 0x0002  # CiA 402-2, table 24: bit 1 is 1, bit 2 is 0
 
@@ -109,6 +110,11 @@ class AxisStatus:
         return QUICK_STOP_WORD if stopping else 0
 
     @property
+    def mode_refusal(self) -> str:
+        """Why the mode could not be written by SDO, or ""."""
+        return "" if self._mode is None else self._mode.refusal
+
+    @property
     def invisible(self) -> bool:
         """Whether the statusword is unobservable: no TPDO arrives, and the node aborts SDO uploads."""
         return self.word is None and self._by_sdo.refused
@@ -171,26 +177,47 @@ class ModeBySdo:
     def __init__(self, axis: AxisProcessData) -> None:
         self._axis = axis
         self.display: int | None = None
+        self.refusal = ""
+        """Why the last write of the mode failed, or "" if it did not."""
         self._written: int | None = None
-        self._asking = False
-        self._next = 0
+        self._writing = self._asking = False
+        self._next = self._next_write = 0
 
     def forget(self) -> None:
         """Discard the known mode after a node loss, so that the mode is written again."""
         self.display = self._written = None
+        self.refusal = ""
 
     def step(self, mode: int | None, now: int) -> None:
         """Write a new mode to 0x6060 and read 0x6061 until the mode is shown; skip objects that are in PDOs."""
         node, axis = self._axis.node, self._axis
-        if mode is not None and axis.mode is None and mode != self._written:
-            self._written = mode
-            node.write(axis.index(objects.MODES_OF_OPERATION), 0, mode.to_bytes(1, "little", signed=True))
+        if axis.mode is None:
+            self._write(mode, now)
         # CiA 402-2, 0x6061: a requested mode is active when it is shown here
         mode_shown = mode is None or self.display == mode
         if axis.display is not None or mode_shown or self._asking or now < self._next:
             return
         self._asking, self._next = True, now + POLL_NS
         node.read(axis.index(objects.MODES_OF_OPERATION_DISPLAY), 0, self._answered)
+
+    def _write(self, mode: int | None, now: int) -> None:
+        """Write the mode unless the drive has accepted it since it was requested; repeat a failed write."""
+        if mode is None:
+            self._written = None  # the next request is written, even if it is for the same mode
+        elif mode != self._written and not self._writing and now >= self._next_write:
+            self._writing, self._next_write = True, now + _REWRITE_NS
+            index, data = self._axis.index(objects.MODES_OF_OPERATION), mode.to_bytes(1, "little", signed=True)
+            self._axis.node.write(index, 0, data, lambda request: self._accepted(request, mode))
+
+    def _accepted(self, request: SdoRequest, mode: int) -> None:
+        # CiA 402-2, 0x6060: a drive may refuse a mode in its present state (abort code 0x08000022)
+        self._writing = False
+        node = self._axis.node
+        if request.error is None:
+            self._written, self.refusal = mode, ""
+        else:
+            why = without_node(str(request.error), node.node_id, node.name)
+            self.refusal = f"writing it failed: {why}"
 
     def _answered(self, request: SdoRequest) -> None:
         self._asking = False

@@ -100,6 +100,12 @@ _STILL_NS: Final = 100_000_000  # duration of a constant position that counts as
 _DERIVE_NS: Final = 1_000_000_000
 _DERIVED_NS: Final = 19_000_000  # minimum time between two positions for a velocity, because counts are coarse
 _MISMATCHES: Final = 3  # consecutive checks
+_COARSE: Final = 2  # counts by which a position may change at standstill
+_HIDDEN: Final = 4 * STANDSTILL  # rad/s (or m/s): a faster motion that 0x606C does not show is reported
+_HIDDEN_TEXT: Final = (
+    "its velocity (0x606C) shows standstill although its position (0x6064) changes; remove 0x606C from its TPDOs in "
+    "bus.yml, so that the velocity is computed from positions"
+)
 MEASURED: Final = {
     POSITION: objects.POSITION_ACTUAL,
     VELOCITY: objects.VELOCITY_ACTUAL,
@@ -111,7 +117,11 @@ _SLACK: Final = math.tau  # rad: motion between two samples that is possible wit
 
 
 class Feedback:
-    """State interfaces of one joint; `at_standstill` is True while the drive shows almost no motion."""
+    """State interfaces of one joint; `at_standstill` is True while the drive shows almost no motion.
+
+    A velocity of 0 is no proof of standstill while the position changes: drives without a sensor for the velocity, or
+    with a coarse unit of velocity, show 0 in 0x606C during a motion; `hidden_motion` is the text that reports it once.
+    """
 
     def __init__(self, description: ControlJoint, axis: AxisProcessData) -> None:
         self._axis = axis
@@ -124,6 +134,10 @@ class Feedback:
         names += [name for name in description.state_interfaces if name in _EXTRAS]
         self.states = {name: StateInterface(description.name, name) for name in names}
         self.at_standstill = True
+        self.hidden_motion: str | None = None
+        self._moves_hidden = False  # by positions, at the last check
+        self._shows_motion = False  # 0x606C has shown motion since the last check
+        self._hidden_checks = 0
         self._extras = [name for name in names if name in _EXTRAS]
         self._position, self._velocity, self._effort = axis.position, axis.velocity, axis.effort
         self._position_count = self._velocity_count = self._effort_count = -1
@@ -162,6 +176,7 @@ class Feedback:
 
     def node_lost(self) -> None:
         self.at_standstill = True
+        self._moves_hidden = self._shows_motion = False
         self._position_values = self._velocity_values = None
         for state in self.states.values():
             state.value = math.nan
@@ -184,7 +199,8 @@ class Feedback:
                     self._raw_velocity = raw
                     # + 0.0: a mirrored drive at standstill has no velocity of -0.0
                     self._velocity_state.value = speed = raw * self._axis.scale.vel_from_dev + 0.0
-                    self.at_standstill = -STANDSTILL <= speed <= STANDSTILL
+                    self._shows_motion = self._shows_motion or not -STANDSTILL <= speed <= STANDSTILL
+                    self.at_standstill = -STANDSTILL <= speed <= STANDSTILL and not self._moves_hidden
         position = self._position
         if position is not None:
             pdo = position.pdo
@@ -267,8 +283,21 @@ class Feedback:
         self._checked_count, self._checked_at = count, now
         steady = 0 < elapsed < _DERIVE_NS
         mismatch = self._check_unit(moved * 1e9 / elapsed, self._raw_velocity) if steady else None
+        if self._velocity is not None and self._raw_velocity is not None:
+            self._check_standstill(self._raw_velocity, abs(moved) if steady else 0, elapsed / 1e9)
         self._mismatches = 0 if mismatch is None else self._mismatches + 1
         return mismatch if self._mismatches == _MISMATCHES else None
+
+    def _check_standstill(self, raw: int, moved: int, seconds: float) -> None:
+        """Compare a velocity that shows standstill with the counts `moved` since the last check."""
+        axis = self._axis
+        shown = abs(raw * axis.scale.vel_from_dev) > STANDSTILL
+        counts = abs(axis.scale.pos_to_dev) * seconds  # of 1 rad/s or m/s
+        silent = not (shown or self._shows_motion)
+        self._moves_hidden = silent and moved > STANDSTILL * counts + _COARSE
+        self._shows_motion, self.at_standstill = shown, not (shown or self._moves_hidden)
+        self._hidden_checks = self._hidden_checks + 1 if silent and moved > _HIDDEN * counts + _COARSE else 0
+        self.hidden_motion = _HIDDEN_TEXT if self._hidden_checks == _MISMATCHES else None
 
     def _check_unit(self, speed: float, raw: int | None, *, rising: bool = False) -> UnitMismatch | None:
         """Compare a measured speed in counts/s with the drive's velocity; None if consistent."""

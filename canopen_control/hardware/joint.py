@@ -11,6 +11,7 @@ import enum
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.events import FaultEntered, ModeTimedOut
+from canopen_control.cia402.homing import HomingPosition
 from canopen_control.cia402.modes import OperationMode, mode_of, require_mode
 from canopen_control.cia402.objects import POSITION_ACTUAL
 from canopen_control.cia402.setpoint import SetPointDeferred, SetPointReached, SetPointTaken
@@ -208,6 +209,10 @@ _LATE_TEXT: Final = (
     "it is enabled but does not follow its set-points, and would jump to them; set `enable_settle_ms` "
     "in bus.yml, longer than its brake needs to release, or check its power and the source of its set-points"
 )
+_STUCK_TEXT: Final = (
+    "it does not follow its set-points any more, and would jump to them; check its power (STO), its brake and whether "
+    "something blocks it"
+)
 _STANDSTILL_TEXT: Final = (
     "it is enabled but does not follow its set-points; check its brake, its power and the source of its set-points "
     "(for a brake that releases late, set `enable_settle_ms` in bus.yml)"
@@ -339,7 +344,8 @@ class JointDrive(JointStatus):
             self._change_feedback_status(status, now)
         if status is not _LOST:
             jump = self.feedback.read(now)
-            if jump:
+            homing = self.homing is not None and self.homing.phase is HomingPhase.RUN  # it changes the zero
+            if jump and not homing:
                 self.home_position.forget()
                 text = f"its position jumped by {jump} counts; home it again"
                 command = self.targets.tracked
@@ -430,20 +436,22 @@ class JointDrive(JointStatus):
         if self._watch.turns_the_wrong_way(self.enabled) or self._motion.moves_away:
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
             self._events.append(JointEvent("direction", text, stops=True))
-        if self._motion.late:
-            self._events.append(JointEvent("late", _LATE_TEXT, Level.ERROR, stops=True))
+        if self._motion.late or self._motion.stuck:
+            text = _LATE_TEXT if self._motion.late else _STUCK_TEXT
+            self._events.append(JointEvent("late", text, Level.ERROR, stops=True))
         if self._motion.lacks_motion:
             self._events.append(JointEvent("standing", _STANDSTILL_TEXT))
         if (unit := self.feedback.velocity_unit_mismatch(self._now)) is not None:
             self._events.append(JointEvent("velocity_unit", unit.text, stops=unit.faster))
         if self.enabled:
             self.targets.hold_others()
-        if (foreign := self.targets.feed_forward.refused()) is not None:
-            self._events.append(JointEvent("feed_forward", foreign))
-        if (held := self._watch.held_back()) is not None:
-            self._events.append(JointEvent("held_back", held))
-        if (refused := self._watch.refuses(self.targets.claimed)) is not None:
-            self._events.append(JointEvent("target_refused", refused))
+        warnings = (
+            ("velocity_hidden", self.feedback.hidden_motion),
+            ("feed_forward", self.targets.feed_forward.refused()),
+            ("held_back", self._watch.held_back()),
+            ("target_refused", self._watch.refuses(self.targets.claimed)),
+        )
+        self._events += [JointEvent(kind, text) for kind, text in warnings if text is not None]
 
     # ------------------------------------------------------------------------------------------- internals
 
@@ -570,8 +578,11 @@ class JointDrive(JointStatus):
             else:
                 self.targets.take_mode(OperationMode.HM)
         ready, position = self.statechart.state in _MAY_HOME, self.axis.position
-        standing = self.at_standstill and position is not None and position.fresh
-        self.machine.mode_bits = run.step(self.enable_requested, ready, now, standing=standing)
+        shown = None
+        if position is not None and position.fresh:
+            shown = HomingPosition(position.value, position.pdo.count)
+        standing = self.at_standstill and shown is not None
+        self.machine.mode_bits = run.step(self.enable_requested, ready, now, standing=standing, position=shown)
         if run.phase is HomingPhase.RUN:
             self._fire(PhaseTrigger.HOMING_STARTED)
         if run.over and not (run.homed and run.ended_within(now, _ZERO_NS) and self._motion_after(run)):
@@ -613,14 +624,20 @@ class JointDrive(JointStatus):
             return False
         return restored is None or self.targets.mode_serves(restored) != claimed
 
+    def _mode_event(self, event: ModeTimedOut, joint_event: JointEvent) -> JointEvent:
+        """Add the reason of a refused mode to an event, and whether the event stops the group."""
+        refusal = self._status.mode_refusal
+        text = f"{joint_event.text}; {refusal}" if refusal else joint_event.text
+        return joint_event._replace(text=text, stops=joint_event.stops or self._leaves_interface_unserved(event))
+
     def _take_events(self) -> None:
         for event in self.machine.events():
             joint_event = joint_event_of(event)
             if isinstance(event, FaultEntered):
                 assert joint_event.fault is not None
                 self.faults.enter(joint_event.fault)
-            elif isinstance(event, ModeTimedOut) and self._leaves_interface_unserved(event):
-                joint_event = joint_event._replace(stops=True)
+            elif isinstance(event, ModeTimedOut):
+                joint_event = self._mode_event(event, joint_event)
             self._events.append(joint_event)
         if self.targets.current is not None:
             self._events += [

@@ -15,9 +15,16 @@ import math
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.cia402 import events, objects
-from canopen_control.cia402.homing import METHODS_WITHOUT_MOTION, HomingDone, HomingSequence, require_method
+from canopen_control.cia402.homing import (
+    METHODS_WITHOUT_MOTION,
+    HomingDone,
+    HomingPosition,
+    HomingSequence,
+    require_method,
+)
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import INTERNAL_LIMIT, WARNING
+from canopen_control.cia402.units import wrap_int32
 from canopen_control.errors import DriveError
 from canopen_control.hardware.feedback import STANDSTILL
 from canopen_control.hardware.joint_targets import VelocityTarget
@@ -228,25 +235,28 @@ class FaultWatch:
 # is still closed, does not move; a drive whose feedback is inverted moves away from its target. An axis at an active
 # limit (statusword bit 11), or a halted axis, is at standstill for a reason that is reported elsewhere. If the
 # set-points of a cyclic position mode continue while the axis has not moved since it was enabled, the axis is late: it
-# would jump to the set-points when its brake has released.
+# would jump to the set-points when its brake has released. The same applies to an axis that has moved and then stands
+# for half a second while its set-points continue (STO without a change of state): it is stuck.
 
 
 STANDING_CHECKS: Final = 15  # checks, one every 0.1 s
 _LATE_CHECKS: Final = 2
+_STUCK_CHECKS: Final = 5
 _WAY: Final = 0.02  # rad or m: a smaller distance to the target commands no motion
 _STEP: Final = STANDSTILL / 10  # rad or m in one check
 
 
 class MotionWatch:
-    """Motion check of one axis; `lacks_motion`, `late` and `moves_away` are results of the last `check`.
+    """Motion check of one axis; `lacks_motion`, `late`, `stuck` and `moves_away` are results of the last `check`.
 
     `unmoved` is True if the axis has not followed its set-points since it was enabled.
     """
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine) -> None:
         self._axis, self._machine = axis, machine
-        self.lacks_motion = self.late = self.moves_away = False
+        self.lacks_motion = self.late = self.stuck = self.moves_away = False
         self._standing = self._away = 0
+        self._stood_at = 0  # target when the axis began to stand
         self._moved = False  # True if the axis has moved since it was enabled
         self._still: int | None = None  # position at the last check with motion
         self._rest: int | None = None  # position at which the current motion began
@@ -258,7 +268,7 @@ class MotionWatch:
 
     def check(self, target: ModeTarget | None, enabled: bool) -> None:
         """Compare the motion since the last check with the target."""
-        self.lacks_motion = self.late = self.moves_away = False
+        self.lacks_motion = self.late = self.stuck = self.moves_away = False
         position = self._axis.position
         if not enabled or target is None or position is None or not position.fresh or self._machine.halted:
             self._standing = self._away = 0
@@ -287,8 +297,8 @@ class MotionWatch:
 
     @property
     def unmoved(self) -> bool:
-        """Whether the axis has not moved since it was enabled although its target commands motion."""
-        return not self._moved and self._standing > 0
+        """Whether the axis has not moved although its target commands motion: since it was enabled, or for long."""
+        return self._standing > 0 and (not self._moved or self._standing >= _STUCK_CHECKS)
 
     def _distance(self, target: ModeTarget) -> int:
         """Return the distance to the target in counts, modulo 2**32."""
@@ -311,6 +321,10 @@ class MotionWatch:
         self.lacks_motion = self._standing == STANDING_CHECKS
         cyclic = target.tracks and target.interface == POSITION
         self.late = cyclic and not self._moved and self._standing == _LATE_CHECKS
+        if self._standing <= 1:
+            self._stood_at = target.output.value
+        leads = abs(wrap_int32(target.output.value - self._stood_at)) > _WAY * scale
+        self.stuck = cyclic and self._moved and self._standing >= _STUCK_CHECKS and leads
 
     def _check_direction(self, way: int, here: int, step: int, scale: float) -> None:
         """Count checks in which the axis moves away from its target without having moved towards it in this motion."""
@@ -339,6 +353,9 @@ class MotionWatch:
 # The method is checked against the drive's list before anything is written. Homing may enable the drive, because a user
 # requested the motion; afterwards mode and power are restored. Bit 4 is 0 at every exit, and only a homing run whose
 # success was observed makes the axis homed. The joint calls `step` in every cycle and applies the result.
+
+
+_SETTLED: Final = 0.01  # rad or m: a position that changes less after homing has settled
 
 
 class HomingPhase(enum.Enum):
@@ -378,8 +395,10 @@ class JointHoming:
         self.mode_before, self.was_enabled = machine.mode, was_enabled
         self._machine = machine
         self._method, self._bound = method, bound
-        self._sequence = HomingSequence(timeout_ns=timeout_ns)
         self._ended_at: int | None = None
+        self._sequence = HomingSequence(
+            timeout_ns=timeout_ns, tolerance=max(1, round(_SETTLED * abs(axis.scale.pos_to_dev)))
+        )
         index = axis.index(objects.HOMING_METHOD)
         if method is None:
             axis.node.read(index, 0, self._method_known)
@@ -406,11 +425,13 @@ class JointHoming:
         if not self.over:
             self._fail(reason)
 
-    def step(self, enable_requested: bool, may_home: bool, now: int, *, standing: bool) -> int:
+    def step(
+        self, enable_requested: bool, may_home: bool, now: int, *, standing: bool, position: HomingPosition | None
+    ) -> int:
         """Run one cycle of the homing; return the mode-specific bits of the controlword.
 
         `enable_requested` is True if the axis is enabled or being enabled, `may_home` if its statechart permits
-        homing, `standing` if the axis is known to stand still.
+        homing, `standing` if the axis is known to stand still; `position` is None if unknown.
         """
         machine = self._machine
         ready = may_home and machine.may_move and machine.mode == OperationMode.HM
@@ -422,7 +443,7 @@ class JointHoming:
                 self._sequence.start(self._method or 0)
         if self.phase is not HomingPhase.RUN:
             return 0
-        bits = self._sequence.update(machine.statusword, ready, now, standing=standing)
+        bits = self._sequence.update(machine.statusword, ready, now, standing=standing, position=position)
         for event in self._sequence.events():
             if isinstance(event, HomingDone):
                 self.phase, self.result = HomingPhase.HOMED, ""

@@ -123,7 +123,7 @@ def power_stage_off(drive: VirtualDrive, on: bool, now: int) -> None:
     if on:
         drive.power.lose_voltage(now)
     else:
-        drive.power.voltage.clear()
+        drive.power.restore_voltage(now)
 
 
 @_each

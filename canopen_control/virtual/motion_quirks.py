@@ -10,6 +10,7 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import INTERNAL_LIMIT, REMOTE, TARGET_REACHED, VOLTAGE_ENABLED, State
+from canopen_control.virtual.axis_motion import wrap32
 from canopen_control.virtual.device_model import MissingSetPoint
 from canopen_control.virtual.fault_effects import lacks_optional, refusing
 from canopen_control.virtual.mode_base import BIT_12, NEW_SET_POINT
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 
 _MS, _S = 1_000_000, 1_000_000_000
+_NEVER = -1
 _STATUS = "CiA 402-2, object 0x6041"
 _CONTROL = "CiA 402-2, object 0x6040"
 _PP = "CiA 402-2, 10 (profile position)"
@@ -337,6 +339,13 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         node=hide_objects(o.ERROR_CODE),
     ),
     Quirk(
+        "velocity_shown_zero",
+        "shows 0 in 0x606C during a motion too, because it has no sensor for it",
+        "CiA 402-2, object 0x606C",
+        "unsourced",
+        lambda hooks, drive, _strength: hooks.show(o.VELOCITY_ACTUAL + drive.objects.offset, 0, lambda _shown: 0),
+    ),
+    Quirk(
         "velocity_absent",
         "has no 0x606C",
         "CiA 402-2, object 0x606C",
@@ -379,6 +388,23 @@ def _homing_shown_briefly(hooks: QuirkHooks, drive: VirtualDrive, seconds: float
     hooks.word(drive, change)
 
 
+def _homing_zero_late(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> None:
+    units, mover, wait = drive.objects.units, drive.mover, round(seconds * _S)
+    shown, changed_at = [units.zero], [_NEVER]
+
+    def view(position: int) -> int:
+        if units.zero == shown[0]:
+            return position
+        if changed_at[0] == _NEVER:
+            changed_at[0] = mover.time
+        if mover.time - changed_at[0] >= wait:
+            shown[0], changed_at[0] = units.zero, _NEVER
+            return position
+        return wrap32((mover.plant.position - shown[0]) / units.position)
+
+    hooks.show(o.POSITION_ACTUAL + drive.objects.offset, 0, view)
+
+
 _HOMING_QUIRKS: Final[tuple[Quirk, ...]] = (
     Quirk(
         "homing_latched",
@@ -412,6 +438,14 @@ _HOMING_QUIRKS: Final[tuple[Quirk, ...]] = (
         "ros2_canopen#245 (JVL MIS)",
         _in_homing(TARGET_REACHED),
         group="bit 12 of homing",
+    ),
+    Quirk(
+        "homing_zero_late",
+        "shows its new position in 0x6064 only some time after homing has set its zero",
+        _HOMING,
+        "ODrive#710 (position estimate after homing)",
+        _homing_zero_late,
+        strength=in_seconds(0.05, 1.0),
     ),
     Quirk(
         "homing_zero_refused",

@@ -326,6 +326,17 @@ class PowerMachine:
         self._mover.cancel("transition")
         if self.state not in (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE, State.FAULT):
             self.enter(self.unsupplied if self.state in POWERED_STATES else State.SWITCH_ON_DISABLED, now)
+        if self.state is State.OPERATION_ENABLED:  # a quirk: the drive shows the loss only in bit 4
+            self._mover.power(False, now)
+        self._outbox.values_changed()
+
+    def restore_voltage(self, now: int) -> None:
+        """Switch the supply of the power stage on again; an axis that has stayed enabled follows its set-points."""
+        self._mover.advance(now)
+        self.voltage.clear()
+        if self.state is State.OPERATION_ENABLED and not self._mover.powered:
+            self._mover.power(True, now)
+            self._motor.start(now)
         self._outbox.values_changed()
 
     def abort_connection(self, code: int, now: int) -> None:

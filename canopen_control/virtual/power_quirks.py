@@ -415,6 +415,15 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
         _POWER,
         "fastcat#164 (Elmo)",
         lambda hooks, drive, _strength: hooks.attribute(drive.power, "unsupplied", State.SWITCHED_ON),
+        group="supply",
+    ),
+    Quirk(
+        "supply_loss_unseen",
+        "stays in OPERATION ENABLED when its power stage is switched off, and only clears bit 4",
+        _POWER,
+        "unsourced",
+        lambda hooks, drive, _strength: hooks.attribute(drive.power, "unsupplied", State.OPERATION_ENABLED),
+        group="supply",
     ),
     Quirk(
         "quick_stop_ends_switched_on",

@@ -462,6 +462,30 @@ def test_lost_mains_clears_the_goal_and_names_the_power_stage():
     rig.until(ref.OE)
 
 
+def test_a_supply_that_only_bit_4_shows_as_lost_ends_the_enable():
+    rig = Rig().enabled()
+    rig.drive.mains = False
+    rig.cycle(9)
+    assert rig.events == []
+    rig.cycle(30)
+    (event,) = rig.of(EnableLost)
+    assert event.supply_lost
+    assert event.state is State.OPERATION_ENABLED
+    assert "STO is active (statusword 0x0227, bit 4 is 0)" in event.text
+    assert rig.machine.goal is DriveGoal.DISABLED
+    assert rig.drive.state == ref.SOD
+
+
+def test_a_supply_that_dips_for_a_moment_ends_nothing():
+    rig = Rig().enabled()
+    rig.drive.mains = False
+    rig.cycle(8)
+    rig.drive.mains = True
+    rig.cycle(50)
+    assert rig.events == []
+    assert rig.machine.enabled
+
+
 def test_a_drive_that_keeps_falling_back_on_the_way_up_is_not_fought_with():
     machine = DriveMachine("x")
     machine.enable()

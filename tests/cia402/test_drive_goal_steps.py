@@ -1,6 +1,13 @@
 from __future__ import annotations
 
-from canopen_control.cia402.drive_goal import FaultReset, QuickStopExit, StepTimer, StopStage, transition_number
+from canopen_control.cia402.drive_goal import (
+    FaultReset,
+    QuickStopExit,
+    StepTimer,
+    StopStage,
+    SupplyWatch,
+    transition_number,
+)
 from canopen_control.cia402.events import FaultResetFailed, TransitionTimedOut
 from canopen_control.cia402.state import Command, State
 
@@ -140,3 +147,25 @@ def test_a_cause_that_is_still_there_is_reported_when_the_time_is_over_and_bit_7
     assert event == FaultResetFailed(100, WORD)
     assert "the cause is still present (statusword 0x0218)" in event.text
     assert (reset.active, reset.bit) == (False, 0)
+
+
+# -- the supply of an enabled drive
+
+
+def test_a_bit_4_that_has_fallen_for_long_is_a_lost_supply_once():
+    watch, on, off = SupplyWatch(), 0x0237, 0x0227
+    assert not watch.lost(off, 0)
+    assert watch.deadline == NEVER, "a drive that never sets it does not maintain it"
+    watch.lost(on, 1)
+    assert not watch.lost(off, 2)
+    assert watch.deadline == 100_000_002
+    assert not watch.lost(on, 50_000_000)
+    assert watch.deadline == NEVER
+    assert not watch.lost(off, 60_000_000)
+    assert not watch.lost(off, 159_999_999)
+    assert watch.lost(off, 160_000_000)
+    assert not watch.lost(off, 500_000_000)
+    watch.lost(on, 600_000_000)
+    watch.lost(off, 700_000_000)
+    watch.restart()
+    assert not watch.lost(off, 900_000_000)

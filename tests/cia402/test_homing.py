@@ -11,6 +11,7 @@ from canopen_control.cia402.homing import (
     METHODS,
     HomingDone,
     HomingFailed,
+    HomingPosition,
     HomingSequence,
     HomingStatus,
     homing_status,
@@ -188,3 +189,44 @@ def test_a_drive_without_bit_10_has_homed_when_it_has_stood_still_for_a_second(w
         for turn, word in enumerate([words[0]] * 4 + words):
             machine.update(word, True, turn * 100_000_000, standing=standing)
         assert machine.homed is (done and standing)
+
+
+def settling(positions, *, step=50_000_000, tolerance=10):
+    """Show a homing that is done, and then positions; return the number of updates until it has ended."""
+    machine = HomingSequence(tolerance=tolerance)
+    machine.start(37)
+    for turn, word in enumerate([STOPPED, STOPPED, STOPPED, STOPPED, DONE]):
+        assert not machine.homed
+        machine.update(word, True, turn, position=HomingPosition(1000, 1))
+    for turn, position in enumerate(positions):
+        bit = machine.update(DONE, True, 5 + turn * step, position=position)
+        assert bool(bit) is not machine.homed
+        if machine.homed:
+            return turn + 1
+    return None
+
+
+def test_a_homing_ends_when_the_new_zero_has_arrived():
+    """The position comes in another TPDO than the statusword, and some drives update it later."""
+    old = [HomingPosition(1000, 2 + turn) for turn in range(3)]
+    new = [HomingPosition(turn, 10 + turn) for turn in range(20)]
+    assert settling(old + new) == 3 + 5
+    assert settling([HomingPosition(1000 + turn % 3, turn) for turn in range(20)]) == 5
+    assert settling([HomingPosition(1000, 1)] * 20) is None, "no new position: it waits for frames"
+    assert settling([HomingPosition(1000, 1 + turn // 10) for turn in range(40)]) == 21
+    assert settling([None]) == 1, "no position is received"
+
+
+def test_a_position_that_never_settles_is_not_waited_for():
+    assert settling([HomingPosition(100 * turn, turn) for turn in range(200)]) == 101
+
+
+def test_an_axis_that_is_disabled_before_the_new_zero_has_arrived_is_not_homed():
+    machine = HomingSequence()
+    machine.start(37)
+    for turn in range(5):
+        machine.update(DONE if turn == 4 else STOPPED, True, turn, position=HomingPosition(1000, turn))
+    assert machine.update(DONE, False, 10, position=HomingPosition(1000, 9)) == 0
+    (event,) = machine.events()
+    assert "not enabled" in event.text
+    assert not machine.homed

@@ -26,7 +26,7 @@ MS = 1_000_000
 class Node:
     """Takes SDO requests and lets the test answer them."""
 
-    ready = True
+    ready, node_id, name = True, 2, "pan_drive"
 
     def __init__(self):
         self.reads, self.writes = [], []
@@ -36,6 +36,7 @@ class Node:
 
     def write(self, index, subindex, data, done=None):
         self.writes.append((index, data))
+        self.written = done
 
     def answer(self, data, error=None):
         self.reads.pop(0)[2](SimpleNamespace(error=error, data=data))
@@ -177,6 +178,37 @@ def test_a_mode_without_pdos_is_written_once_and_asked_for_until_it_shows():
     assert axis.node.reads == []
     mode.forget()
     assert mode.display is None
+
+
+@pytest.mark.sources
+def test_a_mode_that_the_drive_refuses_is_written_again_with_the_reason_at_hand():
+    """Device states in which 0x6060 is refused (0x08000022) end, and a lost answer says nothing of the drive."""
+    axis = make_axis(mode=False, display=False)
+    mode = ModeBySdo(axis)
+    mode.step(8, 0)
+    mode.step(8, 900 * MS)
+    assert len(axis.node.writes) == 1, "it waits for the answer"
+    axis.node.written(SimpleNamespace(error=SdoAbort(2, 0x6060, 0, 0x08000022, name="pan_drive"), data=b""))
+    assert "0x6060:00" in mode.refusal
+    assert "0x08000022" in mode.refusal
+    assert "pan_drive" not in mode.refusal
+    mode.step(8, 901 * MS)
+    assert axis.node.writes == [(0x6060, b"\x08")] * 2
+    axis.node.written(SimpleNamespace(error=None, data=b""))
+    assert mode.refusal == ""
+    mode.step(8, 9000 * MS)
+    assert len(axis.node.writes) == 2
+
+
+@pytest.mark.sources
+def test_a_mode_that_is_requested_again_is_written_again():
+    axis = make_axis(mode=False, display=False)
+    mode = ModeBySdo(axis)
+    mode.step(8, 0)
+    axis.node.written(SimpleNamespace(error=None, data=b""))
+    mode.step(None, 3000 * MS)  # it was not shown in time
+    mode.step(8, 4000 * MS)
+    assert axis.node.writes == [(0x6060, b"\x08")] * 2
 
 
 @pytest.fixture

@@ -24,6 +24,7 @@ pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
 
 COUNTS = 1000.0  # per radian
 CYCLE = 20_000_000
+MS = 1_000_000
 
 
 def make(*, velocity=True, extras=()):
@@ -163,6 +164,51 @@ def test_standing_is_by_velocity_else_by_a_position_that_does_not_change():
     for number in range(3, 9):
         feedback.put(number * CYCLE, 2)
         feedback.read(number * CYCLE)
+    assert feedback.at_standstill
+
+
+def cruise(feedback, checks, *, counts, shown=0, start=0):
+    """Put positions that change by `counts` in each check of 0.1 s; return the texts about hidden motion."""
+    texts = []
+    for number in range(start, start + checks):
+        for cycle in range(5):
+            now = number * 100_000_000 + cycle * CYCLE
+            feedback.put(now, number * counts + cycle * counts // 5, shown)
+            feedback.read(now)
+        feedback.velocity_unit_mismatch(now)
+        texts.append(feedback.hidden_motion)
+    return texts
+
+
+def test_a_velocity_of_0_is_no_standstill_while_the_position_changes():
+    """Drives without a sensor for the velocity show 0 in 0x606C."""
+    feedback, _ = make()
+    texts = cruise(feedback, 6, counts=100)  # 1 rad/s
+    assert not feedback.at_standstill
+    assert [text is not None for text in texts] == [False, False, True, False, False, False]
+    assert "remove 0x606C" in texts[2]
+    feedback.put(599 * MS, 600, 30)  # a velocity that is noise
+    feedback.read(599 * MS)
+    assert not feedback.at_standstill
+    cruise(feedback, 2, counts=0, start=6)
+    assert feedback.at_standstill
+
+
+def test_the_end_of_a_motion_that_was_shown_is_a_standstill_at_once():
+    feedback, _ = make()
+    cruise(feedback, 3, counts=100, shown=1000)
+    feedback.put(301 * MS, 310, 0)
+    feedback.read(301 * MS)
+    assert feedback.at_standstill
+    feedback.velocity_unit_mismatch(400 * MS)
+    assert feedback.at_standstill
+    assert feedback.hidden_motion is None
+
+
+@pytest.mark.parametrize("counts", [1, -2, 5])
+def test_a_position_that_creeps_or_flickers_by_a_count_is_a_standstill(counts):
+    feedback, _ = make()
+    assert cruise(feedback, 6, counts=counts) == [None] * 6
     assert feedback.at_standstill
 
 

@@ -5,10 +5,14 @@ import math
 import pytest
 from support.faultbench import FaultBench
 from support.generic import write_generic
+from support.makers import drive, folder, sentences
 
 from canopen_control.errors import DriveError, NotYetEnabled
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.joint import JointDrive
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.testing.tested_robot import TestedRobot
 
 LIMIT = 0.8  # rad/s
 
@@ -129,3 +133,45 @@ def test_a_drive_without_bit_10_is_homed_once_it_is_at_standstill(robot, monkeyp
     made.do("axis", name="home")
     made.run(3.0)
     assert made.simulated.core.joints["pan"].homed is not moving
+
+
+def _home(made, method=37):
+    answers = []
+    made.simulated.core.axis(Action.HOME, "pan_drive", answers.append, method=method)
+    made.until(lambda: answers, 20)
+    return answers[0]
+
+
+@pytest.mark.parametrize(("syncs", "quirks"), [(10, []), (1, ["homing_zero_late"])])
+def test_an_axis_in_csp_stays_where_it_was_homed_when_the_new_zero_arrives_late(tmp_path, syncs, quirks):
+    """With transmission type 10, or in a drive that updates 0x6064 after bit 12."""
+    bus = folder(tmp_path, "csp") / "bus.yml"
+    position = "transmission: {}, mapping: [{{index: 0x6064}}"
+    bus.write_text(bus.read_text().replace(position.format(1), position.format(syncs)))
+    made = TestedRobot(read_robot(find_robot(str(tmp_path))), quirks={"all": quirks})
+    try:
+        made.run(0.5)
+        for step in range(50):
+            made.command("pos", 0.01 * step, 0.01 * step)
+            made.run(0.02)
+        made.run(0.5)
+        before = drive(made, 2).mover.plant.position
+        assert _home(made) is None
+        made.run(1)
+        assert drive(made, 2).mover.plant.position == pytest.approx(before, abs=10)
+        assert made.position("pan") == pytest.approx(0.0, abs=0.001)
+        assert made.state == "running"
+    finally:
+        made.close()
+
+
+def test_an_axis_that_is_homed_far_from_its_old_zero_has_made_no_jump(robot):
+    made = robot("pv")
+    made.command("vel", 1.5, 1.5, seconds=6)
+    made.run(9)
+    assert made.position("pan") > 8.0
+    assert _home(made) is None
+    made.run(0.1)
+    assert made.position("pan") == pytest.approx(0.0, abs=0.001)
+    assert made.state == "running"
+    assert not any("jumped" in each or "stopping" in each for each in sentences(made))

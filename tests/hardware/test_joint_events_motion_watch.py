@@ -202,3 +202,57 @@ def test_an_axis_whose_position_is_sent_on_one_of_many_syncs_is_not_a_standing_o
         assert not [each for each in sentences(made) if "does not follow" in each]
     finally:
         made.close()
+
+
+def _lead(made, mode, cycles):
+    """Command a motion at 0.5 rad/s; return whether it was possible."""
+    for _ in range(cycles):
+        if mode == "csp":
+            made.goal = getattr(made, "goal", 0.0) + 0.01
+            made.command("pos", made.goal, made.goal)
+        elif mode == "pp":
+            made.command("pos", 2.5, 2.5)
+        else:
+            made.command("vel", 0.5, 0.5)
+        made.run(0.02)
+
+
+@pytest.mark.parametrize("mode", ["csp", "pp", pytest.param("pv", marks=pytest.mark.rest)])
+def test_an_enabled_drive_that_loses_its_supply_stops_the_robot_and_does_not_move_when_it_returns(robot, mode):
+    made = robot(mode)
+    for each in made.drives:
+        each.quirk("supply_loss_unseen")
+    _lead(made, mode, 40)
+    made.drives[2].fault("power_stage_off")
+    _lead(made, mode, 40)
+    assert made.state != "running"
+    assert any("pan_drive" in each and "STO is active" in each for each in sentences(made))
+    made.drives[2].clear_fault("power_stage_off")
+    position = made.position("pan")
+    made.run(1)
+    made.enable()
+    made.until(lambda: made.state == "running", 3)
+    made.run(0.5)
+    assert made.position("pan") == pytest.approx(position, abs=0.001)
+    assert made.breaches == []
+
+
+def test_an_axis_that_stops_following_in_csp_is_stopped_before_it_jumps_to_its_set_points(robot):
+    """STO of a drive that does not show it at all."""
+    made = robot("csp")
+    made.disable()
+    made.run(1)
+    for each in made.drives:
+        each.quirk("supply_loss_unseen")
+        each.quirk("voltage_never")
+    made.enable()
+    made.until(lambda: made.state == "running", 3)
+    _lead(made, "csp", 40)
+    made.drives[2].fault("power_stage_off")
+    _lead(made, "csp", 50)
+    assert made.state != "running"
+    assert any("pan_drive" in each and "does not follow its set-points any more" in each for each in sentences(made))
+    made.drives[2].clear_fault("power_stage_off")
+    made.run(0.5)
+    assert made.stopped_within(0.0)
+    assert made.breaches == []

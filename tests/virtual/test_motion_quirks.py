@@ -166,6 +166,20 @@ def by_bit_10(b):
     return b.statusword & (BIT_12 | REACHED) == REACHED
 
 
+def zero_late(b):
+    """Whether the position is the old one after homing, and later the new one."""
+    b.moving()
+    b.write(0x60FF, 0)
+    b.on(3)
+    b.write(0x6098, 37)
+    b.write(0x6060, 6)
+    b.control(0x1F)
+    early = b.position
+    b.on(0.1)
+    assert b.statusword & BIT_12
+    return early != b.position == 0
+
+
 def unpowered_homing(b):
     b.write(0x6098, 37)
     b.write(0x6060, 6)
@@ -221,11 +235,13 @@ PROBES = {
     "inputs_shifted": shifted,
     "optional_missing": absent(0x60C2),
     "error_code_absent": absent(0x603F),
+    "velocity_shown_zero": lambda b: b.moving().velocity == 0 and abs(b.drive.mover.plant.velocity) > 900,
     "velocity_absent": not_mapped,
     "homing_latched": latched,
     "homing_shown_briefly": briefly,
     "homing_without_bit_12": by_bit_10,
     "homing_without_bit_10": lambda b: homed(b) or b.statusword & (BIT_12 | REACHED) == BIT_12,
+    "homing_zero_late": zero_late,
     "homing_zero_refused": refused(0x6098, 0, INVALID),
     "homing_method_fixed": refused(0x6098, 17, DEVICE_STATE, before=lambda b: b.enable(6)),
     "homes_without_power": unpowered_homing,

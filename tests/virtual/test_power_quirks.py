@@ -95,6 +95,17 @@ def stopped_supply(b):
     return b.state == "SWITCHED_ON"
 
 
+def supply_lost(b):
+    """Whether an enabled drive shows a lost supply in bit 4 only, stands, and follows its set-point afterwards."""
+    b.moving()
+    b.break_with("power_stage_off")
+    b.on(3)
+    lost = b.state, b.statusword & 0x10, b.velocity
+    b.node.fault_switches.set("power_stage_off", False, b.now)
+    b.on(3)
+    return lost == ("OPERATION_ENABLED", 0, 0) and bool(b.statusword & 0x10) and b.velocity == 1000
+
+
 def second_edge(b):
     b.faulted()
     b.control(0x80)
@@ -199,6 +210,7 @@ PROBES = {
     "not_ready_time": not_ready,
     "mains_awaited": mains,
     "sto_switched_on": stopped_supply,
+    "supply_loss_unseen": supply_lost,
     "quick_stop_ends_switched_on": state("SWITCHED_ON", 2, seconds=1),
     "quick_stop_unseen": state("SWITCH_ON_DISABLED", 2, before=lambda b: b.moving()),
     "quick_stop_off": state("OPERATION_ENABLED", 2, before=lambda b: b.moving()),
