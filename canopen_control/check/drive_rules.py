@@ -237,6 +237,7 @@ def check_timing(
     """Find timing problems of the cyclic set-points, the feedback and the RPDO deadlines on a bus."""
     yield from _never_in_time(config, cycle_ns(config, control))
     yield from _rare(config)
+    yield from _untimed(config)
     if not config.master.sync_period or description is None:
         return
     axes = cyclic_axes(config, description)
@@ -352,6 +353,25 @@ def _rare(config: BusConfig) -> Iterator[Finding]:
                     f"{every / 1e6:g} s: its values are old, and a lost drive is noticed late"
                 )
                 setting.add(node, layout, text, f"set tpdo: {layout.number}: transmission: 1")
+    yield from setting.findings()
+
+
+def _untimed(config: BusConfig) -> Iterator[Finding]:
+    """Find event-driven feedback of drives without an event timer, whose loss cannot be noticed."""
+    setting = _FindingsByPlace(config, "tpdo.{}.transmission")
+    for name, node in config.nodes.items():
+        plan = config.plans.get(name)
+        for layout in plan.tpdos if plan is not None and plan.axes else ():
+            feedback = [mapped for mapped in layout.objects if objects.axis_of(mapped.index)[0] in _FEEDBACK]
+            # CiA 301, 7.5.2.37: without an event timer, nothing is sent while nothing changes
+            if feedback and layout.transmission_type in _ON_ARRIVAL and not layout.event_ms:
+                text = (
+                    f"TPDO {layout.number} of {name}{{more}} is sent only when it changes: if it is lost, its last "
+                    "values are taken for the present ones"
+                )
+                number = layout.number
+                fix = f"set tpdo: {number}: event_timer: 100 (ms), or transmission: 1 with a sync_period"
+                setting.add(node, layout, text, fix)
     yield from setting.findings()
 
 

@@ -38,7 +38,8 @@ class ReceivedPdo:
     `values` are the raw numbers in mapping order, initially zeros; `stamp` is -1 before the first frame. `every` is the
     number of SYNCs per transmission, 0 for an event-driven TPDO. While `expected` is set, `supervision.PdoWatch` counts
     SYNCs without a frame in `silent`, from the time `since` on, and sets `overdue` after `allowed_silence` SYNCs.
-    `age_limit_ns` is the maximum age of values with an event timer, 0 without a limit.
+    `age_limit_ns` is the maximum age of values with an event timer, 0 without a limit; `timer_silence` is this time in
+    SYNCs (or cycles of a bus without SYNC) if the TPDO is supervised by its timer, else 0.
     """
 
     __slots__ = (
@@ -59,6 +60,7 @@ class ReceivedPdo:
         "silent",
         "since",
         "stamp",
+        "timer_silence",
         "unpack",
         "values",
     )
@@ -72,7 +74,7 @@ class ReceivedPdo:
         )
         self.length = self.codec.length
         self.every = transmission_type if transmission_type in CYCLIC_SYNCHRONOUS else 0
-        self.age_limit_ns = 0
+        self.age_limit_ns = self.timer_silence = 0
         self.allow(MISSED_SYNCS)
         self.expected = self.overdue = False
         self.reported_lengths = 0  # a bit for each wrong length already reported
@@ -104,6 +106,7 @@ class ReceivedPdo:
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
         self.length = self.codec.length
         self.every = layout.transmission_type if layout.transmission_type in CYCLIC_SYNCHRONOUS else 0
+        self.timer_silence = 0  # the node may have refused the event timer too
         self.allow(self.missed)
         unpack = self.codec.unpack if self.codec.struct is None else self.codec.struct.unpack_from
         addresses = [mapped[:2] for mapped in layout.objects]
@@ -116,7 +119,13 @@ class ReceivedPdo:
     def allow(self, missed: int) -> None:
         """Set the number of consecutive missing frames after which the TPDO is overdue."""
         self.missed = missed
-        self.allowed_silence = missed * self.every if self.every else _NO_END
+        self.allowed_silence = missed * self.every if self.every else self.timer_silence or _NO_END
+
+    def supervise_timer(self, period_ns: int) -> None:
+        """Supervise an event-driven TPDO by its event timer, which is counted in SYNCs of this period."""
+        # CiA 301, 7.5.2.37: an event-driven TPDO is sent at the latest when its event timer has elapsed
+        self.timer_silence = max(self.missed, -(-self.age_limit_ns // period_ns)) if not self.every else 0
+        self.allow(self.missed)
 
     def preset(self, position: int, value: Value) -> None:
         """Set the initial value of an object, which is valid until the first frame."""

@@ -189,7 +189,8 @@ class Network:
         self.image = ProcessImage(refresh=max(1, REFRESH_NS // cycle_ns))
         self.outgoing: list[CanFrame] = []
         """Frames waiting for `take`."""
-        self.pdo_watch = PdoWatch(config.master.sync_period * 1000)
+        self._watch_ns = config.master.sync_period * 1000 or cycle_ns  # a bus without SYNC: timed TPDOs alone
+        self.pdo_watch = PdoWatch(self._watch_ns)
         self._since: int | None = None  # time at which no frame waited to be read, if the process is late
         self._pdo_owner: dict[ReceivedPdo, RemoteNode] = {}
         self._last_records = b""  # last received records; drives at standstill repeat the same
@@ -322,7 +323,7 @@ class Network:
         return RECORD.pack(frame.can_id, len(frame.data), frame.data)
 
     def synced(self, now: int) -> None:
-        """Check, after a SYNC was sent or received, whether the TPDOs for the previous SYNC have arrived."""
+        """Check, after a SYNC (or a cycle of a bus without SYNC), whether the TPDOs due before have arrived."""
         if changed := self.pdo_watch.sync(now):
             for pdo in changed:
                 self._pdo_owner[pdo].on_pdo(pdo, now)
@@ -368,7 +369,11 @@ class Network:
             pdo.allow(node.config.supervision.missed_syncs)
             pdo.age_limit_ns = 0 if pdo.every else TIMERS_MISSED * layout.event_ms * 1_000_000
             node.received.append(pdo)
-            self.pdo_watch.add(pdo)
+            settings = node.config.boot.tpdo.get(layout.number)
+            if node.plan.axes and settings is not None and settings.event_timer:
+                pdo.supervise_timer(self._watch_ns)
+            if config.master.sync_period or not pdo.every:
+                self.pdo_watch.add(pdo)
             self._pdo_owner[pdo] = node
         for layout in node.plan.rpdos:
             deadline = layout.event_ms * 1_000_000 // self._cycle_ns

@@ -116,15 +116,16 @@ class NodeLog:
     def pdo(self, pdo: ReceivedPdo, now: int) -> None:
         """Report that a TPDO is overdue, or received again."""
         title = f"TPDO with identifier 0x{pdo.cob_id:03X}"
+        pause = f"{pdo.silent} SYNCs" if pdo.every else f"{pdo.age_limit_ns / 1e9:g} s, three times its event timer"
         if not pdo.overdue:
             self.report(now, "pdo_back", f"its {title} is received again")
         elif pdo.stamp < 0:
             advice = self._stray_text(pdo) or "check its transmission type and inhibit time"
-            text = f"its {title} was not received within {pdo.silent} SYNCs after the start; {advice}"
+            text = f"its {title} was not received within {pause} after the start; {advice}"
             self.report(now, "pdo_missing", text, Level.ERROR)
         else:
             stray = self._stray_text(pdo)
-            text = f"no {title} for {pdo.silent} SYNCs; its values are stale{stray and f'; {stray}'}"
+            text = f"no {title} for {pause}; its values are stale{stray and f'; {stray}'}"
             self.report(now, "pdo_stale", text, Level.ERROR)
 
     def _stray_text(self, pdo: ReceivedPdo) -> str:

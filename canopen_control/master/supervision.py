@@ -37,7 +37,7 @@ class BusReader(Protocol):
 
 
 class PdoWatch:
-    """Monitor of a bus's synchronous TPDOs: counts SYNCs without a response and sets `overdue`.
+    """Monitor of a bus's synchronous and timed TPDOs: counts SYNCs without a response and sets `overdue`.
 
     For SYNCs that a late process sends in quick succession, the answers still have the time that follows from
     `period_ns`, and at least `min_ns`. `reader` processes waiting frames before a TPDO becomes overdue.
@@ -51,8 +51,8 @@ class PdoWatch:
         self._changes: list[ReceivedPdo] = []
 
     def add(self, pdo: ReceivedPdo) -> None:
-        """Monitor a TPDO; an event-driven TPDO (`every` 0) is ignored."""
-        if pdo.every:
+        """Monitor a TPDO; an event-driven TPDO (`every` 0) without a supervised event timer is ignored."""
+        if pdo.every or pdo.timer_silence:
             self._pdos.append(pdo)
 
     def sync(self, now: int = 0) -> Sequence[ReceivedPdo]:

@@ -415,7 +415,7 @@ class RobotBus:
         with_sync = self._synchronous and self._sync_with_rpdos
         records = network.cycle(sync=with_sync)
         self._send(self._take() + records if network.outgoing else records)
-        if with_sync or self._followed is not None:
+        if with_sync or self._followed is not None or not self._synchronous:
             self._sent_sync(now)
 
     def _sent_sync(self, now: int) -> None:

@@ -113,3 +113,13 @@ def test_feedback_on_one_of_many_syncs_is_reported(tmp_path, kind, seconds):
             rf"every {seconds} s: its values are old, and a lost drive is noticed late; set tpdo: 2: transmission: 1",
             told[0],
         ), told[0]
+
+
+@pytest.mark.parametrize(("settings", "is_told"), [("0xFF", True), ("0xFF\n      event_timer: 100", False)])
+def test_event_driven_feedback_without_an_event_timer_is_told_as_its_loss_is_not_noticed(tmp_path, settings, is_told):
+    config = arm(tmp_path, bus=(TPDO_2, TPDO_2.replace("0x01", settings)))
+    told = [each for each in warnings(config) if "is sent only when it changes" in each]
+    assert len(told) == is_told
+    if is_told:
+        assert re.match(r".*bus\.yml:\d+:\d+: warning: TPDO 2 of joint_1_drive and of 5 more is sent only", told[0])
+        assert "set tpdo: 2: event_timer: 100 (ms), or transmission: 1" in told[0]

@@ -256,3 +256,27 @@ def test_an_axis_that_stops_following_in_csp_is_stopped_before_it_jumps_to_its_s
     made.run(0.5)
     assert made.stopped_within(0.0)
     assert made.breaches == []
+
+
+@pytest.mark.parametrize("sync", [True, False])
+def test_event_driven_feedback_that_is_lost_stops_the_robot_by_its_event_timer(tmp_path, sync):
+    """A TPDO that is sent only when it changes says nothing by staying away; with an event timer it does."""
+    path = folder(tmp_path, "pv")
+    bus = path / "bus.yml"
+    timed = r"transmission: 255, event_timer: 50\1"
+    text = re.sub(r"transmission: 1(, mapping: \[{index: 0x60[46][14])", timed, bus.read_text())
+    text = (
+        text if sync else text.replace("  sync_period: 10000\n", "").replace("transmission: 1,", "transmission: 255,")
+    )
+    bus.write_text(text)
+    made = TestedRobot(read_robot(find_robot(str(path))))
+    try:
+        made.command("vel", 0.5, 0.5, seconds=5)
+        made.run(1.0)
+        assert made.state == "running"
+        made.drives[2].fault("tpdo_missing")
+        assert made.until(lambda: made.state == "fault", 2) < 0.25
+        assert made.stopped_within(0.5)
+        assert any("0.15 s, three times its event timer" in each for each in sentences(made))
+    finally:
+        made.close()

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.master.cycle import ReceivedPdo
+from canopen_control.master.plan_builder import PlannedPdo
 from canopen_control.master.supervision import DuplicateWatch, EmcyGate, PdoWatch
 from canopen_control.od.model import DataType
 
@@ -54,6 +55,22 @@ def test_event_driven_and_not_yet_expected_ones_are_not_counted():
     pdo.expected = False
     assert not any(watch.sync() for _ in range(10))
     assert pdo.silent == 0
+
+
+@pytest.mark.parametrize(("event_ms", "period_ms", "syncs"), [(50, 10, 15), (50, 20, 8), (20, 100, 3)])
+def test_an_event_driven_one_is_due_by_its_event_timer(event_ms, period_ms, syncs):
+    pdo = ReceivedPdo(0x182, [MappedObject(0x6041, 0, 16, DataType.UNSIGNED16)], 255)
+    pdo.expected, pdo.age_limit_ns = True, 3 * event_ms * MS
+    pdo.supervise_timer(period_ms * MS)
+    watch = PdoWatch(period_ms * MS)
+    watch.add(pdo)
+    pdo.receive(bytes(8), 2, 0)
+    late = [bool(watch.sync(number * period_ms * MS)) for number in range(syncs + 3)]
+    assert late.index(True) == syncs
+    assert late.count(True) == 1
+    assert pdo.overdue
+    pdo.use(PlannedPdo(1, 0x182, 255, (MappedObject(0x6041, 0, 16, DataType.UNSIGNED16),), event_ms), pdo.codec.objects)
+    assert pdo.allowed_silence > 1000, "a node that keeps its own settings may have no timer"
 
 
 def test_a_short_one_does_not_count_as_having_come():
