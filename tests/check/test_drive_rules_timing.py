@@ -70,7 +70,7 @@ def test_rates_that_are_not_whole_multiples_are_reported_with_both_ways_out(tmp_
 
 def test_feedback_that_an_inhibit_time_holds_back_is_reported_with_where_it_stands(tmp_path):
     slow = TPDO_2.replace("0x01", "255") + "      inhibit_time: 300\n"
-    told = [each for each in warnings(arm(tmp_path, bus=(TPDO_2, slow))) if "inhibit" in each]
+    told = [each for each in warnings(arm(tmp_path, bus=(TPDO_2, slow))) if "(inhibit time)" in each]
     assert len(told) == 1, told
     assert "bus.yml:35:21: warning: TPDO 2 of joint_1_drive and of 5 more is sent every 30 ms at most" in told[0]
     assert "feedback is older than a period; set tpdo: 2: transmission: 1, or inhibit_time: 0" in told[0]
