@@ -217,6 +217,7 @@ _STANDSTILL_TEXT: Final = (
     "it is enabled but does not follow its set-points; check its brake, its power and the source of its set-points "
     "(for a brake that releases late, set `enable_settle_ms` in bus.yml)"
 )
+_REST_NS: Final = 100_000_000  # a motor below the speed of a standstill still needs this time to stop
 _BOOTING: Final = "; booting it again"  # the end of a text that the node has reported already
 
 
@@ -262,6 +263,8 @@ class JointDrive(JointStatus):
         self._evaluations = -1
         self._feedback_status: FeedbackStatus = _LOST
         self._now = 0
+        self._mode_after_homing: int | None = None  # requested when the axis has come to a standstill
+        self._rests_from = 0  # end of the wait for this standstill
 
     # ------------------------------------------------------------------------------------------- commands
 
@@ -405,6 +408,8 @@ class JointDrive(JointStatus):
     def write(self, now: int, period: float) -> None:
         """Set the mode and the targets; call after `step` of all joints, so that the group has its new state."""
         targets, statechart = self.targets, self.statechart
+        if self._mode_after_homing is not None:
+            self._restore_mode()
         if targets.pending is not None:
             targets.change()
             if targets.claimed == TARGET:
@@ -416,7 +421,7 @@ class JointDrive(JointStatus):
             targets.follow(now, period)
             if (command := targets.tracked) is not None:
                 self.tracking.step(command.value, self._measured[command.quantity].value)
-        elif statechart.state is AxisPhase.READY and self.machine.may_move and now >= self._settled_at:
+        elif self._may_follow(now):
             self._fire(PhaseTrigger.MOTION_PERMITTED)
             self.tracking.restart()
             targets.follow(now, period)
@@ -427,6 +432,11 @@ class JointDrive(JointStatus):
         mode = self._mode
         if targets.has_outputs or (mode is not None and mode.value != self.machine.mode_request.sent):
             targets.write_outputs()
+
+    def _may_follow(self, now: int) -> bool:
+        """Whether the axis waits only for the permission to follow its commands."""
+        ready = self.statechart.state is AxisPhase.READY and self._mode_after_homing is None
+        return ready and self.machine.may_move and now >= self._settled_at
 
     def supervise(self) -> None:
         """Run the checks that are needed only ten times a second."""
@@ -601,21 +611,39 @@ class JointDrive(JointStatus):
 
     def _leave_homing(self, run: JointHoming) -> None:
         """Restore the mode and the power state after homing; after a success, positions count from the new zero."""
-        moves = self._motion_after(run)
         self.home_position.end(run)
+        self.machine.mode_bits = 0
         self._fire(PhaseTrigger.HOMING_ENDED)
         if run.homed:
             self.feedback.restart()
             self._events.append(JointEvent("homed", "homed", Level.INFO))
         else:
             self._events.append(JointEvent("homing_failed", run.result or ""))
-        if moves is not None and run.mode_before is not None:
-            self._mode_when_off = mode_of(run.mode_before)
-            self._events.append(JointEvent("not_enabled", moves, Level.ERROR, stops=True))
-        elif run.mode_before is not None:
-            self.targets.take_mode(mode_of(run.mode_before))
+        if run.mode_before is not None:
+            self._mode_after_homing = mode_of(run.mode_before)
+            self._restore_mode()
         if not run.was_enabled and self.enable_requested:
             self.stop(self._now)
+
+    def _restore_mode(self) -> None:
+        """Request the mode from before the homing once the axis stands; until then, mode HM ends its motion.
+
+        In a cyclic mode, a drive that still turns would reverse towards the target at its last position.
+        """
+        mode, machine = self._mode_after_homing, self.machine
+        if machine.state in POWERED_STATES and not self.feedback.at_standstill:
+            self._rests_from = self._now + _REST_NS
+        if mode is None or (machine.state in POWERED_STATES and self._now < self._rests_from):
+            return
+        self._mode_after_homing = None
+        if machine.mode != OperationMode.HM:
+            return  # another mode was requested meanwhile
+        moves = self.targets.uncommanded_motion(mode) if machine.state is State.OPERATION_ENABLED else None
+        if moves is None:
+            self.targets.take_mode(mode)
+        else:
+            self._mode_when_off = mode
+            self._events.append(JointEvent("not_enabled", moves, Level.ERROR, stops=True))
 
     def _leaves_interface_unserved(self, event: ModeTimedOut) -> bool:
         """Whether an enabled drive did not change its mode, so that the claimed interface cannot be served."""

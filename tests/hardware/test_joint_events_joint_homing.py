@@ -175,3 +175,31 @@ def test_an_axis_that_is_homed_far_from_its_old_zero_has_made_no_jump(robot):
     assert made.position("pan") == pytest.approx(0.0, abs=0.001)
     assert made.state == "running"
     assert not any("jumped" in each or "stopping" in each for each in sentences(made))
+
+
+@pytest.mark.parametrize("end", ["stop", "halt", "quick-stop", "timeout", "error"])
+def test_a_homing_that_ends_on_its_way_stops_by_the_ramp_of_homing_and_never_reverses(robot, end):
+    """In CSP a drive that still turns would reverse towards the target at its last position."""
+    made = robot("csp", keys="homing_timeout_seconds: 2")
+    for node_id in (2, 3):
+        store = made.simulated.drives[node_id].device.store
+        for index, subindex, value in ((0x6099, 1, 400_000), (0x6099, 2, 40_000), (0x609A, 0, 400_000)):
+            store.set(index, subindex, value)
+    axis, answers, speeds = drive(made, 2), [], []
+    axis.mover.switches.negative = -1e9
+    made.simulated.core.axis(Action.HOME, "pan_drive", answers.append, method=17)
+    made.run(1.6)
+    assert axis.mover.plant.velocity < -390_000
+    if end == "stop":
+        made.stop()
+    elif end == "error":
+        axis.readings.statusword.forced.inject(0x2000)
+    elif end != "timeout":
+        made.do("axis", name=end)
+    for _ in range(250):
+        made.run(0.01)
+        speeds.append(axis.mover.plant.velocity)
+    assert max(speeds) < 1000
+    assert speeds[-1] == 0.0
+    assert (axis.modes.number, axis.power.controlword & 0x10) == (8, 0)
+    assert "home not reached" in answers[0]
