@@ -2,6 +2,7 @@
 
 import pytest
 from support.devices import with_measured_joint
+from support.onbus import TMCM, OnBus
 from support.robots import Bench, copy_robby
 from support.samples import status_dict
 
@@ -106,17 +107,10 @@ def test_a_robot_without_joints_needs_no_pass(tmp_path, private_folders):
     assert slow_reason(setup_of(tmp_path / "lamps")) is None
 
 
-@pytest.mark.process
 def test_serial_numbers_are_asked_of_the_drives(private_folders):
-    from support.processes import Stage
-
-    stage = Stage(private_folders, private_folders)
-    try:
-        stage.drive("serials", 3)
-        setup = read_robot(find_robot("robby"), can=["local:serials"])
+    with OnBus("memory:serials", {3: TMCM}):
+        setup = read_robot(find_robot("robby"), can=["memory:serials"])
         assert read_serials(setup) == {"left_drive": 3, "right_drive": None}
-    finally:
-        stage.end()
 
 
 @pytest.mark.usefixtures("private_folders")
