@@ -213,7 +213,7 @@ def _refuse_used_bus(recording: Source, channel: str) -> None:
 
 
 def _listen(channel: str) -> tuple[set[int], bool]:
-    """Listen for `LISTEN_S`; return the node-IDs that send, and whether a master sends NMT commands or SYNC."""
+    """Listen for `LISTEN_S`, or until a master sends NMT commands or SYNC; return who sends, and whether one did."""
     from canopen_control.trace.listen import batches
 
     nodes, has_master = set(), False
@@ -224,6 +224,8 @@ def _listen(channel: str) -> tuple[set[int], bool]:
             has_master = has_master or service in (Service.NMT, Service.SYNC)
             if service in _FROM_NODES:
                 nodes.add(node_id)
+            if has_master:
+                break
     finally:
         port.close()
     return nodes, has_master

@@ -2,6 +2,7 @@ import json
 import threading
 
 import pytest
+from support.host import TIMEOUT_S
 from support.localbus import open_local, receive, runtime_folders
 from support.onbus import TMCM, OnBus
 
@@ -30,13 +31,16 @@ def folders(monkeypatch):
         yield folder
 
 
-@pytest.fixture
-def log(tmp_path):
-    path = tmp_path / "run.log"
+def written(path, frames):
     with RecordingWriter(path) as writer:
-        for number, frame in enumerate(FRAMES):
+        for number, frame in enumerate(frames):
             writer.write(1_763_700_000_000_000_000 + number * 1_000_000, frame)
     return str(path)
+
+
+@pytest.fixture
+def log(tmp_path):
+    return written(tmp_path / "run.log", FRAMES)
 
 
 def test_the_nodes_of_a_recording_are_senders_and_receivers_of_its_frames():
@@ -59,21 +63,29 @@ def test_it_plays_into_an_empty_bus(folders, log, capsys):
     ear.close()
 
 
+def test_the_nodes_of_it_that_answer_are_those_that_are_asked_and_there(private_folders):
+    with OnBus("memory:asked", {3: TMCM, 9: TMCM}):
+        assert replay._answering("memory:asked", {2, 3}) == {3}
+
+
 @pytest.mark.process
-def test_where_a_node_of_it_is_alive_nothing_is_played(folders, log, capsys):
+def test_where_a_node_of_it_is_alive_nothing_is_played(folders, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(replay, "ANSWER_S", TIMEOUT_S)  # the only node that is asked answers
+    log = written(tmp_path / "run.log", [frame for frame in FRAMES if frame.can_id != 0x602])
     ear = open_local("bench", "ear")
     with OnBus("local:bench", {3: TMCM, 9: TMCM}):
         receive(ear, 2)  # their boot-up
         assert main(["replay", log, "--can", "local:bench"]) == 2
         assert "on local:bench node 3 of" in capsys.readouterr().err
-        seen = receive(ear, 3)
+        seen = receive(ear, 2)  # the question and the answer
         assert not any(frame.can_id in (0x000, 0x080) for frame in seen)
         assert main(["replay", log, "--can", "local:bench", "--force"]) == 0
     ear.close()
 
 
 @pytest.mark.process
-def test_where_a_master_is_alive_nothing_is_played(folders, log, capsys):
+def test_where_a_master_is_alive_nothing_is_played(folders, log, capsys, monkeypatch):
+    monkeypatch.setattr(replay, "LISTEN_S", TIMEOUT_S)  # it ends when the master is heard
     ear, master = open_local("bench", "ear"), open_local("bench", "master")
     stopped = threading.Event()
 
