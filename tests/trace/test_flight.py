@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from msgspec.structs import replace
-from support.host import eventually
+from support.host import TIMEOUT_S, eventually
 from support.mockrobot import running
 
 from canopen_control.bus.channel import open_port
@@ -22,6 +22,7 @@ from canopen_control.trace.flight import FlightRecorder, flight_folder, main
 from canopen_control.trace.flight_file import AFTER_NS, newest, read_flight
 
 SECOND = 1_000_000_000
+LONG_NS = round(TIMEOUT_S * SECOND)
 FAULT = RobotEvent(time=1.0, kind="fault", node=None, level="error", text="x")
 
 
@@ -52,7 +53,7 @@ def events_of(recorder):
 
 
 def hear(reactor, recorder, text):
-    assert reactor.run_until(lambda: any(event["text"] == text for event in events_of(recorder)), 10 * SECOND)
+    assert reactor.run_until(lambda: any(event["text"] == text for event in events_of(recorder)), LONG_NS)
 
 
 def test_events_and_states_of_the_robot_are_in_the_file_and_the_robot_reports_where_it_is(reactor, robot):
@@ -60,7 +61,7 @@ def test_events_and_states_of_the_robot_are_in_the_file_and_the_robot_reports_wh
     recorder.start()
     fail(robot)
     hear(reactor, recorder, "it broke")
-    assert reactor.run_until(lambda: recorder._states.size > 0, 5 * SECOND)
+    assert reactor.run_until(lambda: recorder._states.size > 0, LONG_NS)
     recorder.finish()
     file = read_flight(newest(flight_folder("flight")))
     assert file.meta.reason.text == "it broke"
@@ -92,7 +93,7 @@ def test_a_copy_writes_while_the_recorder_continues(reactor, robot, monkeypatch)
     recorder = FlightRecorder(reactor, "flight", {})
     recorder.start()
     recorder._write_aside(replace(FAULT, text="aside"))
-    assert reactor.run_until(lambda: recorder._writer is None, 10 * SECOND)
+    assert reactor.run_until(lambda: recorder._writer is None, LONG_NS)
     path = newest(flight_folder("flight"))
     assert read_flight(path).meta.reason.text == "aside"
     hear(reactor, recorder, f"flight recording: {path} (show it with canopen-control report)")
@@ -105,7 +106,7 @@ def test_a_copy_that_dies_is_reported(reactor, monkeypatch):
     recorder = FlightRecorder(reactor, "nobody", {})
     monkeypatch.setattr(FlightRecorder, "write", lambda *_: os._exit(3))
     recorder._write_aside(FAULT)
-    assert reactor.run_until(lambda: recorder._writer is None, 10 * SECOND)
+    assert reactor.run_until(lambda: recorder._writer is None, LONG_NS)
     assert "could not write" in recorder.unsent[0]
     recorder.finish()
 
@@ -127,7 +128,7 @@ def test_frames_of_every_bus_are_recorded_and_nothing_is_sent(reactor):
     recorder.start()
     first.send(pack_records([CanFrame(0x181, b"\x01\x02"), CanFrame(0x80)]))
     second.send(pack_records([CanFrame(0x702, b"\x05")]))
-    assert reactor.run_until(lambda: recorder._frames.size == 3 * (16 + 8), 10 * SECOND)
+    assert reactor.run_until(lambda: recorder._frames.size == 3 * (16 + 8), LONG_NS)
     recorder._on_event(FAULT)
     recorder.finish()
     file = read_flight(newest(flight_folder("nobody")))
@@ -163,19 +164,21 @@ def test_a_bus_that_goes_is_left_and_the_recorder_stays(reactor, monkeypatch):
     recorder = FlightRecorder(reactor, "nobody", {"can": "local:gone"})
     recorder.start()
     os.write(port.write, b"x")
-    assert reactor.run_until(lambda: port.closed == 1, 5 * SECOND)
+    assert reactor.run_until(lambda: port.closed == 1, LONG_NS)
     recorder.finish()
     for fd in (port.read, port.write):
         os.close(fd)
 
 
 @pytest.mark.process
-def test_without_its_robot_it_waits_for_the_reaction_and_ends(reactor):
+def test_without_its_robot_it_waits_for_the_reaction_and_ends(reactor, monkeypatch):
+    assert flight.AFTER_NS == AFTER_NS == 3 * SECOND
+    monkeypatch.setattr(flight, "AFTER_NS", SECOND // 10)  # what follows needs no three seconds
     recorder = FlightRecorder(reactor, "nobody", {})
     begin, ended = reactor.now(), []
     recorder.orphaned(lambda: ended.append(reactor.now()))
-    assert reactor.run_until(lambda: bool(ended), 10 * SECOND)
-    assert ended[0] - begin >= AFTER_NS
+    assert reactor.run_until(lambda: bool(ended), LONG_NS)
+    assert ended[0] - begin >= SECOND // 10
     recorder.finish()
     assert eventually(lambda: newest(flight_folder("nobody")) is not None)
     assert read_flight(newest(flight_folder("nobody"))).meta.reason.kind == "died"
