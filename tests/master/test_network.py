@@ -24,6 +24,14 @@ def network():
     return Network("can", ROBBY, events.append, 20 * MS), events
 
 
+@pytest.fixture
+def net():
+    """Return a network that has just started."""
+    net, _ = network()
+    net.start(0)
+    return net
+
+
 def sent(net):
     return [str(frame) for frame in frames_of(net.take())]
 
@@ -32,15 +40,11 @@ def feed(net, now, *frames):
     net.receive(pack_records([CanFrame(int(f[:3], 16), bytes.fromhex(f[4:])) for f in frames]), now)
 
 
-def test_the_master_reports_that_it_is_there_and_resets_every_node():
-    net, _ = network()
-    net.start(0)
+def test_the_master_reports_that_it_is_there_and_resets_every_node(net):
     assert sent(net) == ["701#00", "000#8203", "000#8202"]
 
 
-def test_heartbeats_are_sent_every_100_ms():
-    net, _ = network()
-    net.start(0)
+def test_heartbeats_are_sent_every_100_ms(net):
     net.take()
     beats = []
     for ms in range(0, 1000, 20):
@@ -50,17 +54,13 @@ def test_heartbeats_are_sent_every_100_ms():
     assert {frame for _, frame in beats} == {"701#05"}
 
 
-def test_the_boot_up_of_a_node_starts_its_identification():
-    net, _ = network()
-    net.start(0)
+def test_the_boot_up_of_a_node_starts_its_identification(net):
     net.take()
     feed(net, 5 * MS, "703#00")
     assert sent(net) == ["603#4000100000000000"]
 
 
-def test_each_node_boots_on_its_own():
-    net, _ = network()
-    net.start(0)
+def test_each_node_boots_on_its_own(net):
     net.take()
     feed(net, 5 * MS, "703#00", "702#00")
     assert sent(net) == ["603#4000100000000000", "602#4000100000000000"]
@@ -114,17 +114,13 @@ def test_an_emcy_of_three_bytes_counts_and_one_of_fewer_is_dropped_and_counted(l
     assert node.log.errors.malformed == (length < 3)
 
 
-def test_rpdos_are_not_sent_before_the_node_is_operational():
-    net, _ = network()
-    net.start(0)
+def test_rpdos_are_not_sent_before_the_node_is_operational(net):
     net.image.output(3, 0x6040).set(6)
     assert [frame.can_id for frame in frames_of(net.cycle(sync=True))] == [0x80]
     assert net.cycle(sync=False) == b""
 
 
-def test_an_external_sync_is_received_and_not_sent_and_missing_answers_are_counted():
-    net, _ = network()
-    net.start(0)
+def test_an_external_sync_is_received_and_not_sent_and_missing_answers_are_counted(net):
     heard = []
     net.hear_sync(heard.append)
     assert 0x80 in net.identifiers
@@ -216,17 +212,13 @@ def test_frames_without_a_receiver_are_counted():
 
 
 @pytest.mark.parametrize("length", [0, 2, 8])
-def test_a_heartbeat_of_the_wrong_length_is_not_a_heartbeat(length):
-    net, _ = network()
-    net.start(0)
+def test_a_heartbeat_of_the_wrong_length_is_not_a_heartbeat(net, length):
     feed(net, 5, f"703#{'05' * length}")
     assert net.nodes["left_drive"].nmt_state is None
 
 
 @pytest.mark.parametrize(("data_type", "signed"), [(DataType.UNSIGNED64, False), (DataType.INTEGER64, True)])
-def test_a_tpdo_with_one_object_of_64_bits_is_decoded_from_its_first_byte_on(data_type, signed):
-    net, _ = network()
-    net.start(0)
+def test_a_tpdo_with_one_object_of_64_bits_is_decoded_from_its_first_byte_on(net, data_type, signed):
     node = net.nodes["left_drive"]
     [pdo, *_] = node.received
     objects = [MappedObject(0x2000, 0, 64, data_type)]

@@ -188,6 +188,13 @@ def bench(request):
         each.close()
 
 
+@pytest.fixture
+def robby(bench):
+    robby = bench()
+    robby.start()
+    return robby
+
+
 def test_both_drives_boot_in_parallel_and_are_enabled_only_once_the_controller_is_active(bench):
     robby = bench()
     enabled = []
@@ -207,9 +214,7 @@ def test_both_drives_boot_in_parallel_and_are_enabled_only_once_the_controller_i
     assert all(joint.enabled for joint in robby.robot.joints.values())
 
 
-def test_the_wheels_reach_ten_rad_per_second_along_the_drives_own_ramp(bench):
-    robby = bench()
-    robby.start()
+def test_the_wheels_reach_ten_rad_per_second_along_the_drives_own_ramp(robby):
     robby.command(10.0, 10.0)
     halfway = robby.until(lambda: robby.speed(RIGHT) >= 5 * PPS)
     full = robby.until(lambda: robby.speed(RIGHT) >= 9.99 * PPS) + halfway
@@ -220,9 +225,7 @@ def test_the_wheels_reach_ten_rad_per_second_along_the_drives_own_ramp(bench):
     assert robby.velocity(RIGHT) == pytest.approx(10.0, rel=0.01)
 
 
-def test_the_mirrored_drive_turns_the_other_way_and_its_wheel_the_same(bench):
-    robby = bench()
-    robby.start()
+def test_the_mirrored_drive_turns_the_other_way_and_its_wheel_the_same(robby):
     robby.hold(10.0, 10.0, ms=500)
     assert robby.speed(LEFT) == -robby.speed(RIGHT)
     left, right = (robby.joint(node).states["position"].value for node in (LEFT, RIGHT))
@@ -230,18 +233,14 @@ def test_the_mirrored_drive_turns_the_other_way_and_its_wheel_the_same(bench):
     assert left > 1.0
 
 
-def test_position_and_velocity_agree(bench):
-    robby = bench()
-    robby.start()
+def test_position_and_velocity_agree(robby):
     robby.hold(10.0, 10.0, ms=1000)
     before = robby.joint(RIGHT).states["position"].value
     robby.hold(10.0, 10.0, ms=1000)
     assert robby.joint(RIGHT).states["position"].value - before == pytest.approx(10.0, rel=0.01)
 
 
-def test_without_commands_the_wheels_stop_after_the_timeout_of_the_controller(bench):
-    robby = bench()
-    robby.start()
+def test_without_commands_the_wheels_stop_after_the_timeout_of_the_controller(robby):
     robby.command(10.0, 10.0)
     robby.run(1900)
     assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.01)
@@ -250,9 +249,7 @@ def test_without_commands_the_wheels_stop_after_the_timeout_of_the_controller(be
     assert robby.texts("command_timeout")
 
 
-def test_a_publisher_of_one_hertz_keeps_them_turning(bench):
-    robby = bench()
-    robby.start()
+def test_a_publisher_of_one_hertz_keeps_them_turning(robby):
     robby.command(10.0, 10.0)
     slowest = math.inf
     for _ in range(4):
@@ -264,9 +261,7 @@ def test_a_publisher_of_one_hertz_keeps_them_turning(bench):
 
 
 @pytest.mark.parametrize("values", [[math.nan, 1.0], [math.inf, 1.0], [1.0], [1.0, 2.0, 3.0], []])
-def test_a_bad_command_is_refused_and_changes_nothing(bench, values):
-    robby = bench()
-    robby.start()
+def test_a_bad_command_is_refused_and_changes_nothing(robby, values):
     robby.hold(5.0, 5.0, ms=300)
     with pytest.raises(ControlError):
         robby.robot.command(FORWARD, values, "test")
@@ -274,9 +269,7 @@ def test_a_bad_command_is_refused_and_changes_nothing(bench, values):
     assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.01)
 
 
-def test_shutdown_ramps_disables_and_leaves_the_drives_in_peace(bench):
-    robby = bench()
-    robby.start()
+def test_shutdown_ramps_disables_and_leaves_the_drives_in_peace(robby):
     robby.hold(10.0, 10.0, ms=500)
     robby.robot.shutdown("test")
     fastest_step = 0
@@ -293,9 +286,7 @@ def test_shutdown_ramps_disables_and_leaves_the_drives_in_peace(bench):
     assert robby.robot.failure is None
 
 
-def test_stop_is_answered_at_standstill_and_only_enable_permits_motion_again(bench):
-    robby = bench()
-    robby.start()
+def test_stop_is_answered_at_standstill_and_only_enable_permits_motion_again(robby):
     robby.hold(10.0, 10.0, ms=300)
     answers = []
     robby.robot.stop(answers.append)
@@ -310,9 +301,7 @@ def test_stop_is_answered_at_standstill_and_only_enable_permits_motion_again(ben
     assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.01)
 
 
-def test_a_drive_that_loses_its_bus_stops_the_other_within_its_heartbeat_time(bench):
-    robby = bench()
-    robby.start()
+def test_a_drive_that_loses_its_bus_stops_the_other_within_its_heartbeat_time(robby):
     robby.hold(10.0, 10.0, ms=500)
     robby.power_off(LEFT)
     lost = robby.until(lambda: robby.texts("heartbeat_lost"))
@@ -324,9 +313,7 @@ def test_a_drive_that_loses_its_bus_stops_the_other_within_its_heartbeat_time(be
     assert any("right_wheel_joint" in text for text in robby.texts("stop"))
 
 
-def test_a_drive_that_returns_is_booted_by_itself_and_waits_for_an_enable(bench):
-    robby = bench()
-    robby.start()
+def test_a_drive_that_returns_is_booted_by_itself_and_waits_for_an_enable(robby):
     robby.hold(10.0, 10.0, ms=500)
     position = robby.joint(LEFT).states["position"].value
     robby.power_off(LEFT)
@@ -345,9 +332,7 @@ def test_a_drive_that_returns_is_booted_by_itself_and_waits_for_an_enable(bench)
     assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.01)
 
 
-def test_a_drive_that_faults_stops_the_robot_and_is_named_with_its_emcy(bench):
-    robby = bench()
-    robby.start()
+def test_a_drive_that_faults_stops_the_robot_and_is_named_with_its_emcy(robby):
     robby.hold(10.0, 10.0, ms=500)
     robby.drives[RIGHT].drives[0].fault(0x4310, robby.reactor.now())
     robby.hosts[RIGHT].wake(robby.drives[RIGHT])
@@ -361,9 +346,7 @@ def test_a_drive_that_faults_stops_the_robot_and_is_named_with_its_emcy(bench):
         robby.robot.axis(Action.ENABLE, "right_drive", answers.append)
 
 
-def test_garbage_on_the_bus_changes_nothing_but_a_counter(bench):
-    robby = bench()
-    robby.start()
+def test_garbage_on_the_bus_changes_nothing_but_a_counter(robby):
     robby.command(10.0, 10.0)
     robby.run(300)
     network = robby.robot.buses["can"].network
@@ -476,9 +459,7 @@ def test_one_robot_on_two_buses_drives_both_wheels_in_one_cycle(tmp_path):
         reactor.close()
 
 
-def test_sdo_traffic_of_each_node_is_in_the_status(bench):
-    robby = bench()
-    robby.start()
+def test_sdo_traffic_of_each_node_is_in_the_status(robby):
     sdo = status_dict(robby.robot)["nodes"]["left_drive"]["sdo"]
     asked = [
         frame.data[0] >> 5
@@ -526,9 +507,7 @@ def test_a_drive_that_was_left_operational_is_reset_before_it_is_configured(benc
         assert str(mine[0]) == f"000#82{node_id:02X}"
 
 
-def test_a_second_boot_of_a_drive_writes_only_what_a_reset_took_from_it(bench):
-    robby = bench()
-    robby.start()
+def test_a_second_boot_of_a_drive_writes_only_what_a_reset_took_from_it(robby):
     node = robby.robot.nodes["left_drive"]
     first = node.identity
     node.begin_boot(robby.reactor.now())
@@ -558,9 +537,7 @@ AT_THE_END = {
 
 
 @pytest.mark.parametrize("what", AT_THE_END)
-def test_what_would_enable_or_move_is_refused_while_the_robot_stops_and_the_stop_ends(bench, what):
-    robby = bench()
-    robby.start()
+def test_what_would_enable_or_move_is_refused_while_the_robot_stops_and_the_stop_ends(robby, what):
     robby.hold(5.0, 5.0, ms=500)
     robby.robot.shutdown("a test")
     robby.run(40)
@@ -571,9 +548,7 @@ def test_what_would_enable_or_move_is_refused_while_the_robot_stops_and_the_stop
 
 
 @pytest.mark.parametrize("action", [Action.DISABLE, Action.HALT, Action.QUICK_STOP, Action.FAULT_RESET])
-def test_what_stops_is_never_refused(bench, action):
-    robby = bench()
-    robby.start()
+def test_what_stops_is_never_refused(robby, action):
     robby.robot.shutdown("a test")
     robby.robot.axis(action, "all", lambda _error: None)
     robby.robot.stop(lambda _error: None)
@@ -581,9 +556,7 @@ def test_what_stops_is_never_refused(bench, action):
     assert robby.texts("stopped") == ["robby has stopped, its drives are disabled"]
 
 
-def test_a_stop_in_the_last_cycle_has_succeeded(bench):
-    robby = bench()
-    robby.start()
+def test_a_stop_in_the_last_cycle_has_succeeded(robby):
     robby.robot.shutdown("a test")
     robby.until(lambda: all(system.stopped for system in robby.robot.systems))
     answers = []
@@ -613,9 +586,7 @@ def test_a_start_that_is_interrupted_while_the_nodes_boot_has_not_failed(bench):
     assert robby.robot.failure is None
 
 
-def test_a_stop_begins_in_the_next_cycle_and_takes_the_command_back(bench):
-    robby = bench()
-    robby.start()
+def test_a_stop_begins_in_the_next_cycle_and_takes_the_command_back(robby):
     robby.command(10.0, 10.0)
     robby.until(lambda: robby.speed(RIGHT) >= 9 * PPS)
     robby.robot.stop(lambda _error: None, by="the test")
@@ -624,9 +595,7 @@ def test_a_stop_begins_in_the_next_cycle_and_takes_the_command_back(bench):
     assert robby.speed(RIGHT) < 9 * PPS
 
 
-def test_a_client_that_leaves_takes_no_latch_along(bench):
-    robby = bench()
-    robby.start()
+def test_a_client_that_leaves_takes_no_latch_along(robby):
     robby.robot.stop(lambda _error: None, "who latched it")
     for holder in (object(), None):
         robby.robot.client_disconnected(holder)

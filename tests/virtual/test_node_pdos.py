@@ -19,6 +19,11 @@ from canopen_control.virtual.node_pdos import MappedTpdo, RpdoInput, axis_writes
 FRAMES = [CanFrame(0x203, bytes((n,))) for n in range(10)]
 
 
+@pytest.fixture
+def bench():
+    return Bench(servo())
+
+
 def heard(input_, times=(), ticks=()):
     seen = []
     take = input_.receiver(lambda frame, now: seen.append((frame.data[0], now)))
@@ -255,8 +260,7 @@ def remap(bench, number, mapping, rpdo=False, kind=None, cob_id=None, **times):
     bench.write(comm, cob_id & ~INVALID, 1)
 
 
-def test_no_pdo_outside_operational():
-    bench = Bench(servo())
+def test_no_pdo_outside_operational(bench):
     bench.sync()
     bench.put(0x205, b"\x06\0\x03")
     assert sent(bench, 0x185) == []
@@ -268,8 +272,7 @@ def test_no_pdo_outside_operational():
     assert (bench.state, bench.drive.modes.number) == ("READY_TO_SWITCH_ON", 3)
 
 
-def test_an_rpdo_is_applied_whole_before_its_controlword_is_looked_at():
-    bench = Bench(servo())
+def test_an_rpdo_is_applied_whole_before_its_controlword_is_looked_at(bench):
     bench.start()
     remap(bench, 0, [0x60400010, 0x607A0020], rpdo=True)
     bench.write(0x6060, 1)
@@ -280,8 +283,7 @@ def test_an_rpdo_is_applied_whole_before_its_controlword_is_looked_at():
     assert bench.position == 400
 
 
-def test_a_synchronous_rpdo_waits_for_sync_and_its_reaction_shows_one_sync_later():
-    bench = Bench(servo())
+def test_a_synchronous_rpdo_waits_for_sync_and_its_reaction_shows_one_sync_later(bench):
     remap(bench, 0, [0x60400010, 0x60600008], rpdo=True, kind=1)
     bench.start()
     bench.put(0x205, b"\x06\0\x03")
@@ -293,8 +295,7 @@ def test_a_synchronous_rpdo_waits_for_sync_and_its_reaction_shows_one_sync_later
     assert sent(bench, 0x185)[-1][0] & 0x6F == 0x21
 
 
-def test_short_rpdos_are_dropped_and_reported_and_long_ones_cut_and_reported():
-    bench = Bench(servo())
+def test_short_rpdos_are_dropped_and_reported_and_long_ones_cut_and_reported(bench):
     bench.start()
     bench.put(0x205, b"\x06\0")
     assert bench.state == "SWITCH_ON_DISABLED"
@@ -322,8 +323,7 @@ def truth(bench):
         ((0x080, b"\x01"), (0x080, b""), 0x8240),
     ],
 )
-def test_a_wrong_length_is_an_error_until_the_right_one_comes(wrong, right, code):
-    bench = Bench(servo())
+def test_a_wrong_length_is_an_error_until_the_right_one_comes(bench, wrong, right, code):
     bench.start()
     for _ in range(3):
         bench.put(*wrong)
@@ -336,8 +336,7 @@ def test_a_wrong_length_is_an_error_until_the_right_one_comes(wrong, right, code
     assert truth(bench) == (code,)
 
 
-def test_the_error_stays_while_another_rpdo_is_wrong_and_goes_with_a_new_mapping_and_a_reset():
-    bench = Bench(servo())
+def test_the_error_stays_while_another_rpdo_is_wrong_and_goes_with_a_new_mapping_and_a_reset(bench):
     bench.start()
     bench.put(0x205, b"")
     bench.put(0x305, b"")
@@ -351,8 +350,7 @@ def test_the_error_stays_while_another_rpdo_is_wrong_and_goes_with_a_new_mapping
     assert bench.number(0x1001) == 0
 
 
-def test_a_deadline_missed_is_an_error_until_data_come():
-    bench = Bench(servo())
+def test_a_deadline_missed_is_an_error_until_data_come(bench):
     bench.write(0x1400, 100, 5)
     bench.start()
     bench.put(0x205, b"\0\0\0")
@@ -372,8 +370,7 @@ def test_a_refused_value_leaves_its_object_and_the_rest_of_the_rpdo_counts():
     assert bench.node.pdos.refused == 1
 
 
-def test_an_rpdo_that_repeats_itself_takes_back_what_sdo_has_written_meanwhile():
-    bench = Bench(servo())
+def test_an_rpdo_that_repeats_itself_takes_back_what_sdo_has_written_meanwhile(bench):
     bench.start()
     remap(bench, 0, [0x60400010, 0x60FF0020], rpdo=True)
     same = struct.pack("<Hi", 6, 400)
@@ -385,8 +382,7 @@ def test_an_rpdo_that_repeats_itself_takes_back_what_sdo_has_written_meanwhile()
     assert bench.number(0x60FF) == 400
 
 
-def test_a_repeated_rpdo_is_still_limited_by_a_fault():
-    bench = Bench(servo())
+def test_a_repeated_rpdo_is_still_limited_by_a_fault(bench):
     bench.start()
     remap(bench, 0, [0x60400010, 0x60FF0020], rpdo=True)
     same = struct.pack("<Hi", 6, 400)
@@ -397,8 +393,7 @@ def test_a_repeated_rpdo_is_still_limited_by_a_fault():
     assert bench.number(0x60FF) == 50
 
 
-def test_dummy_entries_are_gaps():
-    bench = Bench(servo())
+def test_dummy_entries_are_gaps(bench):
     remap(bench, 0, [0x00060010, 0x60400010], rpdo=True)
     bench.start()
     bench.put(0x205, b"\xff\xff\x06\0")
@@ -406,8 +401,7 @@ def test_dummy_entries_are_gaps():
 
 
 @pytest.mark.parametrize(("kind", "expected"), [(1, 6), (2, 3), (3, 2)])
-def test_cyclic_tpdos_come_with_every_nth_sync(kind, expected):
-    bench = Bench(servo())
+def test_cyclic_tpdos_come_with_every_nth_sync(bench, kind, expected):
     bench.write(0x1800, kind, 2)
     bench.start()
     for _ in range(6):
@@ -415,8 +409,7 @@ def test_cyclic_tpdos_come_with_every_nth_sync(kind, expected):
     assert len(sent(bench, 0x185)) == expected
 
 
-def test_an_acyclic_synchronous_tpdo_comes_after_a_change():
-    bench = Bench(servo())
+def test_an_acyclic_synchronous_tpdo_comes_after_a_change(bench):
     bench.write(0x1800, 0, 2)
     bench.start()
     bench.sync()
@@ -429,8 +422,7 @@ def test_an_acyclic_synchronous_tpdo_comes_after_a_change():
     assert len(sent(bench, 0x185)) == 1
 
 
-def test_event_driven_tpdos_come_on_a_change_not_closer_than_the_inhibit_time():
-    bench = Bench(servo())
+def test_event_driven_tpdos_come_on_a_change_not_closer_than_the_inhibit_time(bench):
     remap(bench, 0, [0x60410010], kind=255, s3=100)  # 10 ms
     bench.start()
     start = bench.now
@@ -444,8 +436,7 @@ def test_event_driven_tpdos_come_on_a_change_not_closer_than_the_inhibit_time():
     assert sent(bench, 0x185)[-1][0] & 0x6F == 0x27
 
 
-def test_an_event_timer_sends_what_did_not_change():
-    bench = Bench(servo())
+def test_an_event_timer_sends_what_did_not_change(bench):
     remap(bench, 0, [0x60410010], kind=255, s5=50)
     bench.start()
     bench.seen.clear()
@@ -453,8 +444,7 @@ def test_an_event_timer_sends_what_did_not_change():
     assert len(sent(bench, 0x185)) == 10
 
 
-def test_a_moving_motor_shows_in_an_event_driven_tpdo_and_a_standing_one_does_not():
-    bench = Bench(servo())
+def test_a_moving_motor_shows_in_an_event_driven_tpdo_and_a_standing_one_does_not(bench):
     remap(bench, 1, [0x60640020, 0x606C0020], kind=255)
     bench.enable(3)
     bench.seen.clear()
@@ -470,8 +460,7 @@ def test_a_moving_motor_shows_in_an_event_driven_tpdo_and_a_standing_one_does_no
     assert struct.unpack("<ii", sent(bench, 0x285)[-1]) == (bench.position, 0)
 
 
-def test_a_remote_frame_asks_for_a_tpdo_of_type_253():
-    bench = Bench(servo())
+def test_a_remote_frame_asks_for_a_tpdo_of_type_253(bench):
     bench.write(0x1800, 253, 2)
     bench.start()
     bench.put(0x185 | REMOTE_FLAG, bytes(3))
