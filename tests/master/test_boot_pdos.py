@@ -26,36 +26,33 @@ from canopen_control.od.model import DataType
 RPDO1 = ("rpdo", 1)
 
 
-def u32_of_compare(index, subindex, value, pdo=RPDO1):
-    return PlannedWrite(index, subindex, value.to_bytes(4, "little"), "x", pdo=pdo, data_type=DataType.UNSIGNED32)
+def number(value, size=4):
+    return value.to_bytes(size, "little")
 
 
-def u8(index, subindex, value, pdo=RPDO1):
-    return PlannedWrite(index, subindex, bytes((value,)), "x", pdo=pdo, data_type=DataType.UNSIGNED8)
+def write(index, subindex, value, size=4, *, pdo=RPDO1, **how):
+    kind = DataType.UNSIGNED32 if size == 4 else DataType.UNSIGNED8
+    return PlannedWrite(index, subindex, number(value, size), "x", pdo=pdo, data_type=kind, **how)
 
 
 PDO = [
-    u32_of_compare(0x1400, 1, 0xC0000203),
-    u8(0x1400, 2, 1),
-    u8(0x1600, 0, 0),
-    u32_of_compare(0x1600, 1, 0x60400010),
-    u8(0x1600, 0, 1),
-    u32_of_compare(0x1400, 1, 0x40000203),
+    write(0x1400, 1, 0xC0000203),
+    write(0x1400, 2, 1, 1),
+    write(0x1600, 0, 0, 1),
+    write(0x1600, 1, 0x60400010),
+    write(0x1600, 0, 1, 1),
+    write(0x1400, 1, 0x40000203),
 ]
 HELD = {
-    (0x1400, 1): (0x40000203).to_bytes(4, "little"),
+    (0x1400, 1): number(0x40000203),
     (0x1400, 2): b"\x01",
     (0x1600, 0): b"\x01",
-    (0x1600, 1): (0x60400010).to_bytes(4, "little"),
+    (0x1600, 1): number(0x60400010),
 }
 
 
-def told(held):
-    return [(write.index, write.subindex, int.from_bytes(write.data, "little")) for write in needed_writes(PDO, held)]
-
-
 def test_the_writes_of_one_pdo_belong_together_and_others_stand_alone():
-    ramp, mode = u32_of_compare(0x6083, 0, 1, None), u32_of_compare(0x6084, 0, 1, None)
+    ramp, mode = write(0x6083, 0, 1, pdo=None), write(0x6084, 0, 1, pdo=None)
     assert groups([ramp, mode, *PDO, ramp]) == [[ramp], [mode], PDO, [ramp]]
 
 
@@ -66,42 +63,27 @@ def test_a_pdo_is_read_once_for_each_of_its_objects():
     assert [is_cob_id(write) for write in PDO] == [True, False, False, False, False, True]
 
 
-def test_a_pdo_that_is_as_requested_needs_nothing_whatever_its_bit_30():
-    assert told(HELD) == []
-    assert told({**HELD, (0x1400, 1): (0x203).to_bytes(4, "little")}) == []
+NEEDED = {
+    "as requested": ({}, []),
+    "as requested, whatever its bit 30": ({(0x1400, 1): number(0x203)}, []),
+    "another type, which leaves the mapping": ({(0x1400, 2): b"\xff"}, [0, 1, 5]),
+    "another mapping, as a whole while invalid": ({(0x1600, 1): number(0x60410010)}, [0, 2, 3, 4, 5]),
+    "already invalid": ({(0x1400, 1): number(0xC0000203)}, [5]),
+    "unreadable": (dict.fromkeys(HELD), [0, 1, 2, 3, 4, 5]),
+}
 
 
-def test_another_type_alone_leaves_the_mapping_as_it_is():
-    assert told({**HELD, (0x1400, 2): b"\xff"}) == [
-        (0x1400, 1, 0xC0000203),
-        (0x1400, 2, 1),
-        (0x1400, 1, 0x40000203),
-    ]
-
-
-def test_another_mapping_is_written_as_a_whole_while_the_pdo_is_invalid():
-    order = told({**HELD, (0x1600, 1): (0x60410010).to_bytes(4, "little")})
-    assert order == [
-        (0x1400, 1, 0xC0000203),
-        (0x1600, 0, 0),
-        (0x1600, 1, 0x60400010),
-        (0x1600, 0, 1),
-        (0x1400, 1, 0x40000203),
-    ]
-
-
-def test_a_pdo_that_is_invalid_already_is_not_made_so_again():
-    assert told({**HELD, (0x1400, 1): (0xC0000203).to_bytes(4, "little")}) == [(0x1400, 1, 0x40000203)]
+@pytest.mark.parametrize(("changes", "writes"), NEEDED.values(), ids=NEEDED)
+def test_of_the_writes_of_a_pdo_those_are_needed_that_change_it(changes, writes):
+    held = {address: data for address, data in {**HELD, **changes}.items() if data is not None}
+    needed = [(write.address, write.data) for write in needed_writes(PDO, held)]
+    assert needed == [(PDO[at].address, PDO[at].data) for at in writes]
 
 
 def test_of_a_pdo_that_is_to_be_invalid_only_bit_31_counts():
-    off = u32_of_compare(0x1402, 1, 0xC0000403, ("rpdo", 3))
-    assert matches(off, (0x80000000).to_bytes(4, "little"))
-    assert not matches(off, (0x40000403).to_bytes(4, "little"))
-
-
-def test_what_cannot_be_read_is_written():
-    assert told({}) == [(write.index, write.subindex, int.from_bytes(write.data, "little")) for write in PDO]
+    off = write(0x1402, 1, 0xC0000403, pdo=("rpdo", 3))
+    assert matches(off, number(0x80000000))
+    assert not matches(off, number(0x40000403))
 
 
 @pytest.mark.parametrize(
@@ -141,15 +123,6 @@ CONTROLWORD = MappedObject(0x6040, 0, 16, DataType.UNSIGNED16)
 MODE = MappedObject(0x6060, 0, 8, DataType.INTEGER8)
 TARGET = MappedObject(0x60FF, 0, 32, DataType.INTEGER32)
 LAYOUT = PlannedPdo(1, 0x203, 255, (CONTROLWORD, MODE))
-
-
-def number(value, size=4):
-    return value.to_bytes(size, "little")
-
-
-def write(index, subindex, value, size=4, **how):
-    kind = DataType.UNSIGNED32 if size == 4 else DataType.UNSIGNED8
-    return PlannedWrite(index, subindex, number(value, size), "x", pdo=("rpdo", 1), data_type=kind, **how)
 
 
 GROUP = [
