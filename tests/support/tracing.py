@@ -26,3 +26,11 @@ def frame(can_id, data=""):
 def said(decoder, *frames):
     """Decode (can_id, hex) pairs and return the texts."""
     return [decoder.decode(frame(*fields)).text for fields in frames]
+
+
+def check_transcript(text, decoder=None):
+    """Decode the frames at the beginning of lines, and compare what is reported of each with the rest of its line."""
+    decoder, lines = decoder or robby_decoder(), [line.strip() for line in text.strip().splitlines()]
+    frames = [line.partition(" ")[0] for line in lines]
+    texts = said(decoder, *((int(can_id, 16), data) for can_id, _, data in (each.partition("#") for each in frames)))
+    assert [f"{each} {reported}" for each, reported in zip(frames, texts, strict=True)] == lines

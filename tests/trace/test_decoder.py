@@ -1,7 +1,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.tracing import frame, robby_decoder, robby_network, said
+from support.tracing import check_transcript, frame, robby_decoder, robby_network
 
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame
 from canopen_control.rpc.messages.fault import FaultEvent
@@ -66,21 +66,13 @@ def test_a_pdo_is_read_by_name_and_type():
 
 
 def test_the_words_of_the_drive_profile_depend_on_what_was_received_before():
-    decoder = robby_decoder()
-    assert said(
-        decoder,
-        (0x183, "371603"),  # the mode is in the same frame, behind the statusword
-        (0x203, "070003"),
-        (0x203, "0F0003"),
-        (0x203, "800003"),
-        (0x203, "8F0003"),
-    ) == [
-        "Statusword 0x1637 OPERATION ENABLED, target reached, speed is zero; Modes of operation display 3 PV",
-        "Controlword 0x0007 DISABLE OPERATION; Modes of operation 3 PV",
-        "Controlword 0x000F ENABLE OPERATION; Modes of operation 3 PV",
-        "Controlword 0x0080 FAULT RESET; Modes of operation 3 PV",
-        "Controlword 0x008F FAULT RESET held; Modes of operation 3 PV",
-    ]
+    check_transcript("""
+        183#371603 Statusword 0x1637 OPERATION ENABLED, target reached, speed is zero; Modes of operation display 3 PV
+        203#070003 Controlword 0x0007 DISABLE OPERATION; Modes of operation 3 PV
+        203#0F0003 Controlword 0x000F ENABLE OPERATION; Modes of operation 3 PV
+        203#800003 Controlword 0x0080 FAULT RESET; Modes of operation 3 PV
+        203#8F0003 Controlword 0x008F FAULT RESET held; Modes of operation 3 PV
+    """)
 
 
 def test_news_of_a_drive_are_marked_once():
@@ -114,14 +106,12 @@ def test_a_short_pdo_is_reported_and_a_long_one_is_read():
 
 
 def test_a_heartbeat_reports_what_was_before_when_it_changes():
-    decoder = robby_decoder()
-    texts = said(decoder, (0x703, "00"), (0x703, "7F"), (0x703, "7F"), (0x703, "05"))
-    assert texts == [
-        "boot-up",
-        "PRE-OPERATIONAL (after boot-up)",
-        "PRE-OPERATIONAL",
-        "OPERATIONAL (was PRE-OPERATIONAL)",
-    ]
+    check_transcript("""
+        703#00 boot-up
+        703#7F PRE-OPERATIONAL (after boot-up)
+        703#7F PRE-OPERATIONAL
+        703#05 OPERATIONAL (was PRE-OPERATIONAL)
+    """)
 
 
 def beats(*times_ms):

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.properties import examples
-from support.tracing import robby_decoder, said
+from support.tracing import check_transcript, robby_decoder, said
 
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia301.sdo_server import SdoServer
@@ -57,27 +57,20 @@ def carried(lines):
 
 
 def test_short_values_are_read_and_written_by_type_and_name():
-    assert said(
-        robby_decoder(),
-        (0x603, "4041600000000000"),
-        (0x583, "4B41600037060000"),
-        (0x603, "2F60600003000000"),
-        (0x583, "6060600000000000"),
-    ) == [
-        "read 0x6041:00 Statusword",
-        "0x6041:00 Statusword = 0x0637 OPERATION ENABLED, target reached",
-        "write 0x6060:00 Modes of operation = 3 PV",
-        "written 0x6060:00 Modes of operation",
-    ]
+    check_transcript("""
+        603#4041600000000000 read 0x6041:00 Statusword
+        583#4B41600037060000 0x6041:00 Statusword = 0x0637 OPERATION ENABLED, target reached
+        603#2F60600003000000 write 0x6060:00 Modes of operation = 3 PV
+        583#6060600000000000 written 0x6060:00 Modes of operation
+    """)
 
 
 def test_the_abort_names_object_code_and_side():
-    decoder = robby_decoder()
-    texts = said(decoder, (0x603, "4018100500000000"), (0x583, "8018100511000906"), (0x603, "8008100000000405"))
-    assert texts[1] == "ABORT by the node, 0x1018:05 Identity object: 0x06090011 subindex does not exist"
-    assert texts[2].startswith(
-        "ABORT by the client, 0x1008:00 Manufacturer device name: 0x05040000 SDO protocol timed out"
-    )
+    check_transcript("""
+        603#4018100500000000 read 0x1018:05 Identity object
+        583#8018100511000906 ABORT by the node, 0x1018:05 Identity object: 0x06090011 subindex does not exist
+        603#8008100000000405 ABORT by the client, 0x1008:00 Manufacturer device name: 0x05040000 SDO protocol timed out
+    """)
 
 
 def test_configuration_objects_are_reported_in_their_own_words():
@@ -111,47 +104,39 @@ def test_segments_and_blocks_are_put_together(content, block):
 
 
 def test_a_string_in_segments_is_read_as_one():
-    assert said(
-        robby_decoder(),
-        (0x603, "4008100000000000"),
-        (0x583, "4108100009000000"),
-        (0x603, "6000000000000000"),
-        (0x583, "00544D434D2D3132"),
-        (0x603, "7000000000000000"),
-        (0x583, "1B37300000000000"),
-    )[1:] == [
-        "0x1008:00 Manufacturer device name: 9 bytes, in segments",
-        "next segment of 0x1008:00 Manufacturer device name",
-        "segment of 0x1008:00 Manufacturer device name, 7 of 9 bytes",
-        "next segment of 0x1008:00 Manufacturer device name",
-        "0x1008:00 Manufacturer device name = 'TMCM-1270'",
-    ]
+    check_transcript("""
+        603#4008100000000000 read 0x1008:00 Manufacturer device name
+        583#4108100009000000 0x1008:00 Manufacturer device name: 9 bytes, in segments
+        603#6000000000000000 next segment of 0x1008:00 Manufacturer device name
+        583#00544D434D2D3132 segment of 0x1008:00 Manufacturer device name, 7 of 9 bytes
+        603#7000000000000000 next segment of 0x1008:00 Manufacturer device name
+        583#1B37300000000000 0x1008:00 Manufacturer device name = 'TMCM-1270'
+    """)
 
 
 def test_a_late_subscriber_is_notified():
-    texts = said(robby_decoder(), (0x583, "00544D434D2D3132"), (0x603, "6000000000000000"), (0x583, "C100000000000000"))
-    assert texts == [
-        "segment of a transfer with unknown start",
-        "next segment of a transfer with unknown start",
-        "end of a block transfer with unknown start",
-    ]
+    check_transcript("""
+        583#00544D434D2D3132 segment of a transfer with unknown start
+        603#6000000000000000 next segment of a transfer with unknown start
+        583#C100000000000000 end of a block transfer with unknown start
+    """)
 
 
 def test_a_lost_block_segment_is_sent_again_and_counted_once():
-    texts = said(
+    check_transcript(
+        """
+        603#A00020007F000000 read 0x2000:00 in blocks of 127 segments
+        583#C20020000E000000 0x2000:00: 14 bytes, in blocks
+        603#A300000000000000 send 0x2000:00
+        583#0141424344454647 block segment 1 of 0x2000:00
+        583#8248494A4B4C4D4E block segment 2 of 0x2000:00, the last
+        603#A2017F0000000000 1 segments of 0x2000:00 acknowledged, 1 to be repeated
+        583#8148494A4B4C4D4E block segment 1 of 0x2000:00, the last
+        603#A2017F0000000000 1 segments of 0x2000:00 acknowledged
+        583#C100000000000000 0x2000:00 = 41 42 43 44 45 46 47 48 49 4a 4b 4c 4d 4e
+    """,
         Decoder(NetworkDescription()),
-        (0x603, "A0 0020 00 7F 00 00 00"),
-        (0x583, "C2 0020 00 0E 00 00 00"),
-        (0x603, "A3 00 00 00 00 00 00 00"),
-        (0x583, "01 41 42 43 44 45 46 47"),
-        (0x583, "82 48 49 4A 4B 4C 4D 4E"),
-        (0x603, "A2 01 7F 00 00 00 00 00"),  # the second was lost on the way to the client
-        (0x583, "81 48 49 4A 4B 4C 4D 4E"),
-        (0x603, "A2 01 7F 00 00 00 00 00"),
-        (0x583, "C1 00 00 00 00 00 00 00"),
     )
-    assert texts[5] == "1 segments of 0x2000:00 acknowledged, 1 to be repeated"
-    assert texts[-1] == "0x2000:00 = 41 42 43 44 45 46 47 48 49 4a 4b 4c 4d 4e"
 
 
 def test_a_transfer_larger_than_what_is_kept_is_reported_by_its_length():
