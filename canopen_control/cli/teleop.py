@@ -15,7 +15,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from canopen_control.cli.support.arguments import number, one_name, seconds
 from canopen_control.cli.support.jog_run import Keyboard
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import CommandDone
     from canopen_control.rpc.messages.state import ControllerReading
 
+    TeleopTarget: TypeAlias = "TeleopRobot | RosTarget"
+
 
 EXAMPLE = """canopen-control teleop
          canopen-control teleop --speed 0.2 --turn 0.5
@@ -46,24 +48,6 @@ TIMEOUT_S: Final = 1.0  # for the answer to a command; a longer delay is reporte
 ZERO: Final = Velocities()
 _BASE_SPEEDS: Final = (0.5, 1.0)  # m/s and rad/s
 _WHEEL_SPEEDS: Final = (5.0, 5.0)  # rad/s of the wheels
-
-
-class TeleopTarget(Protocol):
-    """Receiver of velocities; `units` and default `speeds` are pairs for linear and angular velocity."""
-
-    title: str
-    sideways: bool
-    units: tuple[str, str]
-    speeds: tuple[float, float]
-
-    def send(self, velocities: Velocities) -> None:
-        """Command velocities; raise RemoteError if the target refuses them."""
-
-    def news(self) -> list[str]:
-        """Return sentences for the user about events since the last call."""
-
-    def close(self) -> None:
-        """Close the connection."""
 
 
 _speed = number("speed above 0", lambda value: value > 0)
@@ -226,7 +210,10 @@ class Screen:
 
 
 class TeleopRobot:
-    """Teleop target that commands a controller of a running robot."""
+    """Teleop target that commands a controller of a running robot.
+
+    `units` and default `speeds` are pairs for linear and angular velocity.
+    """
 
     def __init__(self, args: argparse.Namespace) -> None:
         self._robot = RobotClient.connect(args.name)
@@ -266,6 +253,7 @@ class TeleopRobot:
         self._robot.ask(request, TIMEOUT_S)
 
     def news(self) -> list[str]:
+        """Return sentences for the user about events since the last call."""
         events = [message for message in self._robot.messages(0) if isinstance(message, RobotEvent)]
         lines, self._news = [*self._news, *(event.text for event in events if event.level != "info")], []
         return lines

@@ -10,7 +10,7 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 from canopen_control.cia301.nmt import NmtState, state_of_byte
 from canopen_control.cia402 import objects
@@ -448,53 +448,11 @@ SOURCE: Final = "monitor"
 TIMEOUT_S: Final = 20.0  # for a stop or an enable, which include ramps
 
 
-class ScreenSource(Protocol):
-    """Interface of a source; `taps` listen on its buses, `frames` and `trace` contain the received frames."""
-
-    can_command: bool
-    frames: FrameTable
-    trace: TraceLog
-    taps: list[BusTap]
-
-    @property
-    def network(self) -> NetworkDescription:
-        """Description of the nodes on the buses, for the filter."""
-        ...
-
-    def start(self, on_sample: Callable[[], None]) -> None:
-        """Start the source; it calls `on_sample` on any thread for each sample of the robot."""
-
-    def close(self) -> None:
-        """End the source."""
-
-    def tick(self) -> None:
-        """Open buses that are not open; called several times a second."""
-
-    def listen(self, on: bool) -> None:
-        """Start or stop receiving the frames of a robot's buses."""
-
-    def choose(self, node: str) -> DriveObjects | None:
-        """Select a node and return its objects, or None if the source cannot read objects."""
-
-    def content(self) -> MonitorContent:
-        """Return the current content of the screen."""
-
-    def log(self) -> list[LogLine]:
-        """Return the log lines since the last call."""
-
-    def emergencies(self) -> list[LogLine]:
-        """Return the emergencies since the last call."""
-
-    def command(self, request: Request[Any]) -> None:
-        """Send a request and wait; raise RemoteError on failure. Blocks."""
-
-    def begin(self, title: str, text: str, node: str) -> WorkRun:
-        """Start a command on a node with the text of the input line; raise CanopenError if it cannot be started."""
-        ...
-
-
 class LiveRobot:
-    """Source for a running robot: uses its API, and its buses if other processes can receive their frames."""
+    """Source for a running robot: uses its API, and its buses if other processes can receive their frames.
+
+    `taps` listen on the buses; `frames` and `trace` contain the received frames.
+    """
 
     can_command = True
 
@@ -510,11 +468,13 @@ class LiveRobot:
 
     @property
     def network(self) -> NetworkDescription:
+        """Description of the nodes on the buses, for the filter."""
         nodes = {node_id: node for network in self._networks for node_id, node in network.nodes.items()}
         master = self._networks[0].master_node_id if self._networks else None
         return NetworkDescription(nodes=nodes, master_node_id=master)
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
+        """Start the connection, which calls `on_sample` on its thread for each sample of the robot."""
         self._link.start(on_sample)
 
     def close(self) -> None:
@@ -524,6 +484,7 @@ class LiveRobot:
             tap.close()
 
     def listen(self, on: bool) -> None:
+        """Start or stop receiving the frames of the robot's buses."""
         if on is not self._listening:
             self._listening = on
             self._tap()
@@ -538,6 +499,7 @@ class LiveRobot:
             tap.tick(time.monotonic_ns())
 
     def choose(self, node: str) -> DriveObjects:
+        """Select a node and return its objects."""
         self._objects.choose(self._link.name or "", self._link.places.get(node))
         return self._objects
 
@@ -548,6 +510,7 @@ class LiveRobot:
         return content_of(str(self._link.name), state)
 
     def log(self) -> list[LogLine]:
+        """Return the log lines since the last call."""
         events = self._link.events()
         self._emergencies += [log_line(event) for event in events if is_emergency(event)]
         return [log_line(event) for event in events]
@@ -558,9 +521,11 @@ class LiveRobot:
         return emergencies
 
     def command(self, request: Request[Any]) -> None:
+        """Send a request and wait; raise RemoteError on failure. Blocks."""
         self._link.ask(request, TIMEOUT_S)
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:
+        """Start a command on a node with the text of the input line; raise CanopenError if it cannot be started."""
         return WorkRun(work_words(title, text, node, self._link.name or ""))
 
     def _tap(self) -> None:
@@ -631,3 +596,6 @@ class BusSource:
         self._table.feed(decoded)
         self.frames.add(decoded)
         self.trace.add(decoded)
+
+
+ScreenSource: TypeAlias = LiveRobot | BusSource
