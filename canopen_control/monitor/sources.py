@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 from canopen_control.cia301.nmt import NmtState, state_of_byte
 from canopen_control.cia402 import objects
-from canopen_control.cia402.modes import OperationMode, mode_name
+from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode, mode_name
 from canopen_control.cia402.state import decode_statusword
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, ConfigError, RemoteError, without_node
@@ -88,15 +88,12 @@ class _Node:
 
 
 # column of the joint table -> object
-_ACTUAL: Final = {"velocity": 0x606C, "position": 0x6064, "effort": 0x6077}
-_TARGET_POSITION, _TARGET_VELOCITY, _TARGET_TORQUE = 0x607A, 0x60FF, 0x6071
-# mode of operation display -> object of the target
-_TARGETS: Final[dict[int, int]] = {
-    **dict.fromkeys((OperationMode.PP, OperationMode.IP, OperationMode.CSP), _TARGET_POSITION),
-    **dict.fromkeys((OperationMode.PV, OperationMode.CSV), _TARGET_VELOCITY),
-    **dict.fromkeys((OperationMode.TQ, OperationMode.CST), _TARGET_TORQUE),
+_ACTUAL: Final = {
+    "velocity": objects.VELOCITY_ACTUAL,
+    "position": objects.POSITION_ACTUAL,
+    "effort": objects.TORQUE_ACTUAL,
 }
-_VALUES: Final = frozenset((*_ACTUAL.values(), *_TARGETS.values()))
+_VALUES: Final = frozenset((*_ACTUAL.values(), *(index for index, _ in TARGET_OBJECTS.values())))
 
 
 class BusTable:
@@ -215,7 +212,8 @@ class BusTable:
     def _joint(self, node_id: int, number: int, axis: _Axis) -> tuple[Cell, ...]:
         name = self.network.name_of(node_id) or f"node {node_id}"
         title = f"{name} axis {number}" if number else name
-        values = (axis.values.get(index) for index in (_TARGETS.get(axis.mode or 0, -1), *_ACTUAL.values()))
+        target, _ = TARGET_OBJECTS.get(axis.mode or 0, (-1, 0))
+        values = (axis.values.get(index) for index in (target, *_ACTUAL.values()))
         return (plain(f"{title} (device units)"), *(plain("-" if value is None else str(value)) for value in values))
 
 

@@ -9,7 +9,7 @@ import time
 from typing import TYPE_CHECKING, TypeAlias
 
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.rpc.messages.state import BootStep, RobotEvent, SdoCounts, TrackingReading, TruePose
+from canopen_control.rpc.messages.state import UNITS, BootStep, RobotEvent, SdoCounts, TrackingReading, TruePose
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -83,12 +83,12 @@ def _cycle(facts: ReportFacts) -> Iterator[str]:
 def _tracking(facts: ReportFacts) -> Iterator[str]:
     """Yield sentences about the joints with the largest position and velocity errors, and about set-points."""
     trackings = {name: joint.tracking for name, joint in facts.joints.items() if joint.tracking is not None}
-    for interface, unit in (("position", "rad"), ("velocity", "rad/s")):
+    for interface in ("position", "velocity"):
         errors = {name: tracking for name, tracking in trackings.items() if tracking.interface == interface}
         if errors:
             name = max(errors, key=lambda tracking: errors[tracking].error_max_since_enable)
             worst, rms = errors[name].error_max_since_enable, errors[name].error_rms_since_enable
-            yield f"Largest {interface} tracking error: {name}, {worst:.2g} {unit}, RMS {rms:.2g}."
+            yield f"Largest {interface} tracking error: {name}, {worst:.2g} {UNITS[interface][0]}, RMS {rms:.2g}."
     odd = [
         f"{name} {tracking.repeated} and {tracking.skipped}"
         for name, tracking in trackings.items()

@@ -11,6 +11,7 @@ from html import escape
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.rpc.messages.health import AXIS_STATES, BAD, GOOD, IDLE, WARN
+from canopen_control.rpc.messages.state import UNITS
 from canopen_control.rpc.quick_verbs import state_name
 from canopen_control.trace.report_facts import clock
 from canopen_control.version import __version__
@@ -194,7 +195,6 @@ def bars(title: str, labels: Sequence[str], counts: Sequence[int]) -> str:
     return _svg(title, height + _FOOT, parts)
 
 
-_UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "Nm"}
 _MAX_EVENTS: Final = 500
 _STYLE: Final = """
 :root{--bg:#fff;--fg:#1b1f24;--soft:#57606a;--grid:#d8dee4;--card:#f6f8fa;--cmd:#b35900;--act:#0a5fd0;--err:#a626a4;
@@ -301,7 +301,7 @@ def _timeline(facts: ReportFacts) -> Iterator[str]:
 def _joints(facts: ReportFacts) -> Iterator[str]:
     drawn = []
     for name, joint in facts.joints.items():
-        unit, pair = _UNITS[joint.quantity], [("command", joint.command), ("actual", joint.actual)]
+        (unit, _), pair = UNITS[joint.quantity], [("command", joint.command), ("actual", joint.actual)]
         drawn.append(lines(name, joint.time, pair, _axis(facts), f"{joint.quantity}, {unit}"))
         drawn.append(lines("following error", joint.time, [("error", joint.error)], _axis(facts), unit))
     if any(drawn):

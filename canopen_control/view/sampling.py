@@ -11,6 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.rpc.messages.state import UNITS
 from canopen_control.view.targets import drive_targets
 
 if TYPE_CHECKING:
@@ -76,8 +77,6 @@ def _finite(value: float | None) -> float | None:
 COMMAND: Final = "#8a94a0"
 ACTUAL: Final = "#1d5fd1"
 COLORS: Final = ("#1d5fd1", "#e07a00", "#16803c", "#b0188f", "#6b4fbb", "#0f8b8d", "#b01818", "#5b6673")
-_UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "Nm"}
-_LINEAR_UNITS: Final = {"velocity": "m/s", "position": "m", "effort": "N"}
 SHOWN_JOINTS: Final = 12
 STILL_S: Final = 1.0
 _MOVED: Final = 1e-3  # rad or m: noise of an encoder below this is no motion
@@ -134,7 +133,7 @@ def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, s
     """Return chart titles with units by chart key; `interfaces` are by joint, `linear` joints are prismatic."""
 
     def unit(joint: str, interface: str) -> str:
-        return (_LINEAR_UNITS if joint in linear else _UNITS)[interface]
+        return UNITS[interface][joint in linear]
 
     by_joint = {joint: f"{joint} {interface}, {unit(joint, interface)}" for joint, interface in interfaces.items()}
     units = sorted({unit(joint, interface) for joint, interface in interfaces.items()})
@@ -150,7 +149,7 @@ def commanded_interfaces(controllers: Sequence[ControllerReading], state: StateS
     for controller in controllers:
         for claimed in controller.claims if controller.state == "active" else ():
             joint, _, interface = claimed.rpartition("/")
-            if interface in _UNITS:
+            if interface in UNITS:
                 quantities.setdefault(joint, interface)
     return quantities
 

@@ -292,11 +292,12 @@ def test_what_matters_is_logged_and_cyclic_traffic_is_not(bus):
     assert lines[0].time == START / 1e9
 
 
-def test_joints_show_the_target_of_the_mode(bus):
+@pytest.mark.parametrize(("mode", "target"), [(1, "7"), (2, "90"), (3, "500"), (7, "8"), (6, "-"), (None, "-")])
+def test_joints_show_the_target_of_the_mode(bus, mode, target):
     axis = bus.table._update_node(3, START).axes[0] = _Axis()
-    axis.mode, axis.values = 3, {0x60FF: 500, 0x607A: 7, 0x606C: 499}
+    axis.mode, axis.values = mode, {0x60FF: 500, 0x607A: 7, 0x6042: 90, 0x60C1: 8, 0x606C: 499}
     row = bus.table.content(START, "", ()).joints["3/0"]
-    assert [cell.text for cell in row] == ["left (device units)", "500", "499", "-", "-"]
+    assert [cell.text for cell in row] == ["left (device units)", target, "499", "-", "-"]
 
 
 @pytest.fixture

@@ -98,6 +98,10 @@ class TrackingReading(msgspec.Struct, frozen=True):
     skipped: Count = 0
 
 
+UNITS: Final = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("Nm", "N")}
+"""Units of a revolute and of a prismatic joint, by interface."""
+
+
 class JointReading(msgspec.Struct, frozen=True):
     """State of a joint: `position` in rad, `velocity` in rad/s, `effort` in Nm (prismatic: m, m/s, N).
 
