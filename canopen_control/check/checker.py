@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.check import rules as rules
 from canopen_control.check.drive_rules import check_timing, cycle_ns
 from canopen_control.check.finding import Finding, sorted_findings
-from canopen_control.check.stop_times import axis_facts, command_timeouts, stop_time
+from canopen_control.check.stop_times import axis_facts, stop_time
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.limiters import LONGEST_STOP_S
 from canopen_control.errors import CanopenError, ConfigError
@@ -214,9 +214,7 @@ class _Checker:
             try:
                 robot = RobotCore(setup, reactor)
                 if not setup.mock:
-                    self.stops = tuple(
-                        stop_time(axis_fact) for axis_fact in axis_facts(setup, command_timeouts(robot.manager))
-                    )
+                    self.stops = tuple(stop_time(axis_fact) for axis_fact in axis_facts(setup, robot.manager))
                 robot.close()
             finally:
                 reactor.close()

@@ -18,6 +18,7 @@ from canopen_control.cia402.objects import ABORT_CONNECTION, DEFAULTS, OPTION_CO
 from canopen_control.cia402.state import Command, State
 from canopen_control.controllers.limiters import LONGEST_STOP_S
 from canopen_control.errors import CanopenError
+from canopen_control.hardware.axis_parameters import planned_scales
 from canopen_control.master.cycle import CYCLIC_SYNCHRONOUS
 from canopen_control.od.indices import GUARD_TIME, HEARTBEAT_CONSUMER, LIFE_FACTOR
 from canopen_control.runtime.sync_choice import axis_number, node_of
@@ -45,7 +46,8 @@ _LOST: Final[Mapping[Command | State | None, int]] = {
 class AxisFacts:
     """Stop parameters of one axis; `speed` is inf if unlimited; a time is 0 if its supervision is not used.
 
-    `objects` are object values by the index for the first axis; `lives` are command timeouts by controller.
+    `objects` are object values by the index for the first axis; `lives` are command timeouts by controller,
+    `brakes` the times that controllers take to brake from their velocity limits by their own deceleration.
     """
 
     joint: str
@@ -59,6 +61,7 @@ class AxisFacts:
     axis: int = 0
     objects: Mapping[int, int] = field(default_factory=dict)
     lives: Mapping[str, float] = field(default_factory=dict)
+    brakes: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +134,9 @@ def _cases(facts: AxisFacts) -> Iterator[StopCase]:
     ramp, by = _masters_ramp(facts)
     yield StopCase("a stop is requested", facts.cycle_s, ramp, by)
     for name, life in facts.lives.items():
-        yield StopCase(f"the command of {name} ends", life + facts.cycle_s, ramp, by)
+        brake = facts.brakes.get(name, 0.0)  # of the controller; the drive follows, or takes longer
+        slowest = (brake, "its deceleration limit") if brake > ramp else (ramp, by)
+        yield StopCase(f"the command of {name} ends", life + facts.cycle_s, *slowest)
     if facts.silence_s:
         yield StopCase("a node of its group is silent", facts.silence_s + facts.cycle_s, ramp, by)
     if facts.data_s:
@@ -196,10 +201,12 @@ _OBJECTS: Final = (
 _UNLIMITED: Final = 0x7FFFFFFF
 
 
-def axis_facts(setup: RobotSetup, lives: Mapping[str, Mapping[str, float]] | None = None) -> list[AxisFacts]:
-    """Return the stop parameters of each joint with a drive; `lives` are command timeouts in s by joint."""
+def axis_facts(setup: RobotSetup, manager: ControllerManager | None = None) -> list[AxisFacts]:
+    """Return the stop parameters of each joint with a drive; `manager` has the controllers that command the joints."""
+    lives = {} if manager is None else command_timeouts(manager)
+    brakes = {} if manager is None else {name: manager.get(name).brake_s for name in manager.states}
     return [
-        _facts(setup, config, joint, node, (lives or {}).get(joint.name, {}))
+        _facts(setup, config, joint, node, lives.get(joint.name, {}), brakes)
         for config in setup.buses.values()
         for tag in setup.description.hardware
         for joint in tag.joints
@@ -223,7 +230,12 @@ def command_timeouts(manager: ControllerManager) -> dict[str, dict[str, float]]:
 
 
 def _facts(
-    setup: RobotSetup, config: BusConfig, joint: ControlJoint, node: NodeConfig, lives: Mapping[str, float]
+    setup: RobotSetup,
+    config: BusConfig,
+    joint: ControlJoint,
+    node: NodeConfig,
+    lives: Mapping[str, float],
+    brakes: Mapping[str, float],
 ) -> AxisFacts:
     number, cycle_s = axis_number(joint), setup.cycle_ns / 1e9
     value = _Values(config, node.name)
@@ -231,7 +243,7 @@ def _facts(
         index: number_read for index in _OBJECTS if (number_read := value(o.axis_index(index, number))) is not None
     }
     limits = setup.description.joints[joint.name].limits if joint.name in setup.description.joints else None
-    most = math.inf if limits is None else limits.speed * abs(node.units.of_axis(number)["vel_to_dev"])
+    most = math.inf if limits is None else limits.speed * abs(planned_scales(config, node.name, number)["vel_to_dev"])
     profile = value(o.axis_index(o.MAX_PROFILE_VELOCITY, number))
     if profile and profile < _UNLIMITED:
         most = min(most, profile)
@@ -249,6 +261,7 @@ def _facts(
         axis=number,
         objects=objects,
         lives=lives,
+        brakes={name: brakes[name] for name in lives},
     )
 
 

@@ -336,6 +336,11 @@ class Controller:
         """Whether a command with these values stops all motion; such a command may outlive its client."""
         return not any(values) and all(command.quantity in MOVING for command in self.commands)
 
+    @property
+    def brake_s(self) -> float:
+        """Time in s to brake from the velocity limit by the controller's own deceleration; 0 if it does not ramp."""
+        return 0.0
+
     def why_immobile(self, values: Sequence[float]) -> str | None:
         """Return why the limits of the controller permit none of the motions of a command, or None."""
         pairs = zip(self.commands, values, strict=False)

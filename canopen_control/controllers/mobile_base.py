@@ -226,6 +226,7 @@ class MobileBase(Controller):
         self._require_methods()
         self.pose = pose
         self._twist = LimitedTwist(self.twist_axes)
+        self._brake_s = 0.0
         self._immobile: dict[str, str] = {}  # by axis: the limit that permits no motion
         self.desired, self.limited = self._twist.desired, self._twist.limited
         self.targets: list[float] = []
@@ -269,13 +270,16 @@ class MobileBase(Controller):
             self._twist.set_limits(self.name, limits)
         self._odometry_params = params
         self._immobile.clear()
+        self._brake_s = 0.0
         for axis, limit in zip(self.twist_axes, limits, strict=False):
             if limit.freezes:
                 self.report("parameter", f"{axis}.max_jerk is 0, which keeps the speed constant; remove it")
             law = RateLaw(limit.limits())
+            self._brake_s = max(self._brake_s, law.brake_s)
             if law.immobile:
                 self._immobile[axis] = f"{axis}.{law.immobile}"
-                self.report(IMMOBILE, f"{axis}.{law.immobile} is 0, so the base does not move along {axis}")
+                if not limit.freezes:  # reported above
+                    self.report(IMMOBILE, f"{axis}.{law.immobile} is 0, so the base does not move along {axis}")
             if (text := slow_stop(axis, law.brake_s, f"{axis}.{law.longest_brake}")) is not None:
                 self.report(SLOW_STOP, text)
         self.command_timeout.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
@@ -285,6 +289,10 @@ class MobileBase(Controller):
             )
         elif (text := timeout_warning(self.timeout_key, timeout, (VELOCITY,))) is not None:
             self.report(UNLIMITED, text)
+
+    @property
+    def brake_s(self) -> float:
+        return self._brake_s
 
     def why_immobile(self, values: Sequence[float]) -> str | None:
         limits = self._immobile

@@ -26,7 +26,7 @@ from canopen_control.cia402.motors import MODES, motors_of
 from canopen_control.cia402.objects import axis_index
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, Scale, counts_per_revolution, is_feed
 from canopen_control.errors import ConfigError, DriveError, RobotConfigError, SdoAbort
-from canopen_control.hardware.axis import TORQUE_MAX, configured_scale
+from canopen_control.hardware.axis import TORQUE_MAX
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, MOTION_INTERFACES, TARGET
 from canopen_control.hardware.tracking import FEED_FORWARD
 from canopen_control.od.codec import decode, encode
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 
     from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.hardware.axis import AxisProcessData
+    from canopen_control.master.config import BusConfig
+    from canopen_control.master.keys import UnitKeys
     from canopen_control.master.plan import NodePlan
     from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
@@ -317,6 +319,48 @@ _SLOWEST_S: Final = 60.0  # duration of a ramp, as in `check`
 _DEFAULT_SCALES: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 1000.0, "vel_from_dev": 0.001}
 
 
+Pair = tuple[int, int] | None
+_UNITS: Final = (objects.POSITION_ENCODER_RESOLUTION, objects.GEAR_RATIO, objects.FEED_CONSTANT)
+
+
+def planned_scales(config: BusConfig, name: str, axis: int) -> dict[str, float]:
+    """Return the scales that an axis of a node will have: those of bus.yml, else from the units of plan and EDS."""
+    plan, od = config.plans[name], config.dictionaries[name]
+    written = {(write.index, write.subindex): write.data for write in plan.writes}
+
+    def value(index: int, subindex: int) -> int | None:
+        data, entry = written.get((index, subindex)), od.get(index, subindex)
+        number = int.from_bytes(data, "little") if data is not None else entry and entry.value
+        return number if isinstance(number, int) else None
+
+    indices = [axis_index(index, axis) for index in _UNITS]
+    counts = _counts_per_turn(*(_pair(value(index, 1), value(index, 2)) for index in indices))
+    return _scales(config.nodes[name].units, axis, counts)
+
+
+def _pair(first: int | None, second: int | None) -> Pair:
+    return (first, second) if first and second and first > 0 and second > 0 else None
+
+
+def _counts_per_turn(encoder: Pair, gear: Pair, feed: Pair) -> float | None:
+    # CiA 402-2: 0x608F, 0x6091 and 0x6092 are optional
+    if encoder is None and feed is None:
+        return None
+    try:
+        # Drives without user units have a feed constant of one unit per revolution, which is ignored.
+        return counts_per_revolution(encoder or (1, 1), gear or (1, 1), feed if feed not in (None, (1, 1)) else None)
+    except ConfigError:
+        return None
+
+
+def _scales(units: UnitKeys, axis: int, counts: float | None) -> dict[str, float]:
+    """Return the scales of bus.yml, or if it gives none, those of `counts` per turn, if known."""
+    own = units.of_axis(axis)
+    if counts is None or any(own[name] != value for name, value in _DEFAULT_SCALES.items()):
+        return own
+    return units.with_scale(counts / math.tau).of_axis(axis)
+
+
 class AxisParameters:
     """Parameters of one axis; `failed` lists the objects that could not be read.
 
@@ -502,31 +546,16 @@ class AxisParameters:
                 f"`{{index: 0x{index:04X}, sub_index: 0, value: 2}}` under `sdo:` in bus.yml"
             )
 
-    def _pair(self, index: int) -> tuple[int, int] | None:
-        first, second = self.get(index, 1), self.get(index, 2)
-        return (first, second) if first and second and first > 0 and second > 0 else None
+    def _pair(self, index: int) -> Pair:
+        return _pair(self.get(index, 1), self.get(index, 2))
 
     def counts_per_turn(self) -> float | None:
         """Return the position units per shaft revolution, or None if the drive does not define units."""
-        encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
-        gear, feed = self._pair(objects.GEAR_RATIO) or (1, 1), self._pair(objects.FEED_CONSTANT)
-        # CiA 402-2: 0x608F, 0x6091 and 0x6092 are optional
-        if encoder is None and feed is None:
-            return None
-        try:
-            # Drives without user units have a feed constant of one unit per revolution, which is ignored.
-            return counts_per_revolution(encoder or (1, 1), gear, feed if feed not in (None, (1, 1)) else None)
-        except ConfigError:
-            return None
+        return _counts_per_turn(*(self._pair(index) for index in _UNITS))
 
     def _apply_scale(self) -> None:
-        axis, counts = self._axis, self.counts_per_turn()
-        units = axis.node.config.units.of_axis(axis.number)
-        if counts is None or any(units[name] != value for name, value in _DEFAULT_SCALES.items()):
-            axis.scale = configured_scale(axis.node, axis.number)
-        else:
-            units_of_joint = axis.node.config.units.with_scale(counts / math.tau)
-            axis.scale = Scale(**units_of_joint.of_axis(axis.number))
+        axis = self._axis
+        axis.scale = Scale(**_scales(axis.node.config.units, axis.number, self.counts_per_turn()))
         scale, turn = axis.scale, self._counts_of_motor()
         axis.turn = turn or abs(scale.pos_to_dev) * math.tau
         axis.rpm_to_dev = math.copysign(60.0 / math.tau, scale.vel_to_dev)

@@ -95,8 +95,7 @@ class AnswerInvariants:
         nodes = {node.node_id: node for view in views.values() for node in view.nodes.values()}
         self._axes: dict[int, _Axis] = {}
         self._axis_of: dict[str, _Axis] = {}
-        for joint, config in watched_joints(robot.setup):
-            scale = config.units.of_axis(0)
+        for joint, config, scale in watched_joints(robot.setup):
             way, rate = _WAY * abs(scale["pos_to_dev"]), abs(scale["vel_to_dev"])
             axis = self._axes.setdefault(config.node_id, _Axis(nodes[config.node_id], [], way, rate))
             axis.joints.append(joint)

@@ -135,8 +135,8 @@ class StatusInvariants:
             for transmission in tag.transmissions
         }
         self._shafts = [
-            _Shaft(joint, node.name, self._nodes[node.name], node.units.of_axis(0), transmissions.get(joint))
-            for joint, node in watched_joints(robot.setup)
+            _Shaft(joint, node.name, self._nodes[node.name], units, transmissions.get(joint))
+            for joint, node, units in watched_joints(robot.setup)
         ]
         self._heard_ns = {  # node -> time allowed for reporting its NMT state, which its next heartbeat shows
             name: max(_SOON_NS, node.supervision.heartbeat_ms * _MS + _EVERY_NS)

@@ -370,10 +370,10 @@ def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:
 
 
 def _velocity_scales(robot: RobotUnderTest) -> dict[int, list[tuple[str, float]]]:
-    """Return the joints of each node's first axis with their velocity scales from bus.yml."""
+    """Return the joints of each node's first axis with their velocity scales."""
     scales: dict[int, list[tuple[str, float]]] = {}
-    for joint, node in watched_joints(robot.setup):
-        scales.setdefault(node.node_id, []).append((joint, node.units.of_axis(0)["vel_to_dev"]))
+    for joint, node, units in watched_joints(robot.setup):
+        scales.setdefault(node.node_id, []).append((joint, units["vel_to_dev"]))
     return scales
 
 

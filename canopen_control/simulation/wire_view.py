@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects as o
 from canopen_control.frame import RECORD
+from canopen_control.hardware.axis_parameters import planned_scales
 from canopen_control.runtime.sync_choice import axis_number, node_of
 from canopen_control.simulation.robot_under_test import MASTER
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Iterator, Sequence
+    from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 
     from canopen_control.cia301.pdo import MappedObject
     from canopen_control.master.config import BusConfig
@@ -215,14 +216,14 @@ class WireView:
             view.emcy_at = now
 
 
-def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
-    """Yield each joint on a node's first axis, the only axis that the views decode, with its node in bus.yml."""
+def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig, Mapping[str, float]]]:
+    """Yield each joint on a node's first axis, the only axis that the views decode, with its node and its scales."""
     for config in setup.joined.values():
         for joint in (joint_tag for tag in setup.description.hardware for joint_tag in tag.joints):
             node = node_of(config, joint)
             plan = None if node is None or axis_number(joint) else config.plans.get(node.name)
             if node is not None and plan is not None and plan.axes:
-                yield joint.name, node
+                yield joint.name, node, planned_scales(config, node.name, 0)
 
 
 def _fields(objects: Iterable[MappedObject]) -> Iterable[tuple[int, int, int, bool]]:

@@ -96,3 +96,12 @@ def test_a_stop_that_nothing_bounds_reports_what_does_not():
 def test_a_ramp_is_slow_if_the_quick_stop_comes_before_its_end(ramp, slow):
     found = stop_time(facts(objects=OBJECTS | {0x6084: ramp})).slow_ramp
     assert (found and found.ramp_s) == (slow and pytest.approx(slow))
+
+
+@pytest.mark.parametrize(
+    ("brake", "ramp", "by"), [(0.4, 0.5, "ramp of 0x6084 (2000)"), (3.0, 3.0, "its deceleration limit")]
+)
+def test_a_controller_that_brakes_slower_than_the_drive_determines_the_end_of_its_command(brake, ramp, by):
+    found = case("forward", brakes={"forward": brake})
+    assert (found.ramp_s, found.by) == (pytest.approx(ramp), by)
+    assert case("requested", brakes={"forward": brake}).ramp_s == pytest.approx(0.5)

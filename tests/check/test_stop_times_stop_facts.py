@@ -2,6 +2,7 @@
 
 import pytest
 from support.arm6 import copy_arm
+from support.robots import copy_robby
 
 from canopen_control.check.stop_times import axis_facts, command_timeouts
 from canopen_control.host.reactor import MarkedSelector, Reactor
@@ -41,3 +42,17 @@ def test_the_lives_of_commands_are_those_of_the_loaded_controllers():
         lives = command_timeouts(core.manager)
         core.close()
     assert lives == {joint: {"robby_forward_controller": 2.0} for joint in ("left_wheel_joint", "right_wheel_joint")}
+
+
+def test_the_brake_of_a_base_is_that_of_its_deceleration_limits(tmp_path):
+    """1 m/s and 1 rad/s at 1 m/s^2 and 1 rad/s^2, and half of that."""
+    for value, brake in (("-1.0", 1.0), ("-0.5", 2.0)):
+        folder = tmp_path / value
+        folder.mkdir()
+        edit = {"linear.x.max_deceleration: -1.0": f"linear.x.max_deceleration: {value}"}
+        setup = read_robot(find_robot(str(copy_robby(folder, controllers=edit))), controllers=["robby_base_controller"])
+        with Reactor(ManualClock(), MarkedSelector()) as reactor:
+            core = RobotCore(setup, reactor)
+            facts = axis_facts(setup, core.manager)
+            core.close()
+        assert [each.brakes for each in facts] == [{"robby_base_controller": brake}] * 2

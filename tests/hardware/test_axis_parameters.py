@@ -7,7 +7,9 @@ from support.generic import write_generic
 from support.observers import Observer
 from support.robots import Bench
 
+from canopen_control.cia402.units import Scale
 from canopen_control.frame import CanFrame
+from canopen_control.hardware.axis_parameters import planned_scales
 
 
 @pytest.fixture
@@ -131,3 +133,19 @@ def test_a_reaction_to_a_quick_stop_that_cia_402_does_not_define_is_reported(ser
     bench.joint(2).parameters.load()
     bench.run(500)
     assert any(f"0x605A is {code}, which" in text for text in bench.texts("parameters")) is told
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {},
+        {"sdo": "- {index: 0x6091, sub_index: 1, value: 3}"},
+        {"sdo": "- {index: 0x608F, sub_index: 1, value: 4096}"},
+        {"extra": "scale_pos_to_dev: 500.0\n  scale_pos_from_dev: 0.002"},
+        {"extra": "offset_pos_from_dev: 2.0"},
+    ],
+)
+def test_the_planned_scales_are_those_that_the_drive_gets(servo, how):
+    bench = servo("planned", **how)
+    bench.start()
+    assert Scale(**planned_scales(bench.setup.bus, "drive_one", 0)).pos_to_dev == bench.joint(2).scale.pos_to_dev

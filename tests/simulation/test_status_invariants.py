@@ -1,3 +1,5 @@
+import math
+
 import pytest
 from support.generic import write_generic
 from support.mutants import MUTANTS
@@ -43,6 +45,18 @@ def test_the_offset_of_bus_yml_is_part_of_a_position(tmp_path):
     folder = write_generic(tmp_path, extra="offset_pos_from_dev: 2.0")
     simulation = SimulationRun(read_robot(find_robot(str(folder)), controllers=["velocity"]), 1, [])
     simulation.run(2 * S)
+    simulation.close()
+    assert simulation.breaches == ()
+
+
+def test_the_units_of_a_drive_apply_where_bus_yml_has_no_scales(tmp_path):
+    """As with ros2_canopen's own files: 0x608F has the counts of a turn, and the robot reads it after the boot."""
+    setup = read_robot(find_robot(str(write_generic(tmp_path))), controllers=["velocity"])
+    drives = ScenarioEvent(2 * S, "command", "velocity", values=(2.0, -1.0), for_ns=2 * S)
+    simulation = SimulationRun(setup, 1, [drives])
+    simulation.run(5 * S)
+    assert simulation.robot.core.joints["one"].scale.pos_to_dev == pytest.approx(65536 / math.tau)
+    assert simulation.robot.core.joints["one"].states["position"].value > 3.0
     simulation.close()
     assert simulation.breaches == ()
 

@@ -432,6 +432,10 @@ class JointTrajectoryController(Controller):
         del values, now, stamp
         raise self.refusal("accepts only trajectories and goals; send one with canopen-control trajectory")
 
+    @property
+    def brake_s(self) -> float:
+        return self._acceptance.brake_s
+
     def cancel(self, goal: TrajectoryGoal, why: str | None = None) -> None:
         """Cancel a goal if it is active; the joints then brake and are held. `why` is reported."""
         if goal is self.goal:

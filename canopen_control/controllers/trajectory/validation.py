@@ -602,16 +602,25 @@ class Acceptance:
 
     def slow_brake(self) -> str | None:
         """Return a warning about the joint that stops slowest after a cancelled goal, or None if none is too slow."""
+        stops = self._brakes_s()
+        joint = max(stops, key=stops.__getitem__, default="")
+        return slow_stop(joint, stops.get(joint, 0.0), f"constraints.{joint}.max_deceleration_on_cancel")
+
+    @property
+    def brake_s(self) -> float:
+        """Time in s in which the slowest joint brakes after a cancelled goal; 0 if the joints are held at once."""
+        return 0.0 if self.cannot_brake() is not None else max(self._brakes_s().values(), default=0.0)
+
+    def _brakes_s(self) -> dict[str, float]:
+        """Return the time in s in which each joint brakes from its velocity limit after a cancelled goal."""
         params = self._params
         if not params.decelerate_on_cancel:
-            return None
-        stops = {
+            return {}
+        return {
             joint: self.limits[joint].velocity / constraints.max_deceleration_on_cancel
             for joint, constraints in zip(params.joints, params.constraints, strict=True)
             if constraints.max_deceleration_on_cancel and math.isfinite(self.limits[joint].velocity)
         }
-        joint = max(stops, key=stops.__getitem__, default="")
-        return slow_stop(joint, stops.get(joint, 0.0), f"constraints.{joint}.max_deceleration_on_cancel")
 
     def point_limiter(self) -> PointLimiter | None:
         """Return a new limiter of the commanded points, or None if no limiter is configured."""
