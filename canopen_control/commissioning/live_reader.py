@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.client import RobotClient
 from canopen_control.commissioning.node_session import dictionary_of, session_with
-from canopen_control.commissioning.object_rows import READS_PER_S, LiveObject, is_scanned
+from canopen_control.commissioning.object_rows import READS_PER_S, EditHistory, LiveObject, is_scanned
 from canopen_control.commissioning.parameter_set import read_values
 from canopen_control.errors import CanopenError
 
@@ -32,8 +32,9 @@ _TIMEOUT_S: Final = 2.0  # for the connection
 
 
 class NodeObjects:
-    """Node of a running robot with the last values of its objects; `source` names the writer in the robot's events.
+    """Node of a running robot with its edits and the last values of its objects.
 
+    `source` names the writer in the robot's events; `history` contains the edits, one of which is made at a time.
     `live` contains the last readings by address, with a number that increases with every change. `lost` is the reason
     why objects cannot be read at present, else "". `connect` can be replaced in tests.
     """
@@ -48,6 +49,8 @@ class NodeObjects:
         self.robot, self.place = robot, place
         self.live: dict[Address, tuple[int, LiveObject]] = {}
         self.lost = ""
+        self.history = EditHistory()
+        self.editing = threading.Lock()  # several edits may be requested before the node answers
         self._source, self._connect = source, connect
         self._od: ObjectDictionary | None = None
         self._has_read, self._reading = False, threading.Lock()

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 from canopen_control.commissioning.jobs import JOBS
 from canopen_control.commissioning.live_reader import LiveReader, NodeObjects
-from canopen_control.commissioning.object_rows import EditHistory, LiveObject, rows_of, select_objects
+from canopen_control.commissioning.object_rows import LiveObject, rows_of, select_objects
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.environment import clean_environment
 from canopen_control.monitor.monitor_content import Cell, Tone, plain
@@ -170,8 +170,6 @@ class DriveObjects:
         self._source, self._reader = source, LiveReader()
         self._nodes: dict[tuple[str, str], NodeObjects] = {}
         self._node: NodeObjects | None = None
-        self._edits: dict[NodeObjects, EditHistory] = {}
-        self._editing = threading.Lock()  # several edits may be requested before a drive answers
         self._od: ObjectDictionary | None = None
         self._why = "no drive is selected"
         self._words = ""
@@ -220,8 +218,8 @@ class DriveObjects:
             raise ConfigError(
                 f"set {text}: {address} matches {1 + len(further)} objects; give one, as {_address(entry.address)}"
             )
-        with self._editing, node.session() as session:
-            return self._history(node).write(session, entry, value).words
+        with node.editing, node.session() as session:
+            return node.history.write(session, entry, value).words
 
     def undo(self) -> str:
         """Undo the latest write at this node and return the change as text.
@@ -230,11 +228,8 @@ class DriveObjects:
         """
         if (node := self._node) is None:
             raise ConfigError(f"undo: {self._why}")
-        with self._editing, node.session() as session:
-            return self._history(node).undo(session).words
-
-    def _history(self, node: NodeObjects) -> EditHistory:
-        return self._edits.setdefault(node, EditHistory())
+        with node.editing, node.session() as session:
+            return node.history.undo(session).words
 
     @property
     def title(self) -> str:

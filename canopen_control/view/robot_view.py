@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 from canopen_control.client import RobotClient
 from canopen_control.commissioning.live_reader import LiveReader, NodeObjects
-from canopen_control.commissioning.object_rows import EditHistory
 from canopen_control.errors import CanopenError, DriveError, RemoteError, RobotConfigError
 from canopen_control.rpc.messages.drive import GetWorld
 from canopen_control.rpc.messages.health import BAD
@@ -55,8 +54,6 @@ class NodeJobs(NodeObjects):
         self.work: JobRun | None = None
         self.scope: ScopeRun | None = None
         self.tuned: TuneFound | None = None
-        self.history = EditHistory()
-        self._editing = threading.Lock()
 
     async def ask(self, work: Callable[[NodeSession], T]) -> T:
         """Run `work` on a thread with a session of the node; return its result or raise its error."""
@@ -80,7 +77,7 @@ class NodeJobs(NodeObjects):
     def _edit(self, change: Callable[[NodeSession], Edit]) -> Edit:
         if self.work is not None and self.busy:
             raise DriveError(f"{self.place.name} is busy: {self.work.title}; nothing was written")
-        with self._editing:
+        with self.editing:
             return self.with_session(change)
 
     # ------------------------------------------------------------------------------------ long jobs
@@ -100,7 +97,7 @@ class NodeJobs(NodeObjects):
     def _run(self, work: JobRun, function: Callable[[NodeSession, JobRun], str]) -> None:
         good = False
         try:
-            with self._editing:
+            with self.editing:
                 work.sentence = self.with_session(partial(_job, function, work))
             good = not work.failed
         except CanopenError as error:

@@ -20,20 +20,22 @@ if TYPE_CHECKING:
 def add_job_options(parser: argparse.ArgumentParser, job: Job) -> None:
     """Declare the options of a job for the parser of its verb."""
     for name, option in job.declared.items():
-        settings: dict[str, Any] = {"dest": name, "help": option.text}
         if option.is_switch:
-            parser.add_argument(option.flag, action="store_true", **settings)
+            parser.add_argument(option.flag, dest=name, action="store_true", help=option.text)
             continue
-        if option.repeats:
-            settings |= {"action": "append", "default": [], "help": f"{option.text} (repeatable)"}
-        elif option.default not in (None, ""):
-            settings |= {"default": option.default, "help": f"{option.text} (default: {_shown(option.default)})"}
-        if option.read is not None:
-            settings["type"] = argument(option.read)
-        settings.setdefault("default", option.default)
-        parser.add_argument(option.flag, metavar=option.metavar, **settings)
+        given = "" if option.default in (None, "") else f" (default: {_shown(option.default)})"
+        read = str if option.read is None else argument(option.read)
+        parser.add_argument(
+            option.flag,
+            dest=name,
+            metavar=option.metavar,
+            action="append" if option.repeats else "store",
+            type=read,
+            default=[] if option.repeats else option.default,
+            help=f"{option.text}{' (repeatable)' if option.repeats else given}",
+        )
         if option.former:
-            add_former(parser, option.former, option.flag, name, settings.get("type", str))
+            add_former(parser, option.former, option.flag, name, read)
 
 
 def _shown(value: object) -> str:
