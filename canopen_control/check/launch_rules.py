@@ -2,6 +2,8 @@
 
 Nothing is launched or included. `$(arg NAME)` is replaced by its default; other substitutions in XML are not checked.
 Launch files in Python are parsed and never executed (`runtime.launch_python`); computed names are reported as unknown.
+
+`rules` imports this module only for a robot with a launch file, because most robots are run without one.
 """
 
 from __future__ import annotations

@@ -351,7 +351,7 @@ def _add_communication(od: ObjectDictionary, direction: _Direction, offset: int,
 def _cob_id(od: ObjectDictionary, direction: _Direction, offset: int, model: Entry) -> Entry:
     predefined = offset < _PREDEFINED
     default = direction.cob_id + 0x100 * offset + (od.node_id or 0) if predefined else INVALID
-    return Entry(model.index, model.subindex, model.name, model.data_type, "rw", default=default, relative=predefined)
+    return replace(model, default=default, relative=predefined)
 
 
 def _add_mapping(od: ObjectDictionary, direction: _Direction, offset: int) -> None:

@@ -10,7 +10,7 @@ keys the line numbers are computed only on request; any other section is read li
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canopen_control.errors import EdsError
@@ -389,24 +389,7 @@ class EntryReader:
         """Return a copy of `model` for another subindex, with the default of `key` in `values` if given."""
         parsed = _NO_VALUE if values is None else self._read_value(values, key, model.data_type)
         default, relative, _ = Parsed(model.default, model.relative) if parsed is _NO_VALUE else parsed
-        return Entry(
-            model.index,
-            subindex,
-            name,
-            model.data_type,
-            model.access,
-            model.pdo_mappable,
-            default,
-            model.low,
-            model.high,
-            relative,
-            model.low_relative,
-            model.high_relative,
-            model.parameter_value,
-            model.parameter_relative,
-            model.obj_flags,
-            model.line,
-        )
+        return replace(model, subindex=subindex, name=name, default=default, relative=relative, texts={})
 
     def _traits(self, section: Section, code: int, address: Address) -> _Traits:
         text = section.values.get
