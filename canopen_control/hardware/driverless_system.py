@@ -16,12 +16,14 @@ from typing import TYPE_CHECKING, Final, Protocol
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface
 from canopen_control.hardware.interfaces import (
     ERROR,
+    MOTION_INTERFACES,
     OK,
     CommandInterface,
     ComponentLifecycle,
     LifecycleState,
     ReturnType,
     StateInterface,
+    refuse_two_interfaces,
 )
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
@@ -303,18 +305,14 @@ class SimulatedSystem(ComponentLifecycle):
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Raise ControlError for two interfaces of one joint, or an unsupported interface."""
-        modes: dict[str, str] = {}
         for name in (*start, *stop):
             if name not in self._owners:
                 raise UnknownInterface(name, tuple(self._owners))
-        for name in start:
-            joint = self._owners[name]
-            if joint is None:
-                continue
-            if name.rpartition("/")[2] not in (POSITION, VELOCITY, EFFORT):
+        motors = [name for name in start if self._owners[name] is not None]
+        for name in motors:
+            if name.rpartition("/")[2] not in MOTION_INTERFACES:
                 raise ControlError(f"{name}: a simulated motor supports only position, velocity and effort")
-            if modes.setdefault(joint.name, name) != name:
-                raise ControlError(f"joint {joint.name}: {modes[joint.name]} and {name} cannot be commanded together")
+        refuse_two_interfaces(motors)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         for name in stop:

@@ -18,7 +18,7 @@ from canopen_control.errors import ControlError, InterfaceConflict, UnknownInter
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.simulation import LaserScanReading
@@ -327,6 +327,15 @@ def _refuse_doubles(kind: str, exporter: str, new: Sequence[Interface], present:
         if interface.name in names:
             raise ControlError(f"{exporter}: {kind} interface {interface.name} exists already; name each joint once")
         names.add(interface.name)
+
+
+def refuse_two_interfaces(names: Iterable[str]) -> None:
+    """Raise ControlError if two of the claimed command interfaces command the same joint."""
+    claimed: dict[str, str] = {}
+    for name in names:
+        joint = name.rpartition("/")[0]
+        if claimed.setdefault(joint, name) != name:
+            raise ControlError(f"joint {joint}: {claimed[joint]} and {name} cannot be commanded together")
 
 
 # Lifecycle methods of a component; a method that is not allowed in the current state does nothing.

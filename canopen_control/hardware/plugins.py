@@ -21,6 +21,7 @@ from canopen_control.hardware.interfaces import (
     LifecycleState,
     ReturnType,
     StateInterface,
+    refuse_two_interfaces,
 )
 from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, VELOCITY
 
@@ -140,13 +141,8 @@ class GenericSystem(ComponentLifecycle):
         """Raise UnknownInterface for an unknown name; with dynamics, ControlError for two modes of a joint."""
         for name in (*start, *stop):
             self._owner(name)
-        if not self._dynamics:
-            return
-        modes: dict[str, str] = {}
-        for name in start:
-            joint, _, interface = name.rpartition("/")
-            if interface in _MODES and modes.setdefault(joint, name) != name:
-                raise ControlError(f"joint {joint}: {modes[joint]} and {name} cannot be commanded together")
+        if self._dynamics:
+            refuse_two_interfaces(name for name in start if name.rpartition("/")[2] in _MODES)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         for name in stop:
