@@ -393,7 +393,9 @@ class Run:
 
     def end_children(self) -> None:
         """End every process started by this run: SIGINT to each part, then SIGKILL to remaining processes."""
-        for pid in list(self._running):
+        with self._lock:  # a part whose process is being started is among them then
+            running = list(self._running)
+        for pid in running:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(pid, signal.SIGINT)
         deadline = time.monotonic() + _GRACE_S
@@ -419,7 +421,11 @@ class Run:
             if any(result.part.name == part.needs and result.code != GOOD for result in self.results):
                 self._report(Result(part, _NOT_RUN, 0.0, 0.0), f"not run: {part.needs!r} has failed")
             else:
-                self._run(part)
+                try:
+                    self._run(part)
+                except ChildProcessError:
+                    if not self.interrupted:
+                        raise  # else the end of the run has killed and reaped its process
 
     def _has_ended(self, name: str) -> bool:
         with self._lock:
@@ -431,8 +437,11 @@ class Run:
             shutil.rmtree(part.cache / "v", ignore_errors=True)
         with tempfile.TemporaryFile() as output:
             process = self._start(part, output, begin)
-            _, status, usage = os.wait4(process.pid, 0)
-            del self._running[process.pid]
+            process.returncode = _NOT_RUN  # unless there is a status
+            try:
+                _, status, usage = os.wait4(process.pid, 0)
+            finally:
+                del self._running[process.pid]
             code = process.returncode = os.waitstatus_to_exitcode(status)
             if code == _NO_GUEST and _KIND in part.environment and not _is_required(part.environment[_KIND]):
                 code = GOOD  # the output names the missing guest

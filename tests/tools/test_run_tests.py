@@ -121,6 +121,19 @@ def test_a_part_waits_for_the_part_of_another_lane_that_it_needs(run, script, co
     assert [(each.part.name, each.code) for each in run.results] == [("first", code), ("second", code)]
 
 
+def test_a_part_that_the_end_of_an_interrupted_run_has_reaped_ends_its_lane(run, monkeypatch):
+    def reaped(pid, _options):
+        os.waitpid(pid, 0)
+        run.interrupted = True
+        return wait4(pid, 0)
+
+    wait4 = os.wait4
+    monkeypatch.setattr(os, "wait4", reaped)
+    run.lanes([[part("gone", "true"), part("never", "true")]])
+    assert run.results == []
+    assert not run.good
+
+
 def pytest_on(path, text):
     path.write_text(text)
     return Part(
@@ -151,8 +164,14 @@ import sys
 from pathlib import Path
 import run_tests
 from run_tests import Part
-SLOW = "setsid sleep 600 & echo $! > child; sleep 600"
-run_tests.default_lanes = lambda **how: [[Part("slow", ("/bin/sh", "-c", SLOW))]]
+SLOW = '''
+import signal, subprocess
+from pathlib import Path
+child = subprocess.Popen(["setsid", "sleep", "600"])
+Path("child").write_text(str(child.pid))
+signal.pause()
+'''
+run_tests.default_lanes = lambda **how: [[Part("slow", (sys.executable, "-S", "-c", SLOW))]]
 sys.exit(run_tests.main([]))
 """
 
