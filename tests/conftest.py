@@ -1,4 +1,5 @@
-"""Kinds of tests: what a machine lacks is skipped with its reason, unless CANOPEN_CONTROL_REQUIRE says it must run.
+"""Kinds of tests: tests that this machine cannot run are skipped with the reason, unless CANOPEN_CONTROL_REQUIRE
+forbids it.
 
 CANOPEN_CONTROL_REQUIRE names kinds (`ros,wheel`) or is `all`: then any skip at all is a failure.
 
@@ -138,7 +139,7 @@ def says(path, words):
 
 @functools.cache
 def takes_a_robot(module):
-    return any(getattr(each, "__module__", None) in ROBOT_BENCHES for each in vars(module).values())
+    return any(getattr(var, "__module__", None) in ROBOT_BENCHES for var in vars(module).values())
 
 
 @pytest.fixture(autouse=True)

@@ -38,11 +38,11 @@ def test_each_mutant_still_applies(mutant):
 
 def test_there_are_as_many_as_the_list_has_and_most_are_shown_by_simulations():
     assert len(MUTANTS) == len(BY_NAME) == 33
-    assert [each.name for each in MUTANTS if not each.runs] == ["recorder_does_not_count"]
-    for each in MUTANTS:
-        assert each.change.subpackage in ("bus", "cia301", "cia402", "controllers", "hardware", "master", "runtime")
-        assert each.tests.startswith(f"{each.change.subpackage}/")
-        assert (ROOT / "tests" / f"{each.tests}.py").exists()
+    assert [mutant.name for mutant in MUTANTS if not mutant.runs] == ["recorder_does_not_count"]
+    for mutant in MUTANTS:
+        assert mutant.change.subpackage in ("bus", "cia301", "cia402", "controllers", "hardware", "master", "runtime")
+        assert mutant.tests.startswith(f"{mutant.change.subpackage}/")
+        assert (ROOT / "tests" / f"{mutant.tests}.py").exists()
 
 
 def test_code_is_replaced_however_it_is_formatted():
@@ -74,13 +74,15 @@ def test_a_command_runs_with_the_mutant():
     code = "from code_mutants import *; apply(BY_NAME['limits_in_velocity_modes'])\n"
     code += "from canopen_control.hardware.axis import AxisObjectLimits\n"
     code += "limits = AxisObjectLimits(); limits.velocity = 1.0; print(limits.of_velocity(5))"
-    told = subprocess.run([sys.executable, "-c", code], cwd=ROOT / "tools", capture_output=True, text=True, check=True)
-    assert told.stdout == "5\n"
+    reported = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT / "tools", capture_output=True, text=True, check=True
+    )
+    assert reported.stdout == "5\n"
 
 
 @pytest.mark.rest
 @pytest.mark.parametrize(
-    "command", sorted({run for each in MUTANTS for run in each.runs if run.startswith("simulate")})
+    "command", sorted({run for mutant in MUTANTS for run in mutant.runs if run.startswith("simulate")})
 )
 def test_what_shows_mutants_breaks_no_rule_without_one(command, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)

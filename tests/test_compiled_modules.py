@@ -24,8 +24,10 @@ def constants_of_floats(text):
 def test_no_compiled_module_has_a_constant_tuple_of_floats():
     paths = [ROOT / name.lstrip("/") for name in COMPILED]
     assert len(paths) > 50
-    found = {str(path.relative_to(ROOT)): list(constants_of_floats(path.read_text(encoding="utf-8"))) for path in paths}
-    assert {path: names for path, names in found.items() if names} == {}, "make each float a constant of its own"
+    result = {
+        str(path.relative_to(ROOT)): list(constants_of_floats(path.read_text(encoding="utf-8"))) for path in paths
+    }
+    assert {path: names for path, names in result.items() if names} == {}, "make each float a constant of its own"
 
 
 def derived_dataclasses(text):
@@ -40,8 +42,8 @@ def derived_dataclasses(text):
 
 
 def test_no_compiled_module_derives_a_dataclass_from_another():
-    found = {
+    result = {
         name: list(derived_dataclasses((ROOT / name.lstrip("/")).read_text(encoding="utf-8"))) for name in COMPILED
     }
-    assert {name: names for name, names in found.items() if names} == {}, "put them into a module that is not compiled"
+    assert {name: names for name, names in result.items() if names} == {}, "put them into a module that is not compiled"
     assert list(derived_dataclasses("@dataclass(frozen=True)\nclass A(B): ...\n@dataclass\nclass C: ...")) == ["A"]

@@ -29,11 +29,11 @@ def shared_names(package):
 
 
 def test_no_name_is_in_two_subpackages_without_a_reason():
-    found = shared_names(PACKAGE)
-    assert {name: subpackages for name, subpackages in found.items() if name not in SHARED} == {}, (
+    result = shared_names(PACKAGE)
+    assert {name: subpackages for name, subpackages in result.items() if name not in SHARED} == {}, (
         "say which side each of them is"
     )
-    assert SHARED.keys() - found.keys() == set(), "these stand in one subpackage by now"
+    assert SHARED.keys() - result.keys() == set(), "these stand in one subpackage by now"
 
 
 def test_a_verbs_file_is_the_verbs_name():

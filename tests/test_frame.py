@@ -49,8 +49,8 @@ def test_the_formulas_are_the_vectors(name):
         assert cob_id(FORMULAS[name], node_id) == int(base, 16) + (node_id if offset else 0)
 
 
-@pytest.mark.parametrize(("node_id", "wanted"), [(int(n), ids) for n, ids in COB_IDS["per_node"].items()])
-def test_the_identifiers_of_a_node_are_the_vectors(node_id, wanted):
+@pytest.mark.parametrize(("node_id", "expected"), [(int(n), ids) for n, ids in COB_IDS["per_node"].items()])
+def test_the_identifiers_of_a_node_are_the_vectors(node_id, expected):
     single = {
         "emcy": Service.EMCY,
         "sdo_tx": Service.SDO_SERVER,
@@ -58,11 +58,11 @@ def test_the_identifiers_of_a_node_are_the_vectors(node_id, wanted):
         "hb": Service.HEARTBEAT,
     }
     for key, service in single.items():
-        identifier = int(wanted[key], 16)
+        identifier = int(expected[key], 16)
         assert cob_id(service, node_id) == identifier
         assert service_of(identifier) == (service, node_id)
     for key, by_number, services in (("tpdo", tpdo_cob_id, TPDOS), ("rpdo", rpdo_cob_id, RPDOS)):
-        for number, (text, service) in enumerate(zip(wanted[key], services, strict=True), 1):
+        for number, (text, service) in enumerate(zip(expected[key], services, strict=True), 1):
             assert by_number(number, node_id) == cob_id(service, node_id) == int(text, 16)
             assert service_of(int(text, 16)) == (service, node_id)
 
@@ -74,9 +74,9 @@ def test_services_without_a_node_are_for_all(service):
 
 @given(st.integers(0, 0x7FF))
 def test_service_of_is_the_inverse_of_cob_id(identifier):
-    found = service_of(identifier)
-    if found is not None:
-        assert cob_id(*found) == identifier
+    result = service_of(identifier)
+    if result is not None:
+        assert cob_id(*result) == identifier
 
 
 @pytest.mark.parametrize("identifier", [0x001, 0x101, 0x180, 0x580, 0x600, 0x680, 0x700, 0x7FF])

@@ -1,4 +1,4 @@
-"""Who may import whom. The table is the architecture; this test keeps it true."""
+"""Allowed imports between subpackages. The table is the architecture; this test checks it."""
 
 import ast
 import functools
@@ -194,7 +194,7 @@ def forbidden(path):
                 yield f"{path.relative_to(ROOT)}: only {ONLY[top]} imports {top}"
         elif ours is None or other in {*EVERYBODY, *ours, subpackage, ""} or rest.startswith(MESSAGES):
             continue
-        elif not any(rest.startswith(each + ".") or rest == each for each in ours):
+        elif not any(rest.startswith(our + ".") or rest == our for our in ours):
             yield f"{path.relative_to(ROOT)}: {subpackage} may not import {rest}"
 
 
@@ -219,24 +219,24 @@ DECLARED = {"controllers": "Controller", "hardware": "ComponentLifecycle"}
 def derived(root, base):
     """Return the classes below `root` that derive from `base`, directly or not, base included."""
     parents = {
-        node.name: {name for each in node.bases for name in names_in(each)}
+        node.name: {name for item in node.bases for name in names_in(item)}
         for path in root.rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.ClassDef)
     }
-    found = {base}
-    while more := {name for name, above in parents.items() if above & found} - found:
-        found |= more
-    return found
+    result = {base}
+    while more := {name for name, above in parents.items() if above & result} - result:
+        result |= more
+    return result
 
 
 def names_in(node):
     """Yield the last word of every name in an expression."""
-    for each in ast.walk(node):
-        if isinstance(each, ast.Name):
-            yield each.id
-        elif isinstance(each, ast.Attribute):
-            yield each.attr
+    for item in ast.walk(node):
+        if isinstance(item, ast.Name):
+            yield item.id
+        elif isinstance(item, ast.Attribute):
+            yield item.attr
 
 
 def asked_for_its_type(path, classes):
@@ -258,8 +258,8 @@ def test_only_its_subpackage_asks_a_controller_or_component_for_its_type(subpack
     classes = derived(ROOT / subpackage, DECLARED[subpackage])
     assert len(classes) > 3
     others = (path for path in modules() if subpackage_of(path) != subpackage)
-    found = {str(path.relative_to(ROOT)): lines for path in others if (lines := asked_for_its_type(path, classes))}
-    assert found == {}, f"let {DECLARED[subpackage]} declare what is asked here"
+    result = {str(path.relative_to(ROOT)): lines for path in others if (lines := asked_for_its_type(path, classes))}
+    assert result == {}, f"let {DECLARED[subpackage]} declare what is asked here"
 
 
 def test_a_question_for_a_type_would_be_seen(tmp_path):
@@ -294,7 +294,7 @@ def home(name, known):
 
 def cycles(imports):
     """Return the strongly connected components of more than one module (Tarjan), each sorted."""
-    number, low, stack, found = {}, {}, [], []
+    number, low, stack, result = {}, {}, [], []
 
     def visit(module):
         number[module] = low[module] = len(number)
@@ -309,12 +309,12 @@ def cycles(imports):
             component = stack[stack.index(module) :]
             del stack[stack.index(module) :]
             if len(component) > 1:
-                found.append(sorted(component))
+                result.append(sorted(component))
 
     for module in sorted(imports):
         if module not in number:
             visit(module)
-    return found
+    return result
 
 
 def test_no_modules_import_each_other_not_even_for_their_annotations():
@@ -342,13 +342,13 @@ def test_a_cycle_would_be_seen_whatever_it_is_imported_for(tmp_path):
 
 def test_the_files_of_virtual_are_in_the_order_that_its_docstring_gives():
     files = {path.stem: path for path in (ROOT / "virtual").glob("*.py") if path.stem != "__init__"}
-    told = ast.get_docstring(ast.parse((ROOT / "virtual" / "__init__.py").read_text(encoding="utf-8")))
-    lines = told.split("\n- ")[1:]
+    docstring = ast.get_docstring(ast.parse((ROOT / "virtual" / "__init__.py").read_text(encoding="utf-8")))
+    lines = docstring.split("\n- ")[1:]
     place = {name: number for number, line in enumerate(lines) for name in re.findall(r"`(\w+)`", line)}
     assert place.keys() == files.keys()
     for name, path in files.items():
-        others = {each.split(".")[2] for each in imported(path) if each.startswith(f"{PACKAGE}.virtual.")}
-        assert [each for each in others if place[each] < place[name]] == [], f"{name} imports what stands above it"
+        others = {item.split(".")[2] for item in imported(path) if item.startswith(f"{PACKAGE}.virtual.")}
+        assert [other for other in others if place[other] < place[name]] == [], f"{name} imports what stands above it"
 
 
 # -- what crosses a subpackage's border has a type
@@ -366,7 +366,7 @@ def untyped(text):
     if not re.search(r"\[\s*str,\s*(typing\.)?(Any|object)\b", text):
         return
     for name, annotations in declared(ast.parse(text).body, ""):
-        if any(ANYTHING.search(ast.unparse(each)) for each in annotations if each is not None):
+        if any(ANYTHING.search(ast.unparse(annotation)) for annotation in annotations if annotation is not None):
             yield name
 
 
@@ -386,15 +386,15 @@ def declared(body, owner):
         elif isinstance(node, ast.Assign | ast.AnnAssign):
             yield f"{owner}{name}", [node.value, getattr(node, "annotation", None)]
         else:
-            given = [each for each in ast.walk(node.args) if isinstance(each, ast.arg)]
-            yield f"{owner}{name}", [node.returns, *(each.annotation for each in given)]
+            inputs = [item for item in ast.walk(node.args) if isinstance(item, ast.arg)]
+            yield f"{owner}{name}", [node.returns, *(item.annotation for item in inputs)]
 
 
 def test_what_crosses_a_subpackages_border_has_a_type():
-    found = {
+    result = {
         f"{path.relative_to(ROOT).as_posix()}: {name}"
         for path in modules()
         for name in untyped(path.read_text(encoding="utf-8"))
     }
-    assert found - UNTYPED.keys() == set(), "make it a structure (rpc.messages.declare.Document), or a dataclass"
-    assert UNTYPED.keys() - found == set(), "these are typed by now"
+    assert result - UNTYPED.keys() == set(), "make it a structure (rpc.messages.declare.Document), or a dataclass"
+    assert UNTYPED.keys() - result == set(), "these are typed by now"

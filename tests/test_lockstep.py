@@ -1,4 +1,4 @@
-"""What `support.lockstep` promises to the tests that live in virtual time."""
+"""Guarantees of `support.lockstep` for tests in virtual time."""
 
 import os
 import select
@@ -32,12 +32,12 @@ def test_an_hour_takes_no_time_and_timers_are_never_late():
 
 def test_threads_take_turns_and_a_stalled_one_misses_nothing():
     def story():
-        told, ours, theirs = [], *os.pipe()
+        reported, ours, theirs = [], *os.pipe()
         with lockstep():
             begin = time.monotonic()
 
             def tell(what):
-                told.append((round(time.monotonic() - begin, 3), what))
+                reported.append((round(time.monotonic() - begin, 3), what))
 
             def other():
                 for number in range(3):
@@ -55,7 +55,7 @@ def test_threads_take_turns_and_a_stalled_one_misses_nothing():
             tell("joined")
         os.close(ours)
         os.close(theirs)
-        return told
+        return reported
 
     first = story()
     assert first == [

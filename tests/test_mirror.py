@@ -44,7 +44,7 @@ def test_every_module_has_its_test_module():
 
 
 def test_every_test_module_has_its_module_or_is_about_the_whole():
-    tested = {each for _, test in [*PAIRS, *BENCH_PAIRS] for each in modules_that_test(test)}
+    tested = {item for _, test in [*PAIRS, *BENCH_PAIRS] for item in modules_that_test(test)}
     strays = [
         str(path.relative_to(TESTS))
         for path in sorted(TESTS.rglob("test_*.py"))

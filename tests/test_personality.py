@@ -1,4 +1,4 @@
-"""Personalities: the bundled files, what a wrong one says, and which fits an identity."""
+"""Personalities: the bundled files, errors in a file, and the choice by identity."""
 
 import dataclasses
 import typing
@@ -63,8 +63,8 @@ def test_a_key_is_written_as_bus_yml_has_it():
     ],
 )
 def test_which_personality_fits_an_identity(vendor, product, name):
-    found = personality_of(vendor, product)
-    assert (found and found.name) == name
+    result = personality_of(vendor, product)
+    assert (result and result.name) == name
 
 
 def test_a_name_that_is_none_lists_the_available_ones():
@@ -108,9 +108,9 @@ def test_quirks_of_a_file_that_cannot_be_are_reported_with_their_lines(tmp_path)
     path.write_text("title: Our drive\nquirks:\n" + "".join(f"  - {{quirk: {line}}}\n" for line in lines))
     with pytest.raises(ConfigError) as error:
         quirks_of(read_personality(str(path)))
-    told = str(error.value).splitlines()
-    assert [line.split(":")[1] for line in told] == ["3", "4", "6", "7"]
-    assert "did you mean 'brake_delay'" in told[0]
-    assert "the strength must be" in told[1]
-    assert "exclude each other" in told[2]
-    assert "is given twice" in told[3]
+    reported = str(error.value).splitlines()
+    assert [line.split(":")[1] for line in reported] == ["3", "4", "6", "7"]
+    assert "did you mean 'brake_delay'" in reported[0]
+    assert "the strength must be" in reported[1]
+    assert "exclude each other" in reported[2]
+    assert "is given twice" in reported[3]

@@ -28,8 +28,8 @@ from canopen_control.profiles import (
 
 def dictionary(*entries):
     od = ObjectDictionary(node_id=5)
-    for each in entries:
-        od.add(entry(*each))
+    for item in entries:
+        od.add(entry(*item))
     return od
 
 
@@ -91,8 +91,8 @@ def test_an_angle_has_the_resolution_that_the_inclinometer_reports(resolution, d
 
 def test_a_battery_is_reported_in_volts_degrees_and_percent():
     od = dictionary((0x6010, 0, T.INTEGER16), (0x6060, 0, T.UNSIGNED32), (0x6081, 0, T.UNSIGNED8))
-    found = {each.name: each.value(1024, each.gain({})) for each in battery_signals(od)}
-    assert found == {"battery_temperature": 128.0, "battery_voltage": 1.0, "battery_percentage": 1024.0}
+    result = {signal.name: signal.value(1024, signal.gain({})) for signal in battery_signals(od)}
+    assert result == {"battery_temperature": 128.0, "battery_voltage": 1.0, "battery_percentage": 1024.0}
 
 
 def test_a_charger_reports_its_state_and_takes_what_a_battery_reports():
@@ -101,15 +101,15 @@ def test_a_charger_reports_its_state_and_takes_what_a_battery_reports():
         (0x6070, 0, T.UNSIGNED16, 0, "rww", True),
         (0x6010, 0, T.INTEGER16, 0, "rww", True),
     )
-    found = {each.name: each for each in charger_signals(od)}
-    assert {name: each.output for name, each in found.items()} == {
+    result = {signal.name: signal for signal in charger_signals(od)}
+    assert {name: each.output for name, each in result.items()} == {
         "charger_status": False,
         "charge_current_requested": True,
         "battery_temperature": True,
     }
-    assert found["charge_current_requested"].raw(2.5, 1 / 16, whole=True) == 40
-    assert found["battery_temperature"].raw(-10.0, 0.125, whole=True) == -80
-    assert found["charge_current_requested"].safe == 0.0
+    assert result["charge_current_requested"].raw(2.5, 1 / 16, whole=True) == 40
+    assert result["battery_temperature"].raw(-10.0, 0.125, whole=True) == -80
+    assert result["charge_current_requested"].safe == 0.0
 
 
 def names(od):
@@ -117,21 +117,21 @@ def names(od):
 
 
 def test_lines_are_counted_through_all_objects_of_a_kind():
-    found = names(read_eds(data_path("eds", "generic_cia401.eds"), 5).od)
+    result = names(read_eds(data_path("eds", "generic_cia401.eds"), 5).od)
     kinds = ("di", "do", "ai", "ao")
-    assert [sum(name.startswith(kind) for name in found) for kind in kinds] == [16, 16, 4, 4]
-    assert (found["di11"].address, found["di11"].bit, found["di11"].output) == ((0x6000, 2), 3, False)
-    assert (found["do8"].address, found["do8"].bit, found["do8"].output) == ((0x6200, 2), 0, True)
-    assert (found["ai3"].address, found["ai3"].bit) == ((0x6401, 4), None)
+    assert [sum(name.startswith(kind) for name in result) for kind in kinds] == [16, 16, 4, 4]
+    assert (result["di11"].address, result["di11"].bit, result["di11"].output) == ((0x6000, 2), 3, False)
+    assert (result["do8"].address, result["do8"].bit, result["do8"].output) == ((0x6200, 2), 0, True)
+    assert (result["ai3"].address, result["ai3"].bit) == ((0x6401, 4), None)
 
 
 def test_lines_in_groups_of_16_are_those_where_there_are_none_of_8():
     od = ObjectDictionary()
     od.add(entry(0x6100, 2, T.UNSIGNED16))
     od.add(entry(0x6300, 1, T.UNSIGNED16))
-    found = names(od)
-    assert list(found)[:2] == ["di16", "di17"]
-    assert found["do15"].bit == 15
+    result = names(od)
+    assert list(result)[:2] == ["di16", "di17"]
+    assert result["do15"].bit == 15
     od.add(entry(0x6000, 1, T.UNSIGNED8))
     assert "di7" in names(od)
     assert "di16" not in names(od)
@@ -147,30 +147,30 @@ MODULE = read_eds(data_path("eds", "generic_cia401.eds"), 5).od
 
 
 def outputs(od=MODULE, **safe):
-    signals = [replace(each, safe=safe.get(each.name, each.safe)) for each in io_signals(od)]
-    return {each.output: each for each in safe_outputs(signals, od)}
+    signals = [replace(signal, safe=safe.get(signal.name, signal.safe)) for signal in io_signals(od)]
+    return {item.output: item for item in safe_outputs(signals, od)}
 
 
 def test_all_lines_are_switched_off_unless_another_value_is_safe():
     assert outputs()[0x6200, 1] == SafeOutput((0x6200, 1), (0x6206, 1), (0x6207, 1), 0xFF, 0)
-    found = outputs(do1=1.0, do3=None, do9=True)
-    assert (found[0x6200, 1].mode, found[0x6200, 1].value) == (0xF7, 0x02)
-    assert (found[0x6200, 2].mode, found[0x6200, 2].value) == (0xFF, 0x02)
+    result = outputs(do1=1.0, do3=None, do9=True)
+    assert (result[0x6200, 1].mode, result[0x6200, 1].value) == (0xF7, 0x02)
+    assert (result[0x6200, 2].mode, result[0x6200, 2].value) == (0xFF, 0x02)
 
 
 def test_an_analogue_output_has_a_value_in_raw_numbers_or_keeps():
-    found = outputs(ao0=100.0, ao1=None)
-    assert (found[0x6411, 1].mode, found[0x6411, 1].value) == (1, 100)
-    assert found[0x6411, 2].mode == 0
+    result = outputs(ao0=100.0, ao1=None)
+    assert (result[0x6411, 1].mode, result[0x6411, 1].value) == (1, 100)
+    assert result[0x6411, 2].mode == 0
 
 
 def test_what_a_device_lacks_has_no_address():
     od = ObjectDictionary()
     od.add(entry(0x6200, 1, T.UNSIGNED8))
-    found = outputs(od)[0x6200, 1]
-    assert (found.mode_at, found.value_at) == (None, None)
-    assert not any(has_error_mode(od, each) for each in io_signals(od))
-    assert all(has_error_mode(MODULE, each) for each in io_signals(MODULE) if each.output)
+    result = outputs(od)[0x6200, 1]
+    assert (result.mode_at, result.value_at) == (None, None)
+    assert not any(has_error_mode(od, signal) for signal in io_signals(od))
+    assert all(has_error_mode(MODULE, signal) for signal in io_signals(MODULE) if signal.output)
     assert 0x6000 not in ERROR_OBJECTS
 
 

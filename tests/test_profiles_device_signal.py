@@ -49,7 +49,7 @@ def test_the_devices_own_numbers_scale_a_signal_and_only_without_them_what_is_as
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
+    ("text", "result"),
     [
         ("0x6401:01", (0x6401, 1, None)),
         ("6401:1", (0x6401, 1, None)),
@@ -63,21 +63,21 @@ def test_the_devices_own_numbers_scale_a_signal_and_only_without_them_what_is_as
         ("", None),
     ],
 )
-def test_objects_are_read_as_people_write_them(text, found):
-    assert object_of(text) == found
+def test_objects_are_read_as_people_write_them(text, result):
+    assert object_of(text) == result
 
 
 @given(st.text(max_size=12))
 def test_no_text_breaks_the_reading_of_an_object(text):
-    found = object_of(text)
-    assert found is None or 0 <= found[0] <= 0xFFFF
+    result = object_of(text)
+    assert result is None or 0 <= result[0] <= 0xFFFF
 
 
 def test_bits_are_taken_for_another_type_of_their_width():
     assert retyped(0xFFFF, DataType.UNSIGNED16, DataType.INTEGER16) == -1
     assert retyped(0x3F800000, DataType.UNSIGNED32, DataType.REAL32) == 1.0
     assert math.isnan(retyped(1, DataType.UNSIGNED8, DataType.UNSIGNED32))
-    assert all(wanted.bits for wanted in TYPES.values())
+    assert all(expected.bits for expected in TYPES.values())
 
 
 @pytest.mark.parametrize(
@@ -96,4 +96,4 @@ def test_units_are_coded_with_their_prefix(code, unit, factor):
 
 
 def test_digits_that_are_none_count_as_none():
-    assert [factor_of_digits(each) for each in (0, 2, 200, -1)] == [1.0, 0.01, 1.0, 1.0]
+    assert [factor_of_digits(item) for item in (0, 2, 200, -1)] == [1.0, 0.01, 1.0, 1.0]

@@ -1,4 +1,4 @@
-"""Which profile a dictionary is of: by 0x1000, by its objects, and a drive whatever it says."""
+"""The profile of a dictionary: by 0x1000, by its objects, and drives with any device type."""
 
 import pytest
 from support.virtualbench import T, entry, servo_od
@@ -13,8 +13,8 @@ def dictionary(*entries, device_type=0):
     od = ObjectDictionary(node_id=5)
     if device_type is not None:
         od.add(entry(0x1000, 0, T.UNSIGNED32, device_type, "ro"))
-    for each in entries:
-        od.add(entry(*each))
+    for item in entries:
+        od.add(entry(*item))
     return od
 
 

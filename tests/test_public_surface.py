@@ -18,18 +18,18 @@ def imports_for_types():
     """Return name -> module of what the package imports for type checkers alone."""
     block = next(node for node in ast.parse(SOURCE).body if isinstance(node, ast.If))
     return {
-        alias.name: each.module.removeprefix("canopen_control.")
-        for each in block.body
-        if isinstance(each, ast.ImportFrom)
-        for alias in each.names
+        alias.name: item.module.removeprefix("canopen_control.")
+        for item in block.body
+        if isinstance(item, ast.ImportFrom)
+        for alias in item.names
     }
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_public_name_is_found_and_reports_what_it_is(name):
-    found = getattr(canopen_control, name)
-    assert found.__name__ == name
-    assert (found.__doc__ or "").strip()
+    result = getattr(canopen_control, name)
+    assert result.__name__ == name
+    assert (result.__doc__ or "").strip()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -49,8 +49,8 @@ def test_a_type_checker_finds_each_name_where_it_is_imported():
 
 def test_a_public_name_is_defined_in_its_module():
     for name, home in canopen_control._HOMES.items():
-        found = getattr(importlib.import_module(f"canopen_control.{home}"), name)
-        assert found.__module__.startswith(f"canopen_control.{home}"), (name, found.__module__)
+        result = getattr(importlib.import_module(f"canopen_control.{home}"), name)
+        assert result.__module__.startswith(f"canopen_control.{home}"), (name, result.__module__)
 
 
 def test_the_package_imports_nothing_but_its_version_before_a_name_is_used():
@@ -65,6 +65,6 @@ def test_what_is_not_public_is_not_found():
 
 
 def test_every_error_is_public():
-    classes = [each for each in vars(errors).values() if isinstance(each, type) and each.__module__ == errors.__name__]
-    assert {each.__name__ for each in classes} <= set(errors.__all__)
-    assert all(issubclass(each, errors.CanopenError) for each in classes)
+    classes = [var for var in vars(errors).values() if isinstance(var, type) and var.__module__ == errors.__name__]
+    assert {class_name.__name__ for class_name in classes} <= set(errors.__all__)
+    assert all(issubclass(class_name, errors.CanopenError) for class_name in classes)

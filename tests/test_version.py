@@ -1,4 +1,4 @@
-"""The version stands in one place; which build runs is told by it."""
+"""The version is defined in one place, and names the running build."""
 
 import importlib.machinery
 import importlib.util
@@ -60,16 +60,16 @@ def test_the_build_is_that_of_the_modules_that_are_loaded():
 
 
 @pytest.mark.parametrize(
-    ("file", "said"),
+    ("file", "text"),
     [
         ("frame.py", PURE),
         (f"frame{importlib.machinery.EXTENSION_SUFFIXES[0]}", COMPILED),
         (f"frame{importlib.machinery.EXTENSION_SUFFIXES[-1]}", COMPILED),
     ],
 )
-def test_an_extension_module_is_a_compiled_build(monkeypatch, file, said):
+def test_an_extension_module_is_a_compiled_build(monkeypatch, file, text):
     spec = importlib.machinery.ModuleSpec(
         "canopen_control.frame", None, origin=f"/site-packages/canopen_control/{file}"
     )
     monkeypatch.setattr(importlib.util, "find_spec", {"canopen_control.frame": spec}.get)
-    assert build() == said
+    assert build() == text

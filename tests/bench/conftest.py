@@ -1,4 +1,4 @@
-"""The bench starts programs of its own package, which are in tools/ here."""
+"""Fixtures for the benchmark, which starts programs of its package in tools/."""
 
 from pathlib import Path
 

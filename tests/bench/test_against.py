@@ -1,4 +1,4 @@
-"""This checkout against another commit: a repository of its own, whose bench is measured at once."""
+"""Comparison of this checkout with another commit, in a separate repository."""
 
 import json
 import subprocess
@@ -56,17 +56,17 @@ def test_both_are_measured_in_pairs_that_begin_with_one_and_the_other_in_turn(re
     assert main(["HEAD~1", "cycle", "--quick", "--json", str(report)]) == 0
     assert [here for here, _ in measured] == [True, False, False, True] * 3 + [True, False]
     assert {words for _, words in measured} == {("cycle", "--quick")}
-    said = capsys.readouterr().out
-    assert "7 alternating pairs, pure" in said
-    assert said.splitlines()[-1].endswith("better")
-    found = json.loads(report.read_text())
-    assert found["figures"][0]["median"] == pytest.approx(0.9, abs=0.02)
-    assert len(found["figures"][0]["ratios"]) == 7
-    assert found["there"] == git(repository, "rev-parse", "HEAD~1").strip()
+    output = capsys.readouterr().out
+    assert "7 alternating pairs, pure" in output
+    assert output.splitlines()[-1].endswith("better")
+    result = json.loads(report.read_text())
+    assert result["figures"][0]["median"] == pytest.approx(0.9, abs=0.02)
+    assert len(result["figures"][0]["ratios"]) == 7
+    assert result["there"] == git(repository, "rev-parse", "HEAD~1").strip()
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["nothing", "cycle"], "no commit 'nothing' in"),
         (["--", "--all", "cycle"], "no commit '--all' in"),
@@ -76,11 +76,11 @@ def test_both_are_measured_in_pairs_that_begin_with_one_and_the_other_in_turn(re
         (["HEAD", "cycle", "--json", "/none/there.json"], "there is no folder /none"),
     ],
 )
-def test_what_cannot_be_measured_is_one_sentence_and_exit_code_2(repository, measured, words, said, capsys):
+def test_what_cannot_be_measured_is_one_sentence_and_exit_code_2(repository, measured, words, message, capsys):
     assert main(words) == 2
     text = capsys.readouterr().err
     assert text.startswith("tools/bench against: ")
-    assert said in text
+    assert message in text
     assert text.count("\n") == 1
     assert measured == []
 
@@ -93,8 +93,8 @@ def test_a_side_is_measured_by_its_own_bench(tmp_path):
     main_text = "import json, sys; open(sys.argv[sys.argv.index('--json') + 1], 'w').write(json.dumps({}))"
     (package / "__main__.py").write_text(main_text.format(report))
     side = against.Side("there", str(tmp_path))
-    found = against._measured(side, ["cycle"], tmp_path / "report.json")
-    assert found == {("cycle", "time", ""): figure(2.0)}
+    result = against._measured(side, ["cycle"], tmp_path / "report.json")
+    assert result == {("cycle", "time", ""): figure(2.0)}
     (package / "__main__.py").write_text(main_text.format({**report, "failures": {"cycle": "no bus"}}))
     with pytest.raises(against.Unmeasured, match="there: cycle: no bus"):
         against._measured(side, ["cycle"], tmp_path / "report.json")

@@ -18,11 +18,11 @@ def parse(*words):
 @pytest.fixture
 def measured(monkeypatch):
     """Families that measure at once: one ratio, one limit, as many as asked for."""
-    asked = []
+    requests = []
     monkeypatch.setattr(bench.signal, "signal", lambda number, handler: None)
 
     def run_families(names, options):
-        asked[:] = names
+        requests[:] = names
         measured.options = options
         figures = [
             compared("ratio", "us", [(measured.ratio, 1)], peer_name="p", limit=0.5),
@@ -32,7 +32,7 @@ def measured(monkeypatch):
 
     monkeypatch.setattr(bench, "run_families", run_families)
     measured.ratio = 0.4
-    measured.asked = asked
+    measured.asked = requests
     return measured
 
 
@@ -53,9 +53,9 @@ def test_what_fell_short_in_a_quick_check_is_measured_once_more_and_that_decides
     monkeypatch.setattr(bench, "run_families", run_families)
     assert bench.run(parse("--quick", "--check", "cycle", "load")) == 0
     assert measured.asked == ["cycle"]
-    said = capsys.readouterr().out
-    assert "0.60" in said
-    assert "0.40" in said
+    output = capsys.readouterr().out
+    assert "0.60" in output
+    assert "0.40" in output
 
 
 def test_families_are_chosen(measured):

@@ -47,8 +47,8 @@ def slower(tmp_path, before, now):
 
 def test_what_is_slower_than_the_last_time_is_named_where_it_can_be_compared(tmp_path):
     ratio, count = "cycle: cycle / canopen: 0.4, 0.2 on", "cycle: frames: 2.5, 5 on"
-    found = slower(tmp_path, compared_report(0.2), compared_report(0.4))
-    assert [text.startswith(begin) for text, begin in zip(found, (ratio, count), strict=True)] == [True, True]
+    result = slower(tmp_path, compared_report(0.2), compared_report(0.4))
+    assert [text.startswith(begin) for text, begin in zip(result, (ratio, count), strict=True)] == [True, True]
     idle = slower(tmp_path, compared_report(0.2, idle=0.95), compared_report(0.4, idle=0.95))
     assert idle[1].startswith("cycle: boot: 40, 20 on")
     assert "slower than before: cycle: boot: 40" in str_of(tmp_path)

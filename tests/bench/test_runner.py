@@ -30,7 +30,7 @@ def test_what_is_short_is_marked_and_returned():
     assert text.count("SHORT") == 2
     assert "hub CPU us 3" in text
     assert "NOT IDLE" in text
-    assert [each.name for each in report().short()] == ["slow", "many"]
+    assert [item.name for item in report().short()] == ["slow", "many"]
 
 
 def test_a_family_that_fails_does_not_take_the_others_with_it(monkeypatch):
@@ -39,10 +39,10 @@ def test_a_family_that_fails_does_not_take_the_others_with_it(monkeypatch):
 
     modules = {"load": SimpleNamespace(measure=fail), "boot": SimpleNamespace(measure=lambda _options: [])}
     monkeypatch.setattr(runner, "module_of", modules.__getitem__)
-    found = runner.run_families(["load", "boot"], runner.Options(as_is=True))
-    assert found.failures == {"load": "a frame is missing"}
-    assert found.figures == {"boot": []}
-    assert "FAILED: a frame is missing" in str(found)
+    families = runner.run_families(["load", "boot"], runner.Options(as_is=True))
+    assert families.failures == {"load": "a frame is missing"}
+    assert families.figures == {"boot": []}
+    assert "FAILED: a frame is missing" in str(families)
 
 
 @pytest.mark.parametrize("name", runner.FAMILIES)

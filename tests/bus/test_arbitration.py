@@ -1,4 +1,4 @@
-"""Arbitration: who wins, in which order frames pass, and how busy the wire was."""
+"""Arbitration: winner, order of frames and load of the wire."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CAN interfaces through ip -json: what is read from it, and which commands bring one up."""
+"""CAN interfaces: reading the output of ip -json, and the commands that bring an interface up."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_can_interfaces_are_read_and_others_left_out():
 
 
 @pytest.mark.parametrize(
-    ("restart_ms", "wanted", "commands"),
+    ("restart_ms", "expected", "commands"),
     [
         (0, {}, ["ip link set can3 type can restart"]),
         (100, {}, []),
@@ -107,11 +107,11 @@ def test_can_interfaces_are_read_and_others_left_out():
     ],
     ids=["by hand", "by itself", "from now on by itself"],
 )
-def test_an_interface_that_is_off_the_bus_is_restarted(restart_ms, wanted, commands):
+def test_an_interface_that_is_off_the_bus_is_restarted(restart_ms, expected, commands):
     off = CanInterface("can3", "can", True, 1000, state="BUS-OFF", bitrate=500_000, restart_ms=restart_ms)
-    made = [str(command) for command in module.up_commands("can3", off, **wanted)]
-    assert [each.removeprefix("ip link set can3 ") for each in made] == [
-        each.removeprefix("ip link set can3 ") for each in commands
+    created = [str(command) for command in module.up_commands("can3", off, **expected)]
+    assert [item.removeprefix("ip link set can3 ") for item in created] == [
+        item.removeprefix("ip link set can3 ") for item in commands
     ]
 
 
@@ -196,17 +196,17 @@ def test_what_cannot_be_meant_is_one_sentence(name, entry, options, message):
 
 
 def test_each_step_is_reported_and_run():
-    shell, said = Shell(), []
-    bring_up("vcan0", said.append, run=shell)
-    assert said[-1] == "ip link set vcan0 up   # bring it up"
-    assert [line.split("   #")[0] for line in said] == shell.ran
+    shell, text = Shell(), []
+    bring_up("vcan0", text.append, run=shell)
+    assert text[-1] == "ip link set vcan0 up   # bring it up"
+    assert [line.split("   #")[0] for line in text] == shell.ran
 
 
 def test_nothing_to_do_is_reported_too():
-    shell, said = Shell(VCAN0, CAN0), []
-    bring_up("vcan0", said.append, run=shell)
-    bring_down("can0", said.append, run=shell)
-    assert said == ["vcan0 is up already", "can0 is down already"]
+    shell, text = Shell(VCAN0, CAN0), []
+    bring_up("vcan0", text.append, run=shell)
+    bring_down("can0", text.append, run=shell)
+    assert text == ["vcan0 is up already", "can0 is down already"]
     assert shell.ran == []
 
 

@@ -1,4 +1,4 @@
-"""Who listens, put together from a /proc as Linux 6.1 writes it."""
+"""Listeners of an interface, read from a /proc as written by Linux 6.1."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Traffic of interfaces from two looks at the kernel's counters."""
+"""Traffic of interfaces, computed from two samples of the kernel's counters."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Counters:
 
     def set(self, name, **values):
         (self.folder / name / "statistics").mkdir(parents=True, exist_ok=True)
-        for each in ("rx_packets", "rx_bytes", "tx_packets", "tx_bytes"):
-            (self.folder / name / "statistics" / each).write_text(f"{values.get(each, 0)}\n")
+        for item in ("rx_packets", "rx_bytes", "tx_packets", "tx_bytes"):
+            (self.folder / name / "statistics" / item).write_text(f"{values.get(item, 0)}\n")
 
     def sleep(self, seconds):
         self.now += seconds

@@ -1,4 +1,4 @@
-"""Names of channels: which kind each is, and what to write instead of a wrong one."""
+"""Channel names: kinds, and the correction suggested for an invalid name."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_a_memory_port_is_opened_by_its_name():
 
 
 @pytest.mark.parametrize(
-    ("text", "given"),
+    ("text", "inputs"),
     [
         ("virtual-like:0@500000,on=true,n=-3,f=1.5,s=a=b", {"bitrate": 500_000, "on": True, "n": -3, "f": 1.5,
                                                             "s": "a=b"}),
@@ -147,19 +147,19 @@ def test_a_memory_port_is_opened_by_its_name():
         ("socketcand:can0,host=pi,port=1", {"channel": "can0", "host": "pi", "port": 1}),
     ],
 )  # fmt: skip
-def test_python_can_gets_the_keywords_with_their_types(monkeypatch, text, given):
-    asked = {}
+def test_python_can_gets_the_keywords_with_their_types(monkeypatch, text, inputs):
+    requested = {}
 
     def bus(**keywords):
-        asked.update(keywords)
+        requested.update(keywords)
         raise can.CanInitializationError("no such device")
 
     monkeypatch.setattr(can, "Bus", bus)
     monkeypatch.setattr(can, "VALID_INTERFACES", {*can.VALID_INTERFACES, "virtual-like"})
     with pytest.raises(BusError, match="no such device"):
         open_port(text)
-    assert {key: asked[key] for key in given} == given
-    assert asked["interface"] == text.partition(":")[0]
+    assert {key: requested[key] for key in inputs} == inputs
+    assert requested["interface"] == text.partition(":")[0]
 
 
 @pytest.mark.parametrize(

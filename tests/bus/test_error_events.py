@@ -1,4 +1,4 @@
-"""What the drivers of real controllers tell by error frames becomes events with a sentence."""
+"""Error frames of drivers of real controllers are converted to events with a sentence."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ NOBODY = "no node acknowledged the frame"
 )
 def test_every_class_has_its_words(classes, data, says):
     text = error_text(CanFrame(0x20000000 | classes, bytes.fromhex(data)))
-    assert all(each in text for each in says), text
+    assert all(say in text for say in says), text
     assert text.count(NOBODY) <= 1
 
 

@@ -1,4 +1,4 @@
-"""The hub's core: any split reassembles, order holds, and who stalls loses alone."""
+"""Core of the hub: split data is reassembled, the order is kept, and a stalled member loses only its own frames."""
 
 from __future__ import annotations
 
@@ -276,9 +276,9 @@ def test_a_subscriber_is_not_woken_by_chunks_without_its_frames(exchange, trio):
 def test_frames_with_flags_are_passed_on_unfiltered(exchange, trio):
     master, left, _ = trio
     exchange.receive(left, pack_subscription([0x80]), 0)
-    for each in (protocol_error_frame(), CanFrame(0x80000080), CanFrame(0x40000702)):
-        exchange.receive(master, pack_records([each]), 0)
-        assert take(exchange, left) == [each]
+    for item in (protocol_error_frame(), CanFrame(0x80000080), CanFrame(0x40000702)):
+        exchange.receive(master, pack_records([item]), 0)
+        assert take(exchange, left) == [item]
 
 
 def test_what_is_requested_may_come_in_any_split_between_frames(exchange, trio):
@@ -308,8 +308,8 @@ def chunks(exchange, member):
     """Write everything of one member; return it as (time, whether it is its own, frames)."""
     taken = bytes(member.outbox)
     exchange.sent(member, len(taken))
-    found = chunks_of(taken, Chunk(0, own=False, records=b""))
-    return [(chunk.at_ns, chunk.own, list(frames_of(chunk.records))) for chunk in found if chunk.records]
+    result = chunks_of(taken, Chunk(0, own=False, records=b""))
+    return [(chunk.at_ns, chunk.own, list(frames_of(chunk.records))) for chunk in result if chunk.records]
 
 
 @pytest.fixture

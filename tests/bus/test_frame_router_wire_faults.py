@@ -1,4 +1,4 @@
-"""The table of what is wrong with the wires."""
+"""Table of wire faults."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def test_a_rule_loses_each_nth_frame_up_to_its_count(every, count, sent):
     faults = WireFaults()
     faults.drops.append(DropRule("a", None, every, count))
     kept = list(frames_of(faults.survivors("a", pack_records([CanFrame(n) for n in range(sent)]))))
-    wanted = sent // every if count is None else min(count, sent // every)
-    assert sent - len(kept) == wanted
-    assert bool(faults.drops) is (count is None or wanted < count)
+    expected = sent // every if count is None else min(count, sent // every)
+    assert sent - len(kept) == expected
+    assert bool(faults.drops) is (count is None or expected < count)
 
 
 def test_a_rule_spares_other_labels_and_identifiers():

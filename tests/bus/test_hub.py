@@ -1,4 +1,4 @@
-"""The hub on real sockets and a manual clock: it outlasts nobody by more than two seconds and waits for nobody."""
+"""Hub on real sockets and a manual clock: it ends at most two seconds after its last member, and never blocks."""
 
 from __future__ import annotations
 
@@ -258,12 +258,12 @@ def test_a_stalled_reader_loses_only_its_own_frames_and_gets_their_number(bench)
         assert received(quick) == batch
         sent += 500
     assert quick.stats.lost == 0
-    seen = []
+    observed = []
     while records := stalled.receive():
-        seen += [f for f in frames_of(records) if not f.is_error]
+        observed += [f for f in frames_of(records) if not f.is_error]
         bench.settle()
-    assert seen == [frame(n) for n in range(len(seen))]
-    assert len(seen) + stalled.stats.lost == sent
+    assert observed == [frame(n) for n in range(len(observed))]
+    assert len(observed) + stalled.stats.lost == sent
     assert stalled.stats.lost == member.lost
     sender.send(pack_records([frame(sent)]))
     bench.settle()
@@ -284,11 +284,11 @@ def test_a_paced_wire_pushes_back_and_loses_nothing(bench):
     bench.ask("bitrate", bitrate=1_000_000)
     count = 3000
     a.send(pack_records([frame(n) for n in range(count)]))
-    seen = []
+    observed = []
     for _ in range(10):
         bench.reactor.run_for(50 * MS)
-        seen += received(b)
-    assert seen == [frame(n) for n in range(count)]
+        observed += received(b)
+    assert observed == [frame(n) for n in range(count)]
     assert bench.ask("status")["result"]["load"] is not None
 
 
@@ -316,7 +316,7 @@ def test_the_first_end_has_its_answer_before_the_control_socket_is_served(bench,
     monkeypatch.setattr(bench.hub, "_serve_control", lambda: greeted.append(sock.recv(HELLO_SIZE)))
     sock.sendall(pack_hello(1, "first"))
     bench.settle()
-    assert [parse_hello(each).label for each in greeted] == ["first"]
+    assert [parse_hello(item).label for item in greeted] == ["first"]
 
 
 @pytest.mark.process

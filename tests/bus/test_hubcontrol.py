@@ -1,4 +1,4 @@
-"""What a hub answers to requests, right and wrong ones."""
+"""Answers of a hub to valid and invalid requests."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Desk:
         self.peer.sendall(line)
         self.reactor.run_for(0)
         try:
-            return [json.loads(each) for each in self.peer.recv(1 << 20).splitlines()]
+            return [json.loads(item) for item in self.peer.recv(1 << 20).splitlines()]
         except BlockingIOError:
             return []
 

@@ -1,4 +1,4 @@
-"""What the broadcast manager is told, in the layout of linux/can/bcm.h, on a scripted socket."""
+"""Messages to the broadcast manager in the layout of linux/can/bcm.h, on a scripted socket."""
 
 from __future__ import annotations
 
@@ -49,10 +49,16 @@ def test_one_message_gives_period_and_frame():
     sync.start(20_000)
     assert sock.connected == [("vcan3",)]
     (message,) = sock.sent
-    told = head(message)
-    assert (told["opcode"], told["s2"], told["us2"], told["can_id"], told["frames"]) == (1, 0, 20_000, 0x80, 1)
-    assert told["flags"] & 0x3 == 0x3, "the timer is set and started"
-    assert (told["count"], told["s1"], told["us1"]) == (0, 0, 0), "no other period first"
+    reported = head(message)
+    assert (reported["opcode"], reported["s2"], reported["us2"], reported["can_id"], reported["frames"]) == (
+        1,
+        0,
+        20_000,
+        0x80,
+        1,
+    )
+    assert reported["flags"] & 0x3 == 0x3, "the timer is set and started"
+    assert (reported["count"], reported["s1"], reported["us1"]) == (0, 0, 0), "no other period first"
     assert list(frames_of(message[struct.calcsize("@IIIllllII0q") :])) == [SYNC]
     assert struct.calcsize("@IIIllllII0q") == 56, "as on a 64-bit kernel"
 
@@ -62,9 +68,9 @@ def test_a_period_is_adjusted_without_a_frame_or_a_count_begun_again():
     sync = KernelSync("vcan3", COUNTED, lambda: sock)
     sync.start(10_000)
     sync.adjust(9_993)
-    told = head(sock.sent[1])
-    assert (told["us2"], told["frames"]) == (9_993, len(COUNTED))
-    assert told["flags"] == 0x1, "the timer is set, and goes on"
+    reported = head(sock.sent[1])
+    assert (reported["us2"], reported["frames"]) == (9_993, len(COUNTED))
+    assert reported["flags"] == 0x1, "the timer is set, and goes on"
 
 
 def test_another_period_is_reported_to_the_same_socket_which_ends_the_task_when_it_is_closed():
@@ -77,7 +83,7 @@ def test_another_period_is_reported_to_the_same_socket_which_ends_the_task_when_
     sync = KernelSync("vcan3", [SYNC], make)
     sync.start(20_000)
     sync.start(1_500_000)
-    assert [(head(each)["s2"], head(each)["us2"]) for each in sockets[0].sent] == [(0, 20_000), (1, 500_000)]
+    assert [(head(item)["s2"], head(item)["us2"]) for item in sockets[0].sent] == [(0, 20_000), (1, 500_000)]
     sync.close()
     sync.close()
     assert sockets[0].closed == 1
@@ -118,6 +124,8 @@ def test_whether_the_kernel_can_is_asked_without_sending_anything():
     sock = FakeSocket()
     assert KernelSync("vcan3", (), lambda: sock).why_not() is None
     assert (sock.connected, sock.sent, sock.closed) == ([("vcan3",)], [], 1)
-    lacking = FakeSocket(connecting=errno.EPROTONOSUPPORT)
-    assert "sudo modprobe can-bcm, or let this program send SYNC" in KernelSync("vcan3", (), lambda: lacking).why_not()
-    assert lacking.closed == 1
+    fake_socket = FakeSocket(connecting=errno.EPROTONOSUPPORT)
+    assert (
+        "sudo modprobe can-bcm, or let this program send SYNC" in KernelSync("vcan3", (), lambda: fake_socket).why_not()
+    )
+    assert fake_socket.closed == 1

@@ -1,4 +1,4 @@
-"""The local port: any split reassembles, a slow hub costs the oldest frames, a dead one is told in a sentence."""
+"""Local port: split data is reassembled, a slow hub costs the oldest frames, and a dead one is reported."""
 
 from __future__ import annotations
 

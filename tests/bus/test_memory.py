@@ -1,4 +1,4 @@
-"""The in-process bus: who receives what, and each knob."""
+"""In-process bus: receivers of frames, and each fault setting."""
 
 from __future__ import annotations
 

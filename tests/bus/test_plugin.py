@@ -135,12 +135,12 @@ def test_every_message_has_the_time_at_which_the_hub_had_it(port, bus):
         while len(stamps) < 4 * (number + 1):
             assert select.select([ear], [], [], TIMEOUT_S)[0]
             stamps += arrivals.receive()[1]
-    heard = time.monotonic_ns()
+    received = time.monotonic_ns()
     times = [bus.recv(TIMEOUT_S).timestamp for _ in range(12)]
     ear.close()
     assert times == [(stamp + bus._arrivals.unix_offset_ns) / 1e9 for stamp in stamps], "not the time of reading"
     assert times == sorted(set(times)), "strictly increasing"
-    assert before < stamps[0] < stamps[-1] < heard + 12 * STAMP_STEP_NS
+    assert before < stamps[0] < stamps[-1] < received + 12 * STAMP_STEP_NS
     assert all(stamps[at + 3] - stamps[at] == 3 * STAMP_STEP_NS for at in (0, 4, 8)), "what came at once"
 
 

@@ -1,4 +1,4 @@
-"""What every port shares: only whole records cross it."""
+"""Behaviour of every port: only complete records are transferred."""
 
 from __future__ import annotations
 
@@ -61,9 +61,9 @@ def test_a_reader_receives_whole_frames_in_order_and_every_gap_was_counted(steps
         queue.taken(taken)
     stream += bytes(queue.data)
     assert len(stream) % RECORD_SIZE == 0
-    seen = [int.from_bytes(received.data, "little") for received in frames_of(stream)]
-    assert seen == sorted(seen)
-    assert len(seen) + dropped == number
+    observed = [int.from_bytes(received.data, "little") for received in frames_of(stream)]
+    assert observed == sorted(observed)
+    assert len(observed) + dropped == number
 
 
 def readable(wake):

@@ -52,7 +52,7 @@ def test_a_port_with_its_own_state_is_asked_at_once():
 
 
 @pytest.mark.parametrize(
-    ("told", "given"),
+    ("reported", "inputs"),
     [
         ([5000, 7000], [5000, 7000]),
         ([5000, 5000, 5000], [5000, 6000, 7000]),
@@ -62,8 +62,8 @@ def test_a_port_with_its_own_state_is_asked_at_once():
         ([5000, 0, 7000], [5000, 99_000, 100_000]),
     ],
 )
-def test_times_are_strictly_increasing_by_what_a_recording_can_keep(told, given):
-    assert Arrivals(Knowing(told), lambda: 99_000).receive()[1] == given
+def test_times_are_strictly_increasing_by_what_a_recording_can_keep(reported, inputs):
+    assert Arrivals(Knowing(reported), lambda: 99_000).receive()[1] == inputs
 
 
 class Clocks:

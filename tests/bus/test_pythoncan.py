@@ -214,9 +214,11 @@ def test_a_driver_that_is_not_there_is_one_sentence():
 
 @pytest.mark.parametrize(("interface", "package"), [("slcan", "pyserial"), ("gs_usb", "gs-usb")])
 def test_a_package_that_an_adapter_needs_is_named(monkeypatch, interface, package):
-    found = importlib.util.find_spec
+    result = importlib.util.find_spec
     absent = ("serial", "gs_usb")
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name in absent else found(name, *more))
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *more: None if name in absent else result(name, *more)
+    )
     with pytest.raises(ConfigError, match=f"{interface} needs {package}, which .*: pip install {package}"):
         open_port(f"{interface}:/dev/nonexistent@125000")
 
@@ -265,9 +267,9 @@ class Clocks:
 
     def stamp(self, later_ns=0):
         """Return by how much a frame is wrong that comes now and is read `later_ns` later."""
-        came, told = self.now, self.zero + (self.now - 900 * S) / S * (1 + self.drift)
+        came, reported = self.now, self.zero + (self.now - 900 * S) / S * (1 + self.drift)
         self.later(later_ns)
-        return self.clock.stamp(told) - came
+        return self.clock.stamp(reported) - came
 
     def later(self, ns):
         self.now += ns
@@ -319,15 +321,15 @@ def test_a_clock_that_restarts_is_laid_again(zero):
 def test_a_port_hands_over_the_adapters_times(scripted):
     bus, port = scripted
     arrivals = Arrivals(port)
-    told = [time.time() - 0.5 + number / 1000 for number in range(3)]
-    for number, each in enumerate(told):
+    reported = [time.time() - 0.5 + number / 1000 for number in range(3)]
+    for number, each in enumerate(reported):
         bus.incoming.put(can.Message(timestamp=each, arbitration_id=0x180 + number, is_extended_id=False))
     stamps = []
     while len(stamps) < 3:
         assert select.select([port], [], [], TIMEOUT_S)[0]
         stamps += arrivals.receive()[1]
     unix = [(stamp + arrivals.unix_offset_ns) / S for stamp in stamps]
-    assert unix == pytest.approx(told, abs=0.01, rel=0)
+    assert unix == pytest.approx(reported, abs=0.01, rel=0)
     assert [round((later - stamps[0]) / 1e6) for later in stamps] == [0, 1, 2]
 
 

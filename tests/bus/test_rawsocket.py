@@ -1,4 +1,4 @@
-"""What a raw socket is asked, and what it says beside a frame, in the layout of the kernel's headers."""
+"""Options and ancillary data of a raw socket, in the layout of the kernel's headers."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def test_a_filter_matches_one_identifier_with_its_flags():
     filters = rawsocket.filters_of([0x703, 0x1ABCDEF0 | EXTENDED_FLAG, 0x703 | REMOTE_FLAG])
     for identifier, mask in struct.iter_unpack("=II", filters):
         matched = [
-            seen
-            for seen in (0x703, 0x704, 0x703 | REMOTE_FLAG, 0x703 | EXTENDED_FLAG, 0x1ABCDEF0 | EXTENDED_FLAG)
-            if seen & mask == identifier & mask
+            observed
+            for observed in (0x703, 0x704, 0x703 | REMOTE_FLAG, 0x703 | EXTENDED_FLAG, 0x1ABCDEF0 | EXTENDED_FLAG)
+            if observed & mask == identifier & mask
         ]
         assert matched == [identifier]
 

@@ -102,7 +102,7 @@ LONG = CanFrame(0x18EFC034 | EXTENDED_FLAG, bytes(range(1, 9)))
     ids=["1.0", "1.1", "1.2", "1.3", "2.0", "2.1"],
 )
 def test_every_row_is_a_frame_or_counted(text, frames):
-    assert [each and each[1] for each in read_trc(io.StringIO(text))] == frames
+    assert [item and item[1] for item in read_trc(io.StringIO(text))] == frames
 
 
 @pytest.mark.parametrize(
@@ -142,8 +142,8 @@ def test_a_line_reads_back_as_it_was_written(microseconds, frame):
 
 @given(st.text(max_size=60))
 def test_no_text_is_an_error(text):
-    found = parse_line(text)
-    assert found is None or isinstance(found[1], CanFrame)
+    line = parse_line(text)
+    assert line is None or isinstance(line[1], CanFrame)
 
 
 @pytest.mark.parametrize(
@@ -212,8 +212,8 @@ def stream(frames):
 
 def write(path, frames):
     with RecordingWriter(path, "local:robby") as writer:
-        for each in stream(frames):
-            writer.write(*each)
+        for item in stream(frames):
+            writer.write(*item)
     return writer
 
 
@@ -224,7 +224,7 @@ def test_what_is_written_reads_back_the_same_frame_for_frame(tmp_path, suffix):
     assert (writer.written, writer.left_out) == (len(PLAIN), 0)
     recording = Recording(path)
     back = list(recording)
-    assert [each.frame for each in back] == PLAIN
+    assert [item.frame for item in back] == PLAIN
     assert list(recording) == back  # a second reading
     assert (recording.skipped, recording.problem) == (0, "")
 
@@ -233,7 +233,7 @@ def test_what_is_written_reads_back_the_same_frame_for_frame(tmp_path, suffix):
 def test_times_are_kept_to_a_few_microseconds_and_the_date_to_a_millisecond(tmp_path, suffix):
     path = tmp_path / f"x{suffix}"
     write(path, PLAIN)
-    times = [each.time_ns for each in Recording(path)]
+    times = [item.time_ns for item in Recording(path)]
     assert abs(times[0] - START) <= 1_000_000
     assert all(abs((after - before) - 1_234_000) <= 2000 for before, after in itertools.pairwise(times))
 
@@ -247,7 +247,7 @@ def test_what_a_format_cannot_hold_is_left_out_and_counted(tmp_path, suffix, rem
     frames = [PLAIN[0], REMOTE, bus_off_frame(), overrun_frame(7)]
     writer = write(path, frames)
     kept = [PLAIN[0], *([REMOTE] if remote else []), *(frames[2:] if error else [])]
-    assert [each.frame for each in Recording(path)] == kept
+    assert [item.frame for item in Recording(path)] == kept
     assert (writer.written, writer.left_out) == (len(kept), len(frames) - len(kept))
 
 
@@ -268,7 +268,7 @@ def test_a_recording_that_was_cut_is_read_up_to_the_cut(tmp_path, suffix):
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) * 2 // 3 + 1])
     recording = Recording(path)
-    frames = [each.frame for each in recording]
+    frames = [item.frame for item in recording]
     assert frames[: len(PLAIN)] == (PLAIN if frames else [])
     assert len(frames) < len(PLAIN) * 2000
 
@@ -329,11 +329,11 @@ def test_a_packed_recording_is_read_as_an_unpacked_one(tmp_path, suffix):
 def test_a_log_is_written_packed_where_its_name_reports_this(tmp_path):
     path = tmp_path / "x.log.gz"
     with RecordingWriter(path, "can0") as writer:
-        for each in stream(PLAIN * 100):
-            writer.write(*each)
+        for item in stream(PLAIN * 100):
+            writer.write(*item)
         writer.flush()
         assert len(list(Recording(path))) > 500, "what a crash leaves"
-    assert [each.frame for each in Recording(path)] == PLAIN * 100
+    assert [item.frame for item in Recording(path)] == PLAIN * 100
 
 
 def test_a_packed_recording_that_was_cut_reports_this(tmp_path):
@@ -365,7 +365,7 @@ def test_times_that_are_a_microsecond_apart_stay_apart(tmp_path, suffix):
     with RecordingWriter(path, "can0") as writer:
         for number in range(500):
             writer.write(START + 437 + number * 1000 + number * number, CanFrame(0x80))
-    times = [each.time_ns for each in Recording(path)]
+    times = [item.time_ns for item in Recording(path)]
     assert all(later > earlier for earlier, later in itertools.pairwise(times))
 
 

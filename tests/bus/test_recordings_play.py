@@ -39,16 +39,16 @@ def played(times_ms, name, late=0, speed=1.0, frames=None):
     recorded = [RecordedFrame(5_000 * MS + round(ms * MS), frame) for ms, frame in zip(times_ms, frames, strict=True)]
     result = PlayReport()
     play(recorded, Noting(), result, speed=speed, clock=clock, sleep=clock.sleep)
-    heard = len(ear.receive()) // 16
+    received = len(ear.receive()) // 16
     port.close()
     ear.close()
-    return result, sent_at, heard
+    return result, sent_at, received
 
 
 def test_frames_are_sent_with_the_spacing_they_were_received_with():
-    result, sent_at, heard = played([0, 20, 20, 45], "play")
+    result, sent_at, received = played([0, 20, 20, 45], "play")
     assert sent_at == [0, 20, 20, 45]
-    assert (result.frames, heard, result.late_max) == (4, 4, 0.0)
+    assert (result.frames, received, result.late_max) == (4, 4, 0.0)
 
 
 def test_a_late_frame_does_not_delay_the_next_and_is_reported():
@@ -59,7 +59,7 @@ def test_a_late_frame_does_not_delay_the_next_and_is_reported():
 
 def test_error_frames_are_never_sent_and_a_clock_that_goes_back_waits_for_nothing():
     frames = [CanFrame(0x100), bus_off_frame(), CanFrame(0x101), CanFrame(0x102)]
-    result, sent_at, heard = played([0, 10, 20, -500], "play-odd", frames=frames)
-    assert (result.frames, result.errors, heard) == (3, 1, 3)
+    result, sent_at, received = played([0, 10, 20, -500], "play-odd", frames=frames)
+    assert (result.frames, result.errors, received) == (3, 1, 3)
     assert sent_at == [0, 20, 20]
     assert result.late_max == 0.0

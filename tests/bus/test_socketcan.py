@@ -373,8 +373,8 @@ def test_whatever_is_on_the_bus_comes_through(frames):
     for can_id, data, overflows in frames:
         bench.socket.put(CanFrame(can_id, data), overflows=overflows)
     received = [frame for frame in bench.received() if frame.data[:2] != b"\xff\x01" or frame.can_id != 0x20000004]
-    wanted = [CanFrame(can_id, data) for can_id, data, _ in frames]
-    assert received == [frame for frame in wanted if frame.data[:2] != b"\xff\x01" or frame.can_id != 0x20000004]
+    expected = [CanFrame(can_id, data) for can_id, data, _ in frames]
+    assert received == [frame for frame in expected if frame.data[:2] != b"\xff\x01" or frame.can_id != 0x20000004]
 
 
 # Opening and closing

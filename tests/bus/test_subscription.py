@@ -1,4 +1,4 @@
-"""What an end wants to hear: it travels among the frames, in any number, and is none of them."""
+"""Subscriptions of a member: sent between frames, in any number, and distinguishable from them."""
 
 from __future__ import annotations
 
@@ -46,38 +46,38 @@ FRAME = pack_records([CanFrame(0x181, b"\xff" * 8)])
 
 @given(st.sets(st.integers(0, 0xFFFFFFFF), max_size=50))
 def test_what_is_asked_for_is_what_is_received(can_ids):
-    wanted = Subscription()
-    assert wanted.take(FRAME + pack_subscription(can_ids) + FRAME) == FRAME * 2
-    assert wanted.ids == can_ids
+    subscription = Subscription()
+    assert subscription.take(FRAME + pack_subscription(can_ids) + FRAME) == FRAME * 2
+    assert subscription.ids == can_ids
 
 
 def test_nothing_changes_before_the_last_identifier_is_there():
-    wanted, asked = Subscription(), pack_subscription([0x80, 0x202, 0x602])
-    assert wanted.ids is None
-    wanted.take(asked[:RECORD_SIZE])
-    assert wanted.ids is None
-    wanted.take(asked[RECORD_SIZE:])
-    assert wanted.ids == {0x80, 0x202, 0x602}
-    wanted.take(pack_subscription([0x80]))
-    assert wanted.ids == {0x80}
+    expected, requested = Subscription(), pack_subscription([0x80, 0x202, 0x602])
+    assert expected.ids is None
+    expected.take(requested[:RECORD_SIZE])
+    assert expected.ids is None
+    expected.take(requested[RECORD_SIZE:])
+    assert expected.ids == {0x80, 0x202, 0x602}
+    expected.take(pack_subscription([0x80]))
+    assert expected.ids == {0x80}
 
 
 def test_a_subscription_with_too_many_identifiers_receives_everything():
-    wanted = Subscription()
-    wanted.take(pack_subscription(range(5000)))
-    assert wanted.ids is None
+    subscription = Subscription()
+    subscription.take(pack_subscription(range(5000)))
+    assert subscription.ids is None
 
 
 NOTHING = Chunk(0, own=False, records=b"")
 
 
 def test_stamps_and_own_frames_are_asked_for_alongside_identifiers():
-    wanted = Subscription()
-    assert (wanted.stamps, wanted.echoes) == (False, False)
-    assert wanted.take(pack_stamp_request() + FRAME + pack_subscription([0x80])) == FRAME
-    assert (wanted.stamps, wanted.echoes, wanted.ids) == (True, False, {0x80})
-    wanted.take(pack_stamp_request(echo=True))
-    assert (wanted.stamps, wanted.echoes, wanted.ids) == (True, True, {0x80})
+    subscription = Subscription()
+    assert (subscription.stamps, subscription.echoes) == (False, False)
+    assert subscription.take(pack_stamp_request() + FRAME + pack_subscription([0x80])) == FRAME
+    assert (subscription.stamps, subscription.echoes, subscription.ids) == (True, False, {0x80})
+    subscription.take(pack_stamp_request(echo=True))
+    assert (subscription.stamps, subscription.echoes, subscription.ids) == (True, True, {0x80})
 
 
 def test_frames_are_parted_at_their_stamps():
@@ -97,11 +97,11 @@ def test_a_chunk_that_comes_in_two_readings_continues_in_time():
 @given(st.lists(st.one_of(st.integers(1, 2**62), st.binary(min_size=8, max_size=8)), max_size=30))
 def test_any_data_and_any_times_are_distinguished(things):
     data, frames = b"", b""
-    for each in things:
-        record = pack_records([CanFrame(0x181, each)]) if isinstance(each, bytes) else b""
-        data += record or pack_stamp(each)
+    for thing in things:
+        record = pack_records([CanFrame(0x181, thing)]) if isinstance(thing, bytes) else b""
+        data += record or pack_stamp(thing)
         frames += record
     parts = list(chunks_of(data, NOTHING))
     assert b"".join(part.records for part in parts) == frames
-    stamped = [each for each in things if isinstance(each, int)]
+    stamped = [thing for thing in things if isinstance(thing, int)]
     assert [part.at_ns for part in parts if part.at_ns] == stamped

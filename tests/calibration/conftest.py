@@ -8,16 +8,16 @@ from canopen_control.calibration.base_link import BaseLink
 
 @pytest.fixture
 def floor(tmp_path):
-    made = []
+    created = []
 
     def make(name, **wrong):
         bench = FloorBench(tmp_path, name, **wrong)
-        made.append(bench)
+        created.append(bench)
         bench.start()
         bench.hurry()
         client = BenchClient(bench)
         return bench, client, BaseLink(client)
 
     yield make
-    for each in made:
-        each.close()
+    for item in created:
+        item.close()

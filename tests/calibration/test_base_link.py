@@ -29,14 +29,14 @@ def test_it_drives_a_square_and_reports_where_it_ended_by_odometry_and_in_truth(
 
 @pytest.mark.rest
 def test_both_directions_of_an_ideal_robot_mirror_on_the_whole_stack(tmp_path):
-    found = []
+    results = []
     for direction in Direction:
         bench = FloorBench(tmp_path, f"mirror{direction.value + 1}")
         bench.start()
         bench.hurry()
-        found.append(BaseLink(BenchClient(bench)).drive(path(direction)))
+        results.append(BaseLink(BenchClient(bench)).drive(path(direction)))
         bench.close()
-    ccw, cw = found
+    ccw, cw = results
     assert (ccw.truth[0], ccw.truth[1]) == pytest.approx((cw.truth[0], -cw.truth[1]), abs=1e-4)  # whole counts
 
 
@@ -134,7 +134,7 @@ def test_the_base_is_the_one_that_is_requested_or_the_only_one():
 
 
 @pytest.mark.parametrize(
-    ("controllers", "wanted", "words"),
+    ("controllers", "expected", "words"),
     [
         ((reading("arm", offers=()),), None, "the robot has no diff drive controller, .* it has: arm"),
         ((reading("base"),), "arm", "'arm' is not a diff drive controller of the robot; it has: base"),
@@ -146,13 +146,13 @@ def test_the_base_is_the_one_that_is_requested_or_the_only_one():
         ((reading("base", "inactive"),), None, "base is inactive; activate it: .* --activate base, with --deactivate"),
     ],
 )
-def test_where_there_is_none_or_a_choice_it_suggests_what_to_do(controllers, wanted, words):
+def test_where_there_is_none_or_a_choice_it_suggests_what_to_do(controllers, expected, words):
     with pytest.raises(ConfigError, match=words):
-        choose_base(controllers, wanted)
+        choose_base(controllers, expected)
 
 
 def test_names_are_those_of_the_parameters():
-    assert [each.removesuffix("_multiplier") for each in FACTORS] == [
+    assert [factor.removesuffix("_multiplier") for factor in FACTORS] == [
         "wheel_separation", "left_wheel_radius", "right_wheel_radius"
     ]  # fmt: skip
     assert FORWARD != BASE

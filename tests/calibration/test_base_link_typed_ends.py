@@ -23,12 +23,12 @@ def test_whatever_is_typed_is_two_finite_numbers_or_a_sentence(text):
 
 
 def test_an_invalid_answer_is_asked_for_again():
-    answers, told = iter(["", "1", "nan 2", "0.01 -0.02"]), []
-    ends = TypedEnds(lambda _prompt: next(answers), told.append)
+    answers, reported = iter(["", "1", "nan 2", "0.01 -0.02"]), []
+    ends = TypedEnds(lambda _prompt: next(answers), reported.append)
     ends.before("run 1")
     assert ends.end("run 1", HERE) == (0.01, -0.02)
-    assert told[0] == "run 1"
-    assert ["is not an end" in each for each in told[1:]] == [True, True]
+    assert reported[0] == "run 1"
+    assert ["is not an end" in item for item in reported[1:]] == [True, True]
 
 
 def test_a_client_that_leaves_ends_it():
@@ -42,11 +42,11 @@ def test_a_client_that_leaves_ends_it():
 def test_a_file_gives_its_ends_in_order(tmp_path):
     path = tmp_path / "ends.txt"
     path.write_text("# measured\n0.01 0.02\n\n-0.03, 0.04  # second\n")
-    told = []
-    ends = read_ends(path, 2, told.append)
+    reports = []
+    ends = read_ends(path, 2, reports.append)
     ends.before("run 1")
     assert [ends.end("", HERE), ends.end("", HERE)] == [(0.01, 0.02), (-0.03, 0.04)]
-    assert told == ["run 1"]
+    assert reports == ["run 1"]
 
 
 @pytest.mark.parametrize(

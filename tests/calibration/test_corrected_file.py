@@ -50,7 +50,7 @@ def test_values_that_are_not_there_are_put_alongside_the_wheels(tmp_path, end):
     copy, changes = written(tmp_path, text)
     added = "".join(f"    {name}: {value}{end}" for name, value in VALUES.items())
     assert copy == text.replace("    wheel_separation", added + "    wheel_separation")
-    assert [each.before for each in changes] == [None] * 3
+    assert [change.before for change in changes] == [None] * 3
     assert str(changes[0]) == f"line {changes[0].line}: wheel_separation_multiplier: not given -> 1.0175"
     assert "wheel_separation_multiplier" in copy.splitlines()[changes[0].line - 1]
 

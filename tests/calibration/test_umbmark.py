@@ -37,14 +37,14 @@ def turn(direction, separation):
 
 
 def both(side, separation, **true):
-    return [square(each, side, separation, **true) for each in Direction]
+    return [square(item, side, separation, **true) for item in Direction]
 
 
 def passes(count, side, separation, left, right, track):
     """Yield what each pass finds, the values of the one before in use."""
     known = WheelFactors()
     for _ in range(count):
-        found = correction(
+        result = correction(
             both(
                 side,
                 separation * known.separation,
@@ -55,8 +55,8 @@ def passes(count, side, separation, left, right, track):
             side,
             separation * known.separation,
         )
-        yield found, known
-        known = found.factors.after(known)
+        yield result, known
+        known = result.factors.after(known)
 
 
 @pytest.mark.parametrize("unequal", [1.005, 1 / 1.005])
@@ -94,18 +94,18 @@ def test_the_worst_base_that_is_put_together_is_taken_and_recovered(unequal, tra
 
 @given(way=st.floats(0.9, 1.1), side=st.floats(0.5, 4.0), separation=st.floats(0.1, 0.5))
 def test_a_robot_that_is_only_larger_has_the_factors_of_one_that_is_not(way, side, separation):
-    found = correction(both(side, separation, left=way, right=way, track=way), side, separation)
-    assert found.e_d == pytest.approx(1.0, abs=1e-9)
-    assert found.e_b == pytest.approx(1.0, abs=1e-9)
+    result = correction(both(side, separation, left=way, right=way, track=way), side, separation)
+    assert result.e_d == pytest.approx(1.0, abs=1e-9)
+    assert result.e_b == pytest.approx(1.0, abs=1e-9)
 
 
 def test_the_example_of_the_method_gives_its_figures():
     ends = [SquareRun(CCW, 0.004, -0.004), SquareRun(CW, -0.453, -0.564)]
-    found = correction(ends, 4.0, 0.5)
-    assert (found.e_b, found.e_d) == pytest.approx((1.0205, 1.00401), abs=5e-5)
-    assert found.largest == pytest.approx(math.hypot(0.453, 0.564))
-    assert found.factors.left == pytest.approx(2 / (found.e_d + 1))
-    assert found.factors.right / found.factors.left == pytest.approx(found.e_d)
+    result = correction(ends, 4.0, 0.5)
+    assert (result.e_b, result.e_d) == pytest.approx((1.0205, 1.00401), abs=5e-5)
+    assert result.largest == pytest.approx(math.hypot(0.453, 0.564))
+    assert result.factors.left == pytest.approx(2 / (result.e_d + 1))
+    assert result.factors.right / result.factors.left == pytest.approx(result.e_d)
 
 
 def test_squares_of_an_ideal_robot_mirror_exactly():
@@ -122,9 +122,9 @@ def test_ends_that_mirror_are_a_wrong_track_alone_and_ends_turned_by_half_unequa
 
 def test_the_scatter_is_that_of_the_runs_about_their_means():
     runs = [SquareRun(CCW, 0.01, 0.0), SquareRun(CCW, 0.03, 0.0), SquareRun(CW, 0.0, 0.02), SquareRun(CW, 0.0, 0.02)]
-    found = correction(runs, 1.0, 0.3)
-    assert found.scatter == pytest.approx(3 * math.sqrt(2 * 0.01**2 / 2))
-    assert found.largest == pytest.approx(0.02)
+    result = correction(runs, 1.0, 0.3)
+    assert result.scatter == pytest.approx(3 * math.sqrt(2 * 0.01**2 / 2))
+    assert result.largest == pytest.approx(0.02)
     assert correction(runs[1:3], 1.0, 0.3).scatter is None
 
 
@@ -166,11 +166,11 @@ def test_what_cannot_be_is_refused_in_a_sentence(runs, side, separation, least, 
 )
 def test_whatever_is_measured_gives_finite_factors_or_a_refusal(ends, side, separation):
     try:
-        found = correction([SquareRun(*each) for each in ends], side, separation)
+        result = correction([SquareRun(*end) for end in ends], side, separation)
     except ImplausibleEnds:
         return
-    factors = found.factors
-    assert all(0.5 < each < 2.0 for each in (factors.left, factors.right, factors.separation))
+    factors = result.factors
+    assert all(0.5 < item < 2.0 for item in (factors.left, factors.right, factors.separation))
 
 
 @given(*[st.tuples(*[st.floats(-3, 3)] * 3)] * 2)

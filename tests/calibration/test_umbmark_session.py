@@ -12,9 +12,9 @@ from canopen_control.errors import ControlError
 @pytest.mark.rest
 def test_a_robot_with_unequal_wheels_and_a_wrong_track_is_calibrated_in_two_passes(floor):
     bench, _, link = floor("umb", track=1.02, unequal=1.005)
-    told, new = [], []
+    reported, new = [], []
     plan = CalibrationPlan(side=0.7, passes=2, pace=QUICK)
-    outcome = calibrate(link, TrueEnds(told.append), plan, told.append, new.append)
+    outcome = calibrate(link, TrueEnds(reported.append), plan, reported.append, new.append)
     assert outcome.first.largest > 0.04
     assert outcome.gain > 100
     factors = outcome.factors
@@ -23,8 +23,8 @@ def test_a_robot_with_unequal_wheels_and_a_wrong_track_is_calibrated_in_two_pass
     assert right / left == pytest.approx(1.005, abs=1e-4)
     assert separation / ((left + right) / 2) == pytest.approx(1.02 / 1.0025, abs=1e-3)
     assert len(new) == 2
-    assert "uncorrected, 1 of 3: run 1 of 1, counter-clockwise" in told
-    assert any("largest systematic error" in each for each in told)
+    assert "uncorrected, 1 of 3: run 1 of 1, counter-clockwise" in reported
+    assert any("largest systematic error" in item for item in reported)
     assert bench.robot.manager.get(BASE).limited == [0.0, 0.0]
 
 
@@ -111,4 +111,4 @@ def test_a_plan_reports_how_much_it_drives_and_needs():
     assert plan.squares == 30
     assert plan.seconds == pytest.approx(30 * 40, rel=0.15)
     assert space(1.0).startswith("1.30 m ahead")
-    assert [each.word for each in Direction] == ["counter-clockwise", "clockwise"]
+    assert [item.word for item in Direction] == ["counter-clockwise", "clockwise"]

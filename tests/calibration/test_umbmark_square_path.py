@@ -56,7 +56,7 @@ def test_it_ends_where_it_began_after_four_corners(direction):
 
 
 def test_both_directions_mirror_exactly():
-    ccw, cw = (drive(SquarePath(0.7, each, Pace()), Base()) for each in (Direction.CCW, Direction.CW))
+    ccw, cw = (drive(SquarePath(0.7, item, Pace()), Base()) for item in (Direction.CCW, Direction.CW))
     assert [(x, -y, -heading) for x, y, heading in ccw] == cw
 
 

@@ -1,4 +1,4 @@
-"""Everything that is wrong with a robot's files, found at once; and what its buses carry."""
+"""All errors in a robot's files are found at once; and the load of its buses."""
 
 import re
 import shutil
@@ -54,10 +54,10 @@ def test_errors_of_all_three_files_are_found_together_and_each_once(tmp_path):
 
 def test_a_link_that_occurs_twice_is_reported_with_its_place(tmp_path):
     config = copy_robby(tmp_path, description={"</robot>": '  <link name="base_link"/>\n</robot>'})
-    (told,) = [each for each in check(config).findings if "is defined twice" in each.text]
-    assert (told.severity, told.column) == (Severity.ERROR, 3)
+    (reported,) = [finding for finding in check(config).findings if "is defined twice" in finding.text]
+    assert (reported.severity, reported.column) == (Severity.ERROR, 3)
     assert re.fullmatch(
-        r"link 'base_link' is defined twice, first at .*robby\.urdf\.xacro:\d+:\d+; rename one", told.text
+        r"link 'base_link' is defined twice, first at .*robby\.urdf\.xacro:\d+:\d+; rename one", reported.text
     )
 
 
@@ -68,14 +68,16 @@ def test_a_file_that_cannot_be_read_is_named_once(tmp_path, monkeypatch, name):
     (folder / name).write_bytes(b"\xff\xfe")
     for config in (".", str(folder)):
         report = check(config)
-        errors = [str(each) for each in report.findings if each.severity is Severity.ERROR and name in each.path]
+        errors = [
+            str(finding) for finding in report.findings if finding.severity is Severity.ERROR and name in finding.path
+        ]
         assert len(errors) == 1
         assert errors[0].count(name) == 1
 
 
 def test_an_error_of_bus_yml_is_shown_with_its_line_and_a_caret(tmp_path):
     report = check(copy_robby(tmp_path, bus={"node_id: 3": "node_id: 300"}))
-    finding = next(each for each in report.findings if each.severity is Severity.ERROR)
+    finding = next(item for item in report.findings if item.severity is Severity.ERROR)
     lines = (tmp_path / "robby" / "bus.yml").read_text().splitlines()
     assert lines[finding.line - 1][finding.column - 1 :] == "300"
     assert finding.source.splitlines() == [f"    {lines[finding.line - 1]}", f"    {' ' * (finding.column - 1)}^"]
@@ -102,15 +104,15 @@ def test_keys_that_ros2_canopen_takes_are_not_warning(tmp_path, name):
 def test_pdos_that_are_off_may_be_missing_in_the_eds(tmp_path):
     checked = check(report(tmp_path, "io_fewer_pdos"))
     assert checked.passes(), texts(checked, Severity.ERROR)
-    told = texts(checked, Severity.WARNING)
-    assert all("the node's own" in each for each in told), told
+    reported = texts(checked, Severity.WARNING)
+    assert all("the node's own" in item for item in reported), reported
 
 
 def test_keys_with_wrong_names_are_reported_with_the_right_ones(tmp_path):
     path = tmp_path / "r"
     shutil.copytree(REPORTS / "misnamed_keys", path)
     errors = texts(check(path), Severity.ERROR)
-    wanted = (
+    expected = (
         "write `channel` under `master:`",
         "write `node_id` under `master:`",
         "write `driver` under `master:`",
@@ -121,8 +123,8 @@ def test_keys_with_wrong_names_are_reported_with_the_right_ones(tmp_path):
         "write `1:` under `rpdo:`",
         "the mapping has 88 bits, a PDO at most 64",  # of the PDO under the wrong name
     )
-    assert len(errors) == len(wanted), errors
-    for text, words in zip(errors, wanted, strict=True):
+    assert len(errors) == len(expected), errors
+    for text, words in zip(errors, expected, strict=True):
         assert words in text
 
 
@@ -144,7 +146,7 @@ def line_of(path, text):
 
 
 def told(config, severity):
-    return [each.replace(f"{config}/", "") for each in texts(check(config), severity)]
+    return [text.replace(f"{config}/", "") for text in texts(check(config), severity)]
 
 
 def test_a_cycle_that_cannot_fit_is_refused_with_the_shortest_period(tmp_path):
@@ -162,7 +164,7 @@ def test_without_sync_it_is_the_update_rate_that_the_bus_cannot_carry(tmp_path):
         bus={"sync_period: 20000": "sync_period: 0"},
         controllers={"update_rate: 50": "update_rate: 2000"},
     )
-    (error,) = [each for each in told(config, Severity.ERROR) if "is too short for" in each]
+    (error,) = [item for item in told(config, Severity.ERROR) if "is too short for" in item]
     line = line_of(config / "ros2_controllers.yaml", "update_rate")
     assert re.fullmatch(
         rf"ros2_controllers\.yaml:{line}: error: a cycle of 0\.5 ms "
@@ -190,9 +192,9 @@ def test_a_drive_that_brakes_for_longer_than_a_stop_may_last_is_a_warning(tmp_pa
     text = (config / "bus.yml").read_text()
     slow = "  sdo:\n    - {index: 0x6084, sub_index: 0, value: 10000}\n"
     (config / "bus.yml").write_text(text.replace("  sdo:\n", slow, 1))
-    found = told(config, Severity.WARNING)
-    assert len(found) == 6
-    assert "joint_1 needs 209 s to brake from 2086076 units/s (ramp of 0x6084 (10000)); a stop that takes" in found[0]
+    result = told(config, Severity.WARNING)
+    assert len(result) == 6
+    assert "joint_1 needs 209 s to brake from 2086076 units/s (ramp of 0x6084 (10000)); a stop that takes" in result[0]
 
 
 @pytest.mark.parametrize(("limit", "speed"), [("-2.0", "2086076"), ("0", "6553600")])
@@ -271,10 +273,10 @@ def test_a_description_that_names_another_bus_file_reports_it_and_no_lack_of_int
 def test_a_start_reports_every_warning_of_the_check_and_no_note(tmp_path):
     config = copy_robby(tmp_path, bus={"polling: false": "polling: false\n  foo_bar: 1"})
     shutil.copy(REPORTS.parent / "tutorials" / "gazebo_diff_drive.yaml", config / "ros2_controllers.yaml")
-    wanted = [each for each in check(config).findings if each.severity is Severity.WARNING]
-    told = start_warnings(read_robot(find_robot(str(config))))
-    assert len(told) == len(wanted) > 5
-    assert all(any(each.text in text for text in told) for each in wanted)
+    expected = [finding for finding in check(config).findings if finding.severity is Severity.WARNING]
+    warnings = start_warnings(read_robot(find_robot(str(config))))
+    assert len(warnings) == len(expected) > 5
+    assert all(any(item.text in text for text in warnings) for item in expected)
     assert start_warnings(read_robot(find_robot("robby"))) == []
 
 
@@ -289,7 +291,7 @@ def test_a_drive_that_is_refused_does_not_lack_the_interfaces_of_its_plugin(tmp_
         eds.write_text(UNSUPERVISED.sub("", eds.read_text()))
     else:
         bus.write_text(bus.read_text().replace("node_id: 2", "node_id: [2]", 1))
-    told = texts(check(config), Severity.ERROR)
+    reported = texts(check(config), Severity.ERROR)
     expected = "nothing would stop this drive" if broken == "eds" else "expected an integer"
-    assert len(told) == {"eds": 2, "node_id": 1}[broken]
-    assert all(expected in text for text in told)
+    assert len(reported) == {"eds": 2, "node_id": 1}[broken]
+    assert all(expected in text for text in reported)

@@ -1,4 +1,4 @@
-"""What `check` says of the drives of a robot: state interfaces that no TPDO brings."""
+"""Findings on the drives of a robot: state interfaces that no TPDO contains."""
 
 import re
 
@@ -10,12 +10,12 @@ from canopen_control.runtime.robot_files import find_robot
 
 
 def findings(path):
-    return [str(each) for each in check_robot(find_robot(str(path)), CheckOptions()).findings]
+    return [str(finding) for finding in check_robot(find_robot(str(path)), CheckOptions()).findings]
 
 
 def test_check_refuses_a_broadcaster_that_has_nothing_to_publish(tmp_path):
-    found = findings(unmapped(tmp_path, ""))
-    assert any("joint_state_broadcaster has nothing to publish" in each for each in found)
+    result = findings(unmapped(tmp_path, ""))
+    assert any("joint_state_broadcaster has nothing to publish" in item for item in result)
 
 
 @pytest.mark.parametrize(
@@ -30,8 +30,8 @@ def test_check_refuses_a_broadcaster_that_has_nothing_to_publish(tmp_path):
     ],
 )
 def test_check_names_what_the_description_asks_for_and_no_tpdo_brings(tmp_path, mapping, words):
-    found = findings(unmapped(tmp_path, mapping))
-    assert any(re.search(f"joint pan {words}; map 0x60", each) for each in found)
+    result = findings(unmapped(tmp_path, mapping))
+    assert any(re.search(f"joint pan {words}; map 0x60", item) for item in result)
 
 
 @pytest.mark.parametrize(("key", "noted"), [("", True), ("  velocity_mode: 9", False)])
@@ -45,20 +45,22 @@ def test_check_refuses_a_mode_whose_target_is_in_no_rpdo(tmp_path):
     path = folder(tmp_path, "csv")
     bus = path / "bus.yml"
     bus.write_text(bus.read_text().replace("velocity_mode: 9", "velocity_mode: 2"))
-    text = next(each for each in findings(path) if "no RPDO carries 0x6042:00, the target of mode VL" in each)
+    text = next(finding for finding in findings(path) if "no RPDO carries 0x6042:00, the target of mode VL" in finding)
     assert re.search(r"bus\.yml:\d+:\d+: error: pan_drive: .*; map it, or use a velocity_mode", text)
     urdf = path / "two_axes.urdf"
     urdf.write_text(urdf.read_text().replace('"device_name">pan_drive', '"node_id">2'))
-    assert any("pan_drive: no RPDO carries 0x6042:00" in each for each in findings(path)), "a joint may name a node-ID"
+    assert any("pan_drive: no RPDO carries 0x6042:00" in finding for finding in findings(path)), (
+        "a joint may name a node-ID"
+    )
     assert not any(
-        "no RPDO carries" in each for each in findings(folder(tmp_path, "v-3", keys="velocity_target: 0x60FF"))
+        "no RPDO carries" in finding for finding in findings(folder(tmp_path, "v-3", keys="velocity_target: 0x60FF"))
     )
 
 
 @pytest.mark.parametrize("index", ["6040", "6041", "60FF"])
 def test_an_object_that_the_eds_lacks_is_one_error(tmp_path, index):
     path = folder(tmp_path, "csv", edit=lambda text: re.sub(rf"(?ms)^\[{index}\]\n.*?(?=^\[)", "", text))
-    errors = [each for each in findings(path) if ": error: " in each]
+    errors = [finding for finding in findings(path) if ": error: " in finding]
     assert len(errors) == 1, errors
     assert f"0x{index}:00 is not in device.eds" in errors[0]
 
@@ -67,5 +69,5 @@ def test_a_target_that_the_eds_lacks_and_no_rpdo_maps_is_named_with_the_eds(tmp_
     path = folder(tmp_path, "csv", edit=lambda text: re.sub(r"(?ms)^\[6042\]\n.*?(?=^\[)", "", text))
     bus = path / "bus.yml"
     bus.write_text(bus.read_text().replace("velocity_mode: 9", "velocity_mode: 2"))
-    text = next(each for each in findings(path) if "no RPDO carries 0x6042:00, the target of mode VL" in each)
+    text = next(finding for finding in findings(path) if "no RPDO carries 0x6042:00, the target of mode VL" in finding)
     assert "device.eds has no such object, so use a velocity_mode whose target it has" in text

@@ -1,4 +1,4 @@
-"""What `check` says, as lines and as data."""
+"""Findings of `check` as lines and as data."""
 
 import pytest
 

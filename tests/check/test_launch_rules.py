@@ -25,7 +25,7 @@ GOOD = """\
 def told(tmp_path, text, files=None, name="base.launch"):
     path = tmp_path / name
     path.write_text(text)
-    return [each.replace(f"{tmp_path}/", "") for each in found(files or find_robot("mobile_base_ros1"), launch=path)]
+    return [item.replace(f"{tmp_path}/", "") for item in found(files or find_robot("mobile_base_ros1"), launch=path)]
 
 
 @pytest.mark.parametrize(
@@ -35,8 +35,8 @@ def told(tmp_path, text, files=None, name="base.launch"):
             "mobile_base_controller --",
             "mobile_base_controler --",
             6,
-            "error: the spawner loads 'mobile_base_controler', which is not in ros2_controllers.yaml, "
-            "did you mean 'mobile_base_controller'?; use a name of the file, or add the controller to it",
+            "error: the spawner loads 'mobile_base_controler', which is not in ros2_controllers.yaml "
+            "(did you mean 'mobile_base_controller'?); use a name of the file, or add the controller to it",
         ),
         (
             'name="controller_spawner"',
@@ -145,11 +145,11 @@ def of_python(folder, old="", new=""):
     described = str(package / "urdf" / "base" / "robby.urdf.xacro")
     files = find_robot(str(package / "config" / "first"), launch=str(path), description=described)
     here = f"{path}:"
-    return [each.removeprefix(here) for each in found(files, launch=path, notes=True) if each.startswith(here)]
+    return [item.removeprefix(here) for item in found(files, launch=path, notes=True) if item.startswith(here)]
 
 
 def test_what_a_file_in_python_declares_and_starts_is_reported_in_notes(tmp_path):
-    texts = [re.sub(r"^\d+: note: ", "", each) for each in of_python(tmp_path)]
+    texts = [re.sub(r"^\d+: note: ", "", item) for item in of_python(tmp_path)]
     assert texts == [
         "argument mock: default 'false'",
         "argument channel: no constant default",
@@ -173,8 +173,8 @@ def test_the_value_of_an_option_of_a_spawner_is_not_a_controller(tmp_path, more)
     for number, end in enumerate((", *[]", "")):  # with one, the list as a whole is not known
         old, new = '"robby_forward_controller", *[]', f'"robby_forward_controller", {more}{end}'
         texts = of_python(tmp_path / str(number), old, new)
-        assert any(each.endswith("starts controller_manager/spawner of robby_forward_controller") for each in texts)
-        assert not any("error" in each or "warning" in each for each in texts)
+        assert any(text.endswith("starts controller_manager/spawner of robby_forward_controller") for text in texts)
+        assert not any("error" in text or "warning" in text for text in texts)
 
 
 @pytest.mark.parametrize(
@@ -192,5 +192,5 @@ def test_the_value_of_an_option_of_a_spawner_is_not_a_controller(tmp_path, more)
     ],
 )
 def test_an_error_of_a_file_in_python_has_its_line(tmp_path, old, new, message):
-    (text,) = [each for each in of_python(tmp_path, old, new) if message in each]
+    (text,) = [item for item in of_python(tmp_path, old, new) if message in item]
     assert re.match(r"\d+: ", text)

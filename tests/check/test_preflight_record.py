@@ -47,10 +47,10 @@ def test_a_pass_is_kept_found_and_replaced(tmp_path):
     assert find_record(setup) is None
     save_record(setup, {"left_drive": 1}, ())
     path = save_record(setup, SERIALS, JOINTS)
-    found = find_record(setup)
-    assert (found.config, found.serials, found.channel) == (config_hash(setup), SERIALS, "memory:clearance")
-    assert found.joints == JOINTS
-    assert explain(setup, found, SERIALS) is None
+    record = find_record(setup)
+    assert (record.config, record.serials, record.channel) == (config_hash(setup), SERIALS, "memory:clearance")
+    assert record.joints == JOINTS
+    assert explain(setup, record, SERIALS) is None
     for rubbish in ("", "[]", '{"serials": 3}', '{"config": 1, "serials": {"a": "b"}, "time": 0, "channel": ""}'):
         path.write_text(rubbish)
         assert find_record(setup) is None
@@ -97,9 +97,9 @@ def test_a_pass_covers_the_joints_that_were_turned(tmp_path, monkeypatch, privat
     monkeypatch.setattr(preflight_record, "read_serials", lambda _setup: SERIALS)
     if joints is not None:
         save_record(setup, SERIALS, joints)
-    found = slow_reason(setup)
-    assert (None if found is None else found.joints) == doubted
-    assert why in ("" if found is None else found.why)
+    result = slow_reason(setup)
+    assert (None if result is None else result.joints) == doubted
+    assert why in ("" if result is None else result.why)
 
 
 def test_a_robot_without_joints_needs_no_pass(tmp_path, private_folders):

@@ -1,4 +1,4 @@
-"""The cap on speed, interface by interface: what a controller wants, and what is left of it cycle by cycle."""
+"""The speed limit by interface: requested and limited values in each cycle."""
 
 import math
 from types import SimpleNamespace
@@ -23,12 +23,12 @@ class Registry:
         self.state_interfaces = [StateInterface("joint", name, value) for name, value in states.items()]
 
     def of(self, name):
-        (command,) = (each for each in self.command_interfaces if each.interface == name)
+        (command,) = (item for item in self.command_interfaces if item.interface == name)
         command.owner = "controller"
         return command
 
     def state(self, name):
-        (state,) = (each for each in self.state_interfaces if each.interface == name)
+        (state,) = (item for item in self.state_interfaces if item.interface == name)
         return state
 
 
@@ -95,13 +95,13 @@ def test_a_joint_at_an_unknown_position_stays():
 
 
 @pytest.mark.parametrize(
-    ("speed", "wanted", "left"),
+    ("speed", "expected", "left"),
     [(0.9, 5.0, 5.0), (1.1, 5.0, 0.0), (1.1, -5.0, -5.0), (-1.1, -5.0, 0.0), (-1.1, 5.0, 5.0), (math.nan, 5.0, 5.0)],
 )
-def test_an_effort_is_taken_away_above_the_cap_unless_it_brakes(speed, wanted, left):
+def test_an_effort_is_taken_away_above_the_cap_unless_it_brakes(speed, expected, left):
     registry, cap = capped(["effort"], velocity=speed)
     command = registry.of("effort")
-    command.value = wanted
+    command.value = expected
     cap.enforce(PERIOD)
     assert command.value == left
 
@@ -117,8 +117,8 @@ def test_whatever_is_commanded_the_target_moves_no_faster_than_the_cap(commands)
     registry, cap = capped(["position"], position=0.0)
     command, here = registry.of("position"), registry.state("position")
     last = 0.0
-    for wanted, followed in commands:
-        command.value = wanted
+    for expected, followed in commands:
+        command.value = expected
         cap.enforce(PERIOD)
         assert abs(command.value - here.value) <= 0.5 + PERIOD + 1e-9
         if abs(last - here.value) <= 0.5:
@@ -165,14 +165,14 @@ def positions(bench):
 
 
 @pytest.mark.parametrize(
-    ("quantity", "wanted", "left"),
+    ("quantity", "expected", "left"),
     [("velocity", 5.0, 1.0), ("velocity", -5.0, -1.0), ("velocity", 0.5, 0.5), ("velocity", math.nan, math.nan),
      ("position", 5.0, PERIOD), ("position", math.nan, math.nan), ("effort", 5.0, 0.0), ("target", math.nan, math.nan)],
 )  # fmt: skip
-def test_a_target_is_capped_as_what_the_mode_makes_of_it(quantity, wanted, left):
+def test_a_target_is_capped_as_what_the_mode_makes_of_it(quantity, expected, left):
     registry, cap = capped(["target"], position=0.0, velocity=2.0)
     command = registry.of("target")
-    command.quantity, command.value = quantity, wanted
+    command.quantity, command.value = quantity, expected
     cap.enforce(PERIOD)
     assert command.value == pytest.approx(left, nan_ok=True)
     assert cap.unlimited == []

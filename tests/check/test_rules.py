@@ -1,4 +1,4 @@
-"""Each classic mistake, seeded into each bundled robot it can stand in, is told in these words, and nothing else is."""
+"""Typical mistakes, inserted into each bundled robot that can have them, give exactly the expected findings."""
 
 import dataclasses
 import re
@@ -31,20 +31,20 @@ def test_what_a_ros_1_file_specifies_in_other_words_is_noted_once_each():
     findings = find(
         files, read_bus(files.bus), read_controllers(files.controllers), read_description(files.description)
     )
-    texts = [each.text for each in findings]
+    texts = [finding.text for finding in findings]
     assert len(texts) == len(set(texts)) == 6
     assert "wheel_left_joint turns once for 30 turns of left_wheel_motor" in texts[4]
-    assert {each.severity for each in findings} == {Severity.NOTE}
+    assert {finding.severity for finding in findings} == {Severity.NOTE}
     assert "mobile_base_controller.left_wheel: 'left_wheel' is read as 'left_wheel_names'" in texts
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_controller_that_the_file_does_not_have(name):
     right = FIRST[name]
-    asked = right.replace("controller", "controler")
-    (text,) = found(find_robot(name), controllers=[asked])
+    typed = right.replace("controller", "controler")
+    (text,) = found(find_robot(name), controllers=[typed])
     assert re.fullmatch(
-        rf"ros2_controllers\.yaml:\d+: error: --controller {asked}: no controller of this name \(did you mean '{right}'"
+        rf"ros2_controllers\.yaml:\d+: error: --controller {typed}: no controller of this name \(did you mean '{right}'"
         r"\?\); use that name, or add the controller",
         text,
     )
@@ -67,11 +67,11 @@ def test_a_joint_that_the_description_does_not_have(name, tmp_path):
     texts = found(files)
     controller = "wheels_velocity_controller" if name == "mobile_base_ros1" else FIRST[name]
     line = line_of(files, "controllers", wrong)
-    wanted = (
+    expected = (
         f"ros2_controllers.yaml:{line}: error: {controller}: joint '{wrong}' is not in {files.description.name} "
         f"(did you mean '{right}'?); use the description's name"
     )
-    assert texts == [wanted]
+    assert texts == [expected]
 
 
 DEVICES = {
@@ -92,14 +92,14 @@ DEVICES = {
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_drive_that_bus_yml_does_not_have(name, tmp_path):
-    old, new, told, right, count = DEVICES[name]
+    old, new, reported, right, count = DEVICES[name]
     edits = {old: new}
     if name == "diffbot_sim":
         edits["gz_ros2_control/GazeboSimSystem"] = "canopen_ros2_control/RobotSystem"
     texts = found(changed(tmp_path, name, description=edits))
     assert len(texts) == count
     assert re.fullmatch(
-        rf".*:\d+: error: joint \w+: {told} is not a node of bus\.yml \(did you mean '{right}'\?\); "
+        rf".*:\d+: error: joint \w+: {reported} is not a node of bus\.yml \(did you mean '{right}'\?\); "
         "use a name under nodes:",
         texts[0],
     )
@@ -139,12 +139,12 @@ def test_a_name_that_no_node_may_have(name, tmp_path):
     folder = changed(tmp_path, name)
     folder.controllers.write_text(text.replace(FIRST[name], wrong))
     assert count
-    (told,) = found(folder)
+    (reported,) = found(folder)
     line = line_of(folder, "controllers", wrong) + ("ros1" not in name)  # the line of the type
     assert re.fullmatch(
         rf"ros2_controllers\.yaml:{line}: error: '{wrong}' is not a valid node name: letters, digits and _ only; "
         f"call it '{FIRST[name]}'",
-        told,
+        reported,
     )
 
 
@@ -193,12 +193,12 @@ def test_a_timeout_of_zero_is_for_ever(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["robby", "diffbot_sim", "mobile_base_ros1"])
-@pytest.mark.parametrize(("seconds", "told"), [(60, 0), (500, 1)])
-def test_a_timeout_that_was_written_in_ms_is_a_warning(name, seconds, told, tmp_path):
+@pytest.mark.parametrize(("seconds", "reported"), [(60, 0), (500, 1)])
+def test_a_timeout_that_was_written_in_ms_is_a_warning(name, seconds, reported, tmp_path):
     old, _, key = TIMEOUTS[name]
     files = changed(tmp_path, name, controllers={old: f"{key}: {seconds}.0"})
     texts = [line for line in found(files) if f"{key} is " in line]
-    assert len(texts) == told
+    assert len(texts) == reported
     assert all(
         "500 s: moving joints continue for that time when the sender disappears; give the time without" in line
         for line in texts
@@ -224,15 +224,15 @@ def test_an_update_rate_below_the_sync(name, tmp_path):
         "set update_rate: 50 to run them in each cycle"
     ) in found(files, notes=True)
     files = changed(tmp_path / "2", name, controllers={"update_rate: 50": "update_rate: 40"})
-    assert not any("controllers run at" in each for each in found(files, notes=True))
+    assert not any("controllers run at" in item for item in found(files, notes=True))
 
 
 def test_what_is_published_more_often_than_anybody_asks_for_is_reported(tmp_path):
     states = "JointStateBroadcaster\n"
     edits = {"update_rate: 50": "update_rate: 500", states: f"{states}      update_rate: 250\n"}
     files = changed(tmp_path, "robby", bus={"sync_period: 20000": "sync_period: 2000"}, controllers=edits)
-    told = [each for each in found(files, notes=True) if "request" in each]
-    assert told == [
+    reported = [item for item in found(files, notes=True) if "request" in item]
+    assert reported == [
         f"ros2_controllers.yaml:{line_of(files, 'controllers', 'update_rate: 250')}: note: joint_state_broadcaster "
         "publishes at 250 Hz, but ROS and bags request 100 Hz by default; run the bridge with --ros-args -p "
         "rate:=250.0, record with --rate 250"
@@ -295,18 +295,20 @@ def test_a_key_that_is_unknown_or_repeated(name, tmp_path):
     )
     indent = key[: len(key) - len(key.lstrip())]
     files = changed(tmp_path, name, controllers={key: f"{indent}joimts: 1\n{key}"})
-    (told,) = found(files)
-    assert re.match(r"ros2_controllers\.yaml:\d+:\d+: warning: .*unknown key 'joimts'", told)
+    (reported,) = found(files)
+    assert re.match(r"ros2_controllers\.yaml:\d+:\d+: warning: .*unknown key 'joimts'", reported)
 
     twice = changed(tmp_path / "2", name, controllers={key: f"{key.split(':')[0]}: 1\n{key}"})
-    (told,) = found(twice)
-    assert re.match(r"ros2_controllers\.yaml:\d+:\d+: warning: .*duplicate key '\w+' \(first at line \d+\)", told)
+    (reported,) = found(twice)
+    assert re.match(r"ros2_controllers\.yaml:\d+:\d+: warning: .*duplicate key '\w+' \(first at line \d+\)", reported)
 
 
 def test_a_name_for_all_nodes_that_no_controller_has_is_reported_with_where_one_has_nearly(tmp_path):
     block = "/**:\n  ros__parameters: {comand_timeout: 1.0, other_nodes: 1}\n"
-    (told,) = found(changed(tmp_path, "robby", controllers={"controller_manager:\n": block + "controller_manager:\n"}))
-    assert "'comand_timeout'; did you mean 'command_timeout'?" in told
+    (reported,) = found(
+        changed(tmp_path, "robby", controllers={"controller_manager:\n": block + "controller_manager:\n"})
+    )
+    assert "'comand_timeout'; did you mean 'command_timeout'?" in reported
 
 
 @pytest.mark.rest
@@ -325,9 +327,9 @@ def test_the_rules_never_raise_whatever_is_missing_in_the_files(tmp_path, data):
         damaged[which] = path
     control = readable(read_controllers, damaged["controllers"])
     description = readable(read_description, damaged["description"])
-    for each in find(source, bus, control, description, controllers=["nobody"]):
-        assert each.path
-        assert each.text
+    for item in find(source, bus, control, description, controllers=["nobody"]):
+        assert item.path
+        assert item.text
 
 
 def readable(read, path):
@@ -338,7 +340,7 @@ def readable(read, path):
 
 
 def errors(files, **how):
-    return [each for each in found(files, **how) if ": error: " in each]
+    return [item for item in found(files, **how) if ": error: " in item]
 
 
 def test_a_plugin_that_is_unknown_is_not_an_error_where_an_option_overrules_it(tmp_path):
@@ -349,9 +351,9 @@ def test_a_plugin_that_is_unknown_is_not_an_error_where_an_option_overrules_it(t
 
 def test_an_unknown_type_is_an_error_only_if_its_controller_is_started(tmp_path):
     files = changed(tmp_path, "robby", controllers={"diff_drive_controller/": "other_controller/"})
-    (told,) = found(files)
-    assert "warning: controller robby_base_controller: unknown type 'other_controller/DiffDriveController'" in told
-    assert told.endswith("; it is not activated at the start, and cannot be activated later")
+    (reported,) = found(files)
+    assert "warning: controller robby_base_controller: unknown type 'other_controller/DiffDriveController'" in reported
+    assert reported.endswith("; it is not activated at the start, and cannot be activated later")
     assert found(files, controllers=["robby_forward_controller"]) == []  # it is a note
     for started in (
         errors(files, controllers=["robby_base_controller"]),
@@ -365,7 +367,7 @@ def test_an_error_of_a_controller_that_waits_is_a_warning_where_another_one_is_c
     assert "joint 'left_whel_joint' is not in" in errors(files)[0]
     for how in ({"controllers": ["robby_forward_controller"]}, {"mock": True}):
         assert errors(files, **how) == []
-        assert any("warning: robby_base_controller: joint 'left_whel_joint'" in each for each in found(files, **how))
+        assert any("warning: robby_base_controller: joint 'left_whel_joint'" in item for item in found(files, **how))
     assert errors(files, controllers=["robby_base_controller"]) != []
 
 
@@ -394,15 +396,15 @@ def test_a_controller_of_a_mimic_joint_is_answered_with_what_works(tmp_path):
     text = urdf.read_text().replace('<joint name="tilt" type="revolute">',
                                     '<joint name="tilt" type="revolute"><mimic joint="pan"/>')  # fmt: skip
     urdf.write_text(re.sub(r'(?s)(<param name="device_name">tilt_drive</param>)<command_interface[^>]*>', r"\1", text))
-    (told,) = [each for each in found(find_robot(str(path))) if "mimics" in each]
+    (reported,) = [item for item in found(find_robot(str(path))) if "mimics" in item]
     assert re.search(
         r"vel: joint 'tilt' mimics pan, so it has no command interface; remove it here, or write mimic=\"false\" "
         r"and its command interface at .*two_axes\.urdf:\d+ if it has its own drive",
-        told,
+        reported,
     )
     own = text.replace('<joint name="tilt"><param', '<joint name="tilt" mimic="false"><param')
     urdf.write_text(own)
-    assert not [each for each in found(find_robot(str(path))) if "error" in each]
+    assert not [item for item in found(find_robot(str(path))) if "error" in item]
 
 
 def test_limits_of_zero_are_reported_with_the_axis_that_they_stop(tmp_path):

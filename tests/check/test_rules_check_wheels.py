@@ -1,4 +1,4 @@
-"""Each classic mistake of wheels, seeded into each bundled robot on wheels, is told in these words."""
+"""Typical mistakes of wheels, inserted into each bundled robot on wheels, give the expected findings."""
 
 import re
 
@@ -107,9 +107,10 @@ def test_a_wheel_size_that_is_unknown_is_an_error(tmp_path):
     files = changed(tmp_path, "mobile_base_ros1")
     text = re.sub(r"<(visual|collision)>.*?</\1>", "", files.description.read_text(), flags=re.DOTALL)
     files.description.write_text(text)
-    (told,) = found(files)
+    (reported,) = found(files)
     assert re.fullmatch(
-        r"ros2_controllers\.yaml:\d+: error: mobile_base_controller: wheel_radius is missing or 0; give it in m", told
+        r"ros2_controllers\.yaml:\d+: error: mobile_base_controller: wheel_radius is missing or 0; give it in m",
+        reported,
     )
 
 
@@ -180,6 +181,6 @@ def test_a_deceleration_with_which_a_stop_takes_long_is_a_warning_with_its_line(
     place = "    linear.x.max_acceleration: 1.0"
     files = changed(tmp_path, "robby", controllers={place: "    linear.x.max_acceleration: 0.01"})
     line = line_of(files, "controllers", "linear.x.max_acceleration")
-    (text,) = [each for each in found(files) if "s to stop" in each]
+    (text,) = [item for item in found(files) if "s to stop" in item]
     assert f"ros2_controllers.yaml:{line}: warning: robby_base_controller: linear.x needs " in text
     assert text.endswith("raise the magnitude of linear.x.max_deceleration_reverse")

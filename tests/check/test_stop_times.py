@@ -10,7 +10,7 @@ OBJECTS = {0x6084: 2000, 0x6085: 5000, 0x6007: 3, 0x605A: 2, 0x605E: 2}
 
 
 def facts(**more):
-    given = {
+    inputs = {
         "joint": "left_wheel",
         "node": "left_drive",
         "node_id": 3,
@@ -22,11 +22,11 @@ def facts(**more):
         "objects": OBJECTS,
         "lives": {"forward": 0.6},
     }
-    return AxisFacts(**{**given, **more})
+    return AxisFacts(**{**inputs, **more})
 
 
 def case(cause, **more):
-    return next(each for each in stop_time(facts(**more)).cases if cause in each.cause)
+    return next(item for item in stop_time(facts(**more)).cases if cause in item.cause)
 
 
 @pytest.mark.parametrize(
@@ -41,15 +41,15 @@ def case(cause, **more):
     ],
 )
 def test_each_reason_has_its_detection_and_its_ramp(cause, detection, ramp):
-    found = case(cause)
-    assert (found.detection_s, found.ramp_s) == (pytest.approx(detection), pytest.approx(ramp))
-    assert found.total_s == pytest.approx(detection + ramp)
+    result = case(cause)
+    assert (result.detection_s, result.ramp_s) == (pytest.approx(detection), pytest.approx(ramp))
+    assert result.total_s == pytest.approx(detection + ramp)
 
 
 def test_the_longest_is_the_sum_of_the_reason_that_takes_longest():
-    found = stop_time(facts())
-    assert found.longest_s == pytest.approx(0.62 + 0.5)
-    assert found.words == (
+    result = stop_time(facts())
+    assert result.longest_s == pytest.approx(0.62 + 0.5)
+    assert result.words == (
         "stop of left_wheel (left_drive): 1.120 s at most from 1000 units/s: "
         "the command of forward ends 0.620 s, ramp of 0x6084 (2000) 0.500 s"
     )
@@ -74,13 +74,13 @@ def test_a_joint_with_the_name_of_its_node_is_named_once():
     ],
 )
 def test_the_drive_stops_according_to_its_option_code_when_the_master_is_lost(objects, ramp, by):
-    found = case("master", objects=OBJECTS | objects)
-    assert (found.ramp_s, found.by) == (ramp, by)
+    result = case("master", objects=OBJECTS | objects)
+    assert (result.ramp_s, result.by) == (ramp, by)
 
 
 def test_without_a_deceleration_the_master_ramps_half_a_second():
-    found = case("requested", objects={})
-    assert (found.ramp_s, found.by) == (0.5, "the master's ramp")
+    result = case("requested", objects={})
+    assert (result.ramp_s, result.by) == (0.5, "the master's ramp")
 
 
 def test_a_stop_that_nothing_bounds_reports_what_does_not():
@@ -94,14 +94,14 @@ def test_a_stop_that_nothing_bounds_reports_what_does_not():
 
 @pytest.mark.parametrize(("ramp", "slow"), [(101, None), (99, 1000 / 99), (0, None)])
 def test_a_ramp_is_slow_if_the_quick_stop_comes_before_its_end(ramp, slow):
-    found = stop_time(facts(objects=OBJECTS | {0x6084: ramp})).slow_ramp
-    assert (found and found.ramp_s) == (slow and pytest.approx(slow))
+    result = stop_time(facts(objects=OBJECTS | {0x6084: ramp})).slow_ramp
+    assert (result and result.ramp_s) == (slow and pytest.approx(slow))
 
 
 @pytest.mark.parametrize(
     ("brake", "ramp", "by"), [(0.4, 0.5, "ramp of 0x6084 (2000)"), (3.0, 3.0, "its deceleration limit")]
 )
 def test_a_controller_that_brakes_slower_than_the_drive_determines_the_end_of_its_command(brake, ramp, by):
-    found = case("forward", brakes={"forward": brake})
-    assert (found.ramp_s, found.by) == (pytest.approx(ramp), by)
+    result = case("forward", brakes={"forward": brake})
+    assert (result.ramp_s, result.by) == (pytest.approx(ramp), by)
     assert case("requested", brakes={"forward": brake}).ramp_s == pytest.approx(0.5)

@@ -1,4 +1,4 @@
-"""What a robot's files say of how its axes stop."""
+"""Facts about the stop of each axis, from a robot's files."""
 
 import pytest
 from support.arm6 import copy_arm
@@ -55,4 +55,4 @@ def test_the_brake_of_a_base_is_that_of_its_deceleration_limits(tmp_path):
             core = RobotCore(setup, reactor)
             facts = axis_facts(setup, core.manager)
             core.close()
-        assert [each.brakes for each in facts] == [{"robby_base_controller": brake}] * 2
+        assert [fact.brakes for fact in facts] == [{"robby_base_controller": brake}] * 2

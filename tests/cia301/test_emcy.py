@@ -299,8 +299,8 @@ def test_three_to_eight_bytes_are_an_emergency(length):
     consumer = EmcyConsumer(3)
     data = bytes.fromhex("1186210102030405")[:length]
     consumer.receive(CanFrame(0x083, data), 0)
-    heard = [] if length < 3 else [EmcyMessage(3, 0x8611, 0x21, data[3:])]
-    assert (consumer.events(), consumer.malformed) == (heard, length < 3)
+    received = [] if length < 3 else [EmcyMessage(3, 0x8611, 0x21, data[3:])]
+    assert (consumer.events(), consumer.malformed) == (received, length < 3)
 
 
 def test_a_flood_stays_bounded():

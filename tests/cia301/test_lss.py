@@ -158,15 +158,15 @@ def test_only_an_unconfigured_node_answers_as_such():
 
 
 def test_fast_scan_by_the_vectors():
-    slave, found = LssSlave(IDENTITY), [FRAMES_OF_SLAVE["identify slave answer"]]
-    assert ask(slave, "fastscan start (bitchecked 0x80)") == found
-    assert ask(slave, "fastscan vendor bit 31") == found
+    slave, result = LssSlave(IDENTITY), [FRAMES_OF_SLAVE["identify slave answer"]]
+    assert ask(slave, "fastscan start (bitchecked 0x80)") == result
+    assert ask(slave, "fastscan vendor bit 31") == result
     assert ask(slave, frame("7E5#51000000800A0000")) == []
-    assert ask(slave, "fastscan vendor confirm next=product") == found
+    assert ask(slave, "fastscan vendor confirm next=product") == result
     assert ask(slave, "fastscan vendor bit 31") == []
-    assert ask(slave, frame("7E5#51F6040000000102"), frame("7E5#511A000300000203")) == found * 2
+    assert ask(slave, frame("7E5#51F6040000000102"), frame("7E5#511A000300000203")) == result * 2
     assert slave.mode is LssMode.WAITING
-    assert ask(slave, "fastscan serial confirm next=vendor (slave enters configuration)") == found
+    assert ask(slave, "fastscan serial confirm next=vendor (slave enters configuration)") == result
     assert slave.mode is LssMode.CONFIGURATION
 
 
@@ -187,8 +187,8 @@ def run(master: LssMaster, *slaves: LssSlave, now: int = 0) -> list[LssRequest]:
     while (deadline := master.next_deadline()) is not None:
         now = max(now, deadline)
         master.tick(now)
-        while asked := master.frames():  # an answer may bring the next question at once
-            for question, slave in product(asked, slaves):
+        while requested := master.frames():  # an answer may bring the next question at once
+            for question, slave in product(requested, slaves):
                 slave.receive(question, now)
             for slave in slaves:
                 for answer in slave.frames():
@@ -283,14 +283,14 @@ def test_a_scan_of_an_empty_bus_finds_no_node_after_one_request():
 @given(st.lists(st.builds(LssIdentity, *[st.integers(0, 2**32 - 1)] * 4), min_size=1, max_size=3, unique=True))
 def test_scanning_finds_every_slave_one_after_the_other(identities):
     slaves = [LssSlave(identity) for identity in identities]
-    master, found = LssMaster(), []
+    master, results = LssMaster(), []
     for node_id in range(1, len(slaves) + 1):
         scan = master.fast_scan()
         master.configure_node_id(node_id)
         master.switch_global(LssMode.WAITING)
         run(master, *slaves)
-        found.append(scan.result)
-    assert sorted(found) == sorted(identities)
+        results.append(scan.result)
+    assert sorted(results) == sorted(identities)
     assert sorted(slave.node_id for slave in slaves) == list(range(1, len(slaves) + 1))
 
 

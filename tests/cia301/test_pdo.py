@@ -125,8 +125,8 @@ def test_the_start_value_is_the_vectors(every, group):
     device = Device(every, sync_start=3)
     counters: list[int | None] = [1, 2, 3, 4, 1, 2, 3, 4, 1, 2]
     sent = [counters[number - 1] for number in sending_syncs(device, counters)]
-    wanted = SYNC[group]["lely_sends_on_counter"]
-    assert sent[: len(wanted)] == wanted
+    expected = SYNC[group]["lely_sends_on_counter"]
+    assert sent[: len(expected)] == expected
 
 
 def test_a_start_value_without_a_counter_is_ignored():
@@ -497,11 +497,11 @@ def test_any_mapping_agrees_with_a_string_of_bits(fields, data):
         format(v % (1 << bits), f"0{bits}b") for v, (bits, _) in reversed(list(zip(values, fields, strict=True)))
     )
     length = (len(text) + 7) // 8
-    wanted = int(text or "0", 2).to_bytes(length, "little")
+    expected = int(text or "0", 2).to_bytes(length, "little")
     one = codec(*fields)
     assert one.length == length
-    assert one.pack(values) == wanted
-    assert one.unpack(wanted + b"\xff") == tuple(values)
+    assert one.pack(values) == expected
+    assert one.unpack(expected + b"\xff") == tuple(values)
 
 
 @given(mappings(), st.binary(min_size=8, max_size=8))

@@ -80,17 +80,17 @@ def test_a_sub_block_is_made_as_if_segment_by_segment(size, first, count, choose
         at = (first + number - 1) * 7
         flag = 0x80 if first + number == total else 0
         expected.append(CanFrame(COB_ID, bytes((number | flag,)) + data[at : at + 7].ljust(7, b"\0")))
-    made = segment_frames(COB_ID, data, first, count)
-    assert made == expected
-    assert all(type(frame.data) is bytes for frame in made)
+    created = segment_frames(COB_ID, data, first, count)
+    assert created == expected
+    assert all(type(frame.data) is bytes for frame in created)
 
 
 def test_records_are_delivered_in_order_and_a_run_is_asked_for_where_there_is_room_for_one():
     frames = [*segments(6), CanFrame(0x80), *segments(6)]
-    asked, taken = [], []
+    requested, taken = [], []
 
     def take_run(records, start, now):
-        asked.append(start // RECORD_SIZE)
+        requested.append(start // RECORD_SIZE)
         if start != 2 * RECORD_SIZE:
             return 0
         taken.extend(frames_of(records[start : start + 4 * RECORD_SIZE]))
@@ -98,7 +98,7 @@ def test_records_are_delivered_in_order_and_a_run_is_asked_for_where_there_is_ro
 
     deliver(pack_records(frames), 7, take_run, lambda frame, now: taken.append(frame))
     assert taken == frames
-    assert asked == [0, 1, 2, 7, 8, 9]
+    assert requested == [0, 1, 2, 7, 8, 9]
     deliver(b"", 7, take_run, lambda frame, now: taken.append(frame))
     assert taken == frames
 
@@ -127,19 +127,19 @@ class Noise:
         self.kinds = [self.lose, self.double, self.swap, self.interrupt, self.damage]
 
     def records(self, frames: list[CanFrame]) -> bytes:
-        heard: list[CanFrame] = []
+        received: list[CanFrame] = []
         for frame in frames:
-            heard.append(frame)
+            received.append(frame)
             if self.choose.random() < self.rate:
-                self.choose.choice(self.kinds)(heard)
+                self.choose.choice(self.kinds)(received)
         if self.choose.random() < self.rate:
-            del heard[-self.choose.randrange(1, 20) :]
+            del received[-self.choose.randrange(1, 20) :]
         if self.choose.random() < self.rate:
-            heard *= 2
-        heard = [self.lie(frame) for frame in heard] if self.announced else heard
-        records = bytearray(pack_records(heard))
+            received *= 2
+        received = [self.lie(frame) for frame in received] if self.announced else received
+        records = bytearray(pack_records(received))
         if self.choose.random() < 0.5:
-            records[5::RECORD_SIZE] = self.choose.randbytes(len(heard))
+            records[5::RECORD_SIZE] = self.choose.randbytes(len(received))
         return bytes(records)
 
     def lose(self, heard: list[CanFrame]) -> None:
@@ -189,11 +189,11 @@ class Twins:
 
     def answer(self) -> bool:
         """Carry what the receivers say, the same, to the sender; whether there was something."""
-        said = self.by_frame.frames()
-        assert self.by_run.frames() == said
-        for frame in said:
+        text = self.by_frame.frames()
+        assert self.by_run.frames() == text
+        for frame in text:
             self.sender.receive(frame, self.now)
-        return bool(said)
+        return bool(text)
 
     def run(self, noise: Noise, turns: int = 3000) -> None:
         """Until nobody wants anything, at most `turns`."""

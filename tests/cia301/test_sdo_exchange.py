@@ -1,4 +1,4 @@
-"""How a try of an SDO request goes on, is made again or ends."""
+"""Attempts of an SDO request: continuation, repetition and end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever comes over the wire: nothing raises, nothing grows, and no wrong data is called a success."""
+"""For all data on the wire: nothing raises, nothing grows, and wrong data is never reported as a success."""
 
 from __future__ import annotations
 
@@ -246,15 +246,15 @@ def test_two_callers_interleave_a_thousand_requests_without_an_error():
     store = MemoryStore({(0x6064, 0): b"left", (0x6084, 0): b"right hand", (0x2001, 0): bytes(4)})
     client = SdoClient(NODE)
     line = Line(client, SdoServer(NODE, store))
-    asked = []
+    requests = []
     for number in range(500):
-        asked.append((client.read(0x6064, 0), b"left"))
-        asked.append((client.read(0x6084, 0, block=number % 3 == 0), b"right hand"))
+        requests.append((client.read(0x6064, 0), b"left"))
+        requests.append((client.read(0x6084, 0, block=number % 3 == 0), b"right hand"))
         client.write(0x2001, 0, number.to_bytes(4, "little"))
         if number % 7 == 0:
             line.run()
     line.run()
-    assert [(r.done, r.error, r.data) for r, _ in asked] == [(True, None, data) for _, data in asked]
+    assert [(r.done, r.error, r.data) for r, _ in requests] == [(True, None, data) for _, data in requests]
     assert [data for _, _, data in store.downloads] == [number.to_bytes(4, "little") for number in range(500)]
     assert len(client.events()) == 1500
     assert (client.ignored, client.retried, client.waiting) == (0, 0, 0)

@@ -58,11 +58,11 @@ class Device(SdoServer):
         super().__init__(NODE, MemoryStore(objects), **options)
 
     def ask(self, *requests, now=0):
-        said = []
+        messages = []
         for request in requests:
             self.receive(frame(request), now)
-            said += [str(one) for one in self.frames()]
-        return said
+            messages += [str(one) for one in self.frames()]
+        return messages
 
 
 @pytest.fixture

@@ -93,11 +93,11 @@ def device(**options):
 
 
 def ask(server, *requests, now=0):
-    said = []
+    messages = []
     for request in requests:
         server.receive(frame(request), now)
-        said += [str(one) for one in server.frames()]
-    return said
+        messages += [str(one) for one in server.frames()]
+    return messages
 
 
 def test_a_client_that_never_gets_anything_is_given_up():
@@ -126,11 +126,11 @@ def test_a_segment_that_resembles_another_command_is_a_segment():
 def test_with_crc_it_reports_this_again_when_the_first_segment_is_lost_as_well(write, again):
     server = device()
     ask(server, write, SEGMENTS[0])
-    said = []
+    messages = []
     while (deadline := server.next_deadline()) is not None:
         server.tick(deadline)
-        said += [str(one) for one in server.frames()]
-    assert said == ["583#A2017F0000000000", *["583#A2007F0000000000"] * again, "583#8008200000000405"]
+        messages += [str(one) for one in server.frames()]
+    assert messages == ["583#A2017F0000000000", *["583#A2007F0000000000"] * again, "583#8008200000000405"]
 
 
 def test_a_client_that_never_sends_the_right_segment_is_given_up():

@@ -69,13 +69,13 @@ def start(exchange) -> tuple[SdoClient, SdoRequest]:
 def test_the_client_follows_the_documented_exchange(name):
     exchange = Exchange(EXCHANGES[name])
     client, request = start(exchange)
-    said = []
+    messages = []
     for one in exchange.frames:
-        said += client.frames()
+        messages += client.frames()
         if one.can_id == 0x583:
             client.receive(one, 0)
-    said += client.frames()
-    assert said == [f for f in exchange.frames if f.can_id == 0x603]
+    messages += client.frames()
+    assert messages == [f for f in exchange.frames if f.can_id == 0x603]
     assert request.done
     assert request.error is None
     assert request.data == exchange.data
@@ -88,12 +88,12 @@ def test_the_server_follows_the_documented_exchange(name):
     exchange = Exchange(EXCHANGES[name])
     store = MemoryStore({(exchange.index, exchange.subindex): b"" if exchange.is_write else exchange_value(name)})
     server = SdoServer(NODE, store, block_size=2 if "server blksize 2" in name else 127)
-    said = []
+    messages = []
     for one in exchange.frames:
         if one.can_id == 0x603:
             server.receive(one, 0)
-            said += server.frames()
-    assert said == [f for f in exchange.frames if f.can_id == 0x583]
+            messages += server.frames()
+    assert messages == [f for f in exchange.frames if f.can_id == 0x583]
     if exchange.is_write and name != WRONG_CRC:
         assert store.objects[exchange.index, exchange.subindex] == exchange.data
         assert server.served == 1
@@ -108,12 +108,12 @@ def exchange_value(name):
 def test_the_server_acknowledges_what_came_before_a_lost_segment():
     exchange = Exchange(EXCHANGES[LOST])
     server = SdoServer(NODE, MemoryStore({(exchange.index, exchange.subindex): b""}))
-    said = []
+    messages = []
     for one in exchange.frames:
         if one.can_id == 0x603:
             server.receive(one, 0)
-            said += server.frames()
-    assert said == [f for f in exchange.frames if f.can_id == 0x583]
+            messages += server.frames()
+    assert messages == [f for f in exchange.frames if f.can_id == 0x583]
 
 
 def test_the_client_resends_behind_a_lost_segment_numbered_from_1():
@@ -131,12 +131,12 @@ def test_the_client_resends_behind_a_lost_segment_numbered_from_1():
 def test_the_client_writes_in_segments_after_a_crc_error():
     client = SdoClient(NODE)
     client.write(0x2008, 0, b"12345", block=True, now=0)
-    said = []
+    messages = []
     for answer in EXCHANGES[WRONG_CRC]:
-        said += client.frames()
+        messages += client.frames()
         if answer.startswith("583"):
             client.receive(frame(answer), 0)
-    assert said[-1].data[0] == 0xC9
+    assert messages[-1].data[0] == 0xC9
     assert client.frames() == [frame("603#2108200005000000")]
 
 

@@ -56,8 +56,8 @@ class Rig:
             self.now += 10 * MS
             self.drive.step()
             self.status_pipe.append((self.drive.statusword, self.drive.mode))
-            seen = self.status_pipe.pop(0)
-            word = self.machine.update(*(seen or (None, None)), self.now)
+            observed = self.status_pipe.pop(0)
+            word = self.machine.update(*(observed or (None, None)), self.now)
             self.words.append(word)
             self.control_pipe.append(word)
             arrived = self.control_pipe.pop(0)
@@ -877,11 +877,11 @@ ACTIONS: dict[str, Callable[[Rig, int], object]] = {
 @given(STEPS, st.integers(0, 3), st.sampled_from([0, 2, 5, 6]), st.booleans())
 def test_a_drive_moves_only_after_an_enable_whatever_happens(steps, delay, option, knows_16):
     rig = Rig(delay, quick_stop_option=option, knows_16=knows_16)
-    asked = False
+    requested = False
     for what, value in steps:
         ACTIONS[what](rig, value)
-        asked = asked or what == "enable"
-        assert asked or not {4, 16} & set(rig.drive.taken)
+        requested = requested or what == "enable"
+        assert requested or not {4, 16} & set(rig.drive.taken)
         assert rig.machine.goal is DriveGoal.ENABLED or not rig.machine.enabled
     # What was on its way has arrived after this; a goal that is not ENABLED ends without torque.
     rig.machine.disable()

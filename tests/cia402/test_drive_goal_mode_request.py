@@ -152,11 +152,11 @@ STEPS = st.one_of(
 
 @given(st.lists(st.tuples(STEPS, st.integers(0, 60)), max_size=60))
 def test_a_confirmed_mode_is_the_one_that_0x6061_showed_last(steps):
-    request, now, display, asked = ModeRequest(100), 0, None, set()
+    request, now, display, requested = ModeRequest(100), 0, None, set()
     for (what, value), passed in steps:
         now += passed
         if what == "ask":
-            asked.add(value)
+            requested.add(value)
             before = request.mode
             assert request.ask(value) is (value != before)
             assert not request.failed
@@ -168,7 +168,7 @@ def test_a_confirmed_mode_is_the_one_that_0x6061_showed_last(steps):
             event = request.update(display, False, now)
             assert request.failed or not isinstance(event, ModeTimedOut)
             assert request.state in CONFIRMED + FAILED or request.deadline > now
-        assert request.mode is None or request.mode in asked
+        assert request.mode is None or request.mode in requested
         assert (request.mode is None) is (request.state in (ModeState.NONE, ModeState.REFUSED))
         assert request.confirmed <= (request.mode in (None, display))
 

@@ -1,4 +1,4 @@
-"""What is wanted of a drive: what its table must never say, and walks over it."""
+"""Requests to a drive: forbidden entries of the table, and sequences of requests."""
 
 from __future__ import annotations
 

@@ -76,10 +76,10 @@ def run(machine: SetPointHandshake, drive: PositionDrive, cycles: int, delay: in
 def test_the_handshake_of_the_vectors():
     machine = SetPointHandshake()
     machine.move(1000)
-    seen = [(0x0F, 0)]
+    observed = [(0x0F, 0)]
     for now, ack in enumerate([0, 0, 1, 1, 0, 0]):
-        seen.append((0x0F | machine.update(ENABLED | ACK * ack, True, now), ack))
-    words = [word for word, _ in seen]
+        observed.append((0x0F | machine.update(ENABLED | ACK * ack, True, now), ack))
+    words = [word for word, _ in observed]
     assert machine.target == 1000
     assert words == [0x0F, 0x0F, 0x1F, 0x0F, 0x0F, 0x0F, 0x0F]
     assert [step["cw"] for step in VECTORS["pp_handshake"]] == [f"0x{w:04X}" for w in (15, 31, 31, 15, 15, 15)]

@@ -1,4 +1,4 @@
-"""The verb backup, as its user sees it."""
+"""The verb backup: output, files and exit codes."""
 
 import json
 import os
@@ -22,17 +22,17 @@ def test_a_backup_holds_what_the_node_holds(bus, tmp_path, capsys):
     bus.call(lambda: bus.nodes[3].store.set(0x6081, 0, 1600))
     path = tmp_path / "left.dcf"
     assert main(["backup", "3", "-o", str(path), *bus.options, "--eds", TMCM]) == 0
-    found = read_backup(path)
-    assert (found.values[0x6081, 0], found.identity.serial_number, found.identity.software) == (1600, 3, "3.26")
-    assert capsys.readouterr().out == f"node 3: {len(found.values)} parameters to {path}\n"
+    backup = read_backup(path)
+    assert (backup.values[0x6081, 0], backup.identity.serial_number, backup.identity.software) == (1600, 3, "3.26")
+    assert capsys.readouterr().out == f"node 3: {len(backup.values)} parameters to {path}\n"
 
 
 def test_json_names_what_was_left_out(bus, tmp_path, capsys):
     path = tmp_path / "wrong.dcf"
     assert main(["backup", "5", "-o", str(path), *bus.options, "--eds", TMCM, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["node_id"], told["parameters"]) == (5, len(read_backup(path).values))
-    assert any("0x2003:00" in line and "abort 0x06020000" in line for line in told["left_out"])
+    reported = json.loads(capsys.readouterr().out)
+    assert (reported["node_id"], reported["parameters"]) == (5, len(read_backup(path).values))
+    assert any("0x2003:00" in line and "abort 0x06020000" in line for line in reported["left_out"])
 
 
 def test_without_an_eds_or_a_folder_nothing_is_read(bus, tmp_path, capsys):

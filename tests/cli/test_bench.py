@@ -32,9 +32,9 @@ def test_it_runs_what_the_bench_runs(monkeypatch):
 def test_without_the_package_a_sentence_reports_where_it_is(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "canopen_control_bench", None)
     assert main(["bench", "cycle"]) == 2
-    said = capsys.readouterr().err
-    assert "is not installed" in said
-    assert "tools/bench" in said
+    error_output = capsys.readouterr().err
+    assert "is not installed" in error_output
+    assert "tools/bench" in error_output
 
 
 def test_a_module_that_the_bench_itself_misses_is_not_taken_for_the_bench(monkeypatch):

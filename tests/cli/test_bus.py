@@ -1,4 +1,4 @@
-"""The verb bus, as its user sees it."""
+"""The verb bus: output and exit codes."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def test_list_names_interfaces_buses_and_adapters(ports, capsys):
     assert "local:cli" in output
     assert "pcan" in output
     assert main(["bus", "list", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["local"] == ["local:cli"]
-    assert found["interfaces"][1]["state"] == "BUS-OFF"
+    result = json.loads(capsys.readouterr().out)
+    assert result["local"] == ["local:cli"]
+    assert result["interfaces"][1]["state"] == "BUS-OFF"
 
 
 def test_status_of_a_local_bus_shows_members_and_counters(ports, capsys):
@@ -168,16 +168,16 @@ def test_delays_and_losses_are_reported_by_these_names(robby, capsys):
     assert main(["bus", "fault", "local:cli", "delay", "left_drive", "--ms", "3"]) == 0
     assert main(["bus", "fault", "local:cli", "drop", "left_drive", "--count", "1"]) == 0
     assert main(["bus", "status", "local:cli"]) == 0
-    said = capsys.readouterr().out
-    assert "delay of left_drive (drive 3): 3 ms" in said
-    assert "1 of 1" not in said
-    assert "from left_drive (drive 3), 0 of 1 lost" in said
+    output = capsys.readouterr().out
+    assert "delay of left_drive (drive 3): 3 ms" in output
+    assert "1 of 1" not in output
+    assert "from left_drive (drive 3), 0 of 1 lost" in output
 
 
 def test_an_unknown_name_is_answered_with_the_known_ones(robby, capsys):
     assert main(["bus", "fault", "local:cli", "cut", "right_drive"]) == 2
-    said = capsys.readouterr().err
-    assert "no member called 'right_drive' on local:cli; available: master, left_drive (drive 3)" in said
+    error_output = capsys.readouterr().err
+    assert "no member called 'right_drive' on local:cli; available: master, left_drive (drive 3)" in error_output
 
 
 def test_up_reports_each_command(monkeypatch, capsys):

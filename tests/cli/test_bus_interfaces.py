@@ -1,4 +1,4 @@
-"""What bus status says of an interface."""
+"""Output of `bus status` for an interface."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ VCAN0 = CanInterface("vcan0", "vcan", is_up=True, traffic={"tx_packets": 7, "rx_
 def kernel(monkeypatch):
     """Return what sets the listeners and how many sockets hear."""
 
-    def put(found=(), hearing=0, traffic=None):
+    def put(result=(), hearing=0, traffic=None):
         monkeypatch.setattr(bus, "measure", lambda links, _seconds: traffic or {})
-        monkeypatch.setattr(bus, "find_listeners", lambda _name: list(found))
+        monkeypatch.setattr(bus, "find_listeners", lambda _name: list(result))
         monkeypatch.setattr(bus, "count_hearing", lambda _name: hearing)
 
     return put

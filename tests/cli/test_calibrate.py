@@ -31,8 +31,8 @@ def floor(tmp_path, monkeypatch):
         return client
 
     yield make
-    for each in benches:
-        each.close()
+    for benche in benches:
+        benche.close()
 
 
 @pytest.fixture
@@ -53,12 +53,12 @@ def invented(tmp_path, monkeypatch):
 def test_a_simulated_base_is_calibrated_by_itself_and_its_yaml_is_copied(invented, tmp_path, capsys):
     base = invented(track=1.02, right=1.005)
     assert main(["calibrate", "robby", "--passes", "2"]) == 0
-    told = capsys.readouterr().out
-    assert f"{BASE} of robby: 6 squares of 1 m at 0.2 m/s and 0.6 rad/s, about 4 min of driving" in told
-    assert "free space it needs: 1.30 m ahead" in told
-    assert int(re.search(r"(\d+) times smaller", told)[1]) > 1000
-    assert "wheel_separation_multiplier: not given -> 1.01" in told
-    assert f"canopen-control run ROBOT --controllers {calibrate.OUTPUT}" in told
+    output = capsys.readouterr().out
+    assert f"{BASE} of robby: 6 squares of 1 m at 0.2 m/s and 0.6 rad/s, about 4 min of driving" in output
+    assert "free space it needs: 1.30 m ahead" in output
+    assert int(re.search(r"(\d+) times smaller", output)[1]) > 1000
+    assert "wheel_separation_multiplier: not given -> 1.01" in output
+    assert f"canopen-control run ROBOT --controllers {calibrate.OUTPUT}" in output
     copy = (tmp_path / calibrate.OUTPUT).read_text()
     assert [line for line in copy.splitlines() if "multiplier" not in line] == YAML.read_text().splitlines()
     assert f"wheel_separation_multiplier: {base.factors[0]:.9g}\n" in copy
@@ -74,8 +74,8 @@ def test_measured_ends_come_from_a_file_where_no_true_pose_is_known(invented, tm
     ends = tmp_path / "ends.txt"
     ends.write_text("0.02 0.02\n0.02 -0.02\n0.002 0.001\n0.002 -0.001\n")
     assert main(["calibrate", "--runs", "1", "--ends", str(ends)]) == 0
-    told = capsys.readouterr().out
-    assert "runs with the new values until the robot ends, which are:\n    wheel_separation_multiplier: " in told
+    output = capsys.readouterr().out
+    assert "runs with the new values until the robot ends, which are:\n    wheel_separation_multiplier: " in output
     assert main(["calibrate", "--ends", str(ends)]) == 2
     assert "has 4 end positions for 20 squares" in capsys.readouterr().err
 

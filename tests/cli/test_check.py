@@ -1,4 +1,4 @@
-"""The verb check: what it prints, and its exit codes."""
+"""The verb check: output and exit codes."""
 
 import json
 
@@ -45,11 +45,11 @@ def test_a_warning_is_good_unless_strict(tmp_path):
 def test_as_json_every_finding_has_its_place_and_every_bus_its_figures(tmp_path, capsys):
     config = copy_robby(tmp_path, bus={"node_id: 3": "node_id: 300"})
     assert main(["check", str(config), "--json"]) == 2
-    said = json.loads(capsys.readouterr().out)
-    error = next(finding for finding in said["findings"] if finding["severity"] == "error")
+    text = json.loads(capsys.readouterr().out)
+    error = next(finding for finding in text["findings"] if finding["severity"] == "error")
     assert error["path"].endswith("bus.yml")
     assert (error["line"] > 0, error["column"] > 0, "300" in error["text"]) == (True, True, True)
-    assert said["buses"] == {}
+    assert text["buses"] == {}
     assert main(["check", "robby", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["buses"]["can"]["worst_bits"] == 935
 
@@ -90,8 +90,10 @@ def test_one_option_accepts_drives_that_nothing_would_stop_and_reports_which(tmp
 def test_an_argument_that_the_description_does_not_have_is_an_error_with_the_nearest(capsys):
     assert main(["check", "robby", "--strict", "use_mock_hardware:=true"]) == 0
     assert main(["check", "robby", "use_mok_hardware:=true"]) == 2
-    said = capsys.readouterr().out
-    assert "robby.urdf.xacro: error: xacro: no argument 'use_mok_hardware' (did you mean 'use_mock_hardware'?)" in said
+    output = capsys.readouterr().out
+    assert (
+        "robby.urdf.xacro: error: xacro: no argument 'use_mok_hardware' (did you mean 'use_mock_hardware'?)" in output
+    )
 
 
 @pytest.mark.rest
@@ -106,5 +108,5 @@ def test_the_longest_stop_of_each_joint_is_reported_and_as_json_every_reason(cap
     assert main(["check", "arm6", "--json"]) == 0
     stop = json.loads(capsys.readouterr().out)["stops"][0]
     assert (stop["joint"], stop["node_id"], round(stop["longest_s"], 3)) == ("joint_1", 2, 0.838)
-    lost = next(each for each in stop["cases"] if each["cause"] == "the master is silent")
+    lost = next(item for item in stop["cases"] if item["cause"] == "the master is silent")
     assert (lost["detection_s"], lost["by"].split(" (")[0]) == (0.5, "ramp of 0x6085")

@@ -29,9 +29,9 @@ def test_once_sends_it_once_and_leaves_the_end_to_the_controller(mock_robot):
 
 
 def test_a_suspended_command_moves_nothing_when_it_is_resumed(mock_robot, monkeypatch, capsys):
-    asked = suspend_after(monkeypatch, CommandController, 3)
+    requested = suspend_after(monkeypatch, CommandController, 3)
     assert main(["command", FORWARD, "2", "3", "--for", "60"]) == 1
-    assert [each.values for each in asked] == [[2.0, 3.0]] * 3 + [[0.0, 0.0]]
+    assert [item.values for item in requested] == [[2.0, 3.0]] * 3 + [[0.0, 0.0]]
     assert capsys.readouterr().err == (
         "canopen-control: this program was suspended for 3.0 s, so its command has ended; "
         "start it again to move the robot\n"

@@ -41,7 +41,7 @@ printf '%s\\n' "${COMPREPLY[@]}"
         done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60)
         assert (done.returncode, done.stderr) == (0, ""), done.stderr
         # a single one ends with the space that readline would put there; shells quote what they would split
-        return [each.removesuffix(" ").replace("\\", "") for each in done.stdout.split("\n") if each]
+        return [word.removesuffix(" ").replace("\\", "") for word in done.stdout.split("\n") if word]
 
     return bash
 
@@ -64,8 +64,8 @@ def test_names_of_the_running_robot_in_bash(bash, mock_robot):
 
 
 def test_paths_in_bash_also_with_spaces(bash):
-    found = bash("canopen-control eds check ")
-    assert {"TMCM-1270.eds", "notes.eds", "with space.eds", "folder/"} <= set(found)
+    result = bash("canopen-control eds check ")
+    assert {"TMCM-1270.eds", "notes.eds", "with space.eds", "folder/"} <= set(result)
     assert bash("canopen-control scan --eds-dir ") == ["folder/"]
 
 

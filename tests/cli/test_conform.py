@@ -1,4 +1,4 @@
-"""The verb conform, as its user sees it."""
+"""The verb conform: output and exit codes."""
 
 import json
 import threading
@@ -35,9 +35,9 @@ def test_a_drive_passes_and_the_reports_hold_every_check(bus, capsys, tmp_path):
     next(result for result in document["results"] if result["id"] == "S01")["verdict"] = "failed"
     old.write_text(json.dumps(document))
     assert main(["conform", "5", *CAN, "--timeout", "0.05", "--against", str(old)]) == 0
-    said = capsys.readouterr().out
-    assert "S01 (0x1000 is uploaded expedited with four bytes): failed -> passed" in said
-    assert "2 failed" in said  # recommendations: the EDS gives no ramp
+    output = capsys.readouterr().out
+    assert "S01 (0x1000 is uploaded expedited with four bytes): failed -> passed" in output
+    assert "2 failed" in output  # recommendations: the EDS gives no ramp
 
 
 def test_what_cannot_be_tested_is_one_sentence_and_exit_code_2(bus, capsys, tmp_path):

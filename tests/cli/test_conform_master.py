@@ -1,4 +1,4 @@
-"""The verb conform --master, as its user sees it."""
+"""The verb conform --master: output and exit codes."""
 
 import json
 import threading

@@ -11,14 +11,14 @@ BASE, FORWARD, STATES = "robby_base_controller", "robby_forward_controller", "jo
 def controller(mock_robot, capsys):
     def controller(*arguments, code=0):
         assert main(["controller", *arguments]) == code
-        said = capsys.readouterr()
-        return said.out if code == 0 else said.err
+        output = capsys.readouterr()
+        return output.out if code == 0 else output.err
 
     return controller
 
 
 def states(controller):
-    return {each["name"]: each["state"] for each in json.loads(controller("list", "--json"))}
+    return {load["name"]: load["state"] for load in json.loads(controller("list", "--json"))}
 
 
 def test_the_list_reports_what_each_commands(controller):
@@ -44,8 +44,8 @@ def test_a_controller_is_loaded_configured_switched_and_unloaded(controller):
     assert controller("load", BASE) == f"{BASE}: inactive\n"
     assert controller("configure", BASE) == f"{BASE}: inactive\n"
     assert states(controller)[BASE] == "inactive"
-    said = controller("switch", "--activate", BASE, "--deactivate", FORWARD)
-    assert said == f"{FORWARD}: inactive\n{BASE}: active\n"
+    text = controller("switch", "--activate", BASE, "--deactivate", FORWARD)
+    assert text == f"{FORWARD}: inactive\n{BASE}: active\n"
     assert controller("deactivate", BASE) == f"{BASE}: inactive\n"
     assert controller("unload", BASE) == f"{BASE}: unloaded\n"
     assert states(controller)[BASE] == "unloaded"

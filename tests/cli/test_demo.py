@@ -46,5 +46,5 @@ def test_it_plays_its_motion_and_ends_with_0(stage):
 )
 def test_it_never_moves_real_drives(capsys, words):
     assert main(["demo", *words]) == 2
-    said = capsys.readouterr().err
-    assert "demo moves the robot without a command" in said
+    error_output = capsys.readouterr().err
+    assert "demo moves the robot without a command" in error_output

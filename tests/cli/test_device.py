@@ -20,7 +20,7 @@ CAN = "memory:cli-device"
 def node(tmp_path, monkeypatch):
     use_private_folders(monkeypatch, tmp_path)
     with OnBus(CAN, {5: "generic_cia401.eds", 6: TMCM}) as devices:
-        controls = [devices.call(partial(NodeControl, devices._host, each)) for each in devices.nodes.values()]
+        controls = [devices.call(partial(NodeControl, devices._host, item)) for item in devices.nodes.values()]
         yield devices.nodes[5]
         for control in controls:
             devices.call(control.close)
@@ -36,9 +36,9 @@ def test_inputs_are_set_and_reported(node, capsys):
     assert capsys.readouterr().out == "node 5: di3 is 1, ai1 is -20\n"
     assert (node.get(0x6000, 1), node.get(0x6401, 2)) == (8, -20)
     assert main(["device", "--node-id", "5", "--can", CAN, "--status"]) == 0
-    said = capsys.readouterr().out
-    assert "  inputs: di0 0, di1 0, di2 0, di3 1," in said
-    assert "  outputs: do0 0," in said
+    output = capsys.readouterr().out
+    assert "  inputs: di0 0, di1 0, di2 0, di3 1," in output
+    assert "  outputs: do0 0," in output
 
 
 def test_they_are_reported_as_json_too(node, capsys):

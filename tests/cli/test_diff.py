@@ -1,4 +1,4 @@
-"""The verb diff, as its user sees it."""
+"""The verb diff: output and exit codes."""
 
 import json
 
@@ -44,9 +44,11 @@ def test_two_nodes_are_compared_by_their_eds(bus, backup, capsys):
     assert main(["diff", "3", "4", *bus.options, "--eds", TMCM]) == 0
     bus.call(lambda: bus.nodes[4].store.set(0x6083, 0, 9))
     assert main(["diff", "3", "4", *bus.options, "--eds", TMCM, "--json"]) == 1
-    told = json.loads(capsys.readouterr().out.partition("\n")[2])
-    assert told["differences"] == [{"index": 0x6083, "subindex": 0, "name": "Profile acceleration", "a": "0", "b": "9"}]
-    assert told["compared"] == 132
+    reported = json.loads(capsys.readouterr().out.partition("\n")[2])
+    assert reported["differences"] == [
+        {"index": 0x6083, "subindex": 0, "name": "Profile acceleration", "a": "0", "b": "9"}
+    ]
+    assert reported["compared"] == 132
 
 
 def test_what_the_node_refuses_is_a_difference_with_its_reason(bus, backup, capsys):

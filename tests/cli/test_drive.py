@@ -192,7 +192,7 @@ def test_a_running_drive_reports_its_status(capsys):
 
 
 @pytest.mark.parametrize(
-    ("given", "others"),
+    ("inputs", "others"),
     [
         (["a.eds"], {}),
         (["a.eds", "3=b.eds"], {3: "b.eds"}),
@@ -200,14 +200,14 @@ def test_a_running_drive_reports_its_status(capsys):
         (["with=sign.eds"], {}),
     ],
 )
-def test_nodes_of_one_process_may_have_an_eds_each(given, others):
-    common, found = _eds_files(given, [2, 3, 4])
-    assert {node: str(path) for node, path in found.items()} == others
-    assert str(common) == given[0].removeprefix("2=")
+def test_nodes_of_one_process_may_have_an_eds_each(inputs, others):
+    common, result = _eds_files(inputs, [2, 3, 4])
+    assert {node: str(path) for node, path in result.items()} == others
+    assert str(common) == inputs[0].removeprefix("2=")
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("inputs", "words"),
     [
         (["3=b.eds"], "no file for node 2"),
         (["a.eds", "b.eds"], "a.eds and b.eds are both for all nodes"),
@@ -215,6 +215,6 @@ def test_nodes_of_one_process_may_have_an_eds_each(given, others):
         (["a.eds", "3=b.eds", "2-3=c.eds"], "node 3: another file is given for it"),
     ],
 )
-def test_an_eds_that_fits_no_node_or_too_many_is_reported(given, words):
+def test_an_eds_that_fits_no_node_or_too_many_is_reported(inputs, words):
     with pytest.raises(ConfigError, match=re.escape(words)):
-        _eds_files(given, [2, 3])
+        _eds_files(inputs, [2, 3])

@@ -1,4 +1,4 @@
-"""The verb `eds`: what it prints, and its exit codes."""
+"""The verb eds: output and exit codes."""
 
 import json
 
@@ -94,9 +94,9 @@ def test_wrong_usage_is_exit_code_2(cli, arguments):
 @pytest.mark.parametrize("action", ["show", "pdos"])
 def test_a_file_that_is_not_an_eds_cannot_be_shown(capsys, action):
     assert main(["eds", action, str(malformed("43_empty"))]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.endswith("43_empty.eds:1: is empty\n")
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.endswith("43_empty.eds:1: is empty\n")
 
 
 def test_one_value_is_shown_with_type_access_default_and_mappability(cli):

@@ -1,4 +1,4 @@
-"""What `eds --json` prints, of the bundled file and of every malformed one."""
+"""Output of `eds --json` for the bundled file and for each malformed file."""
 
 import json
 
@@ -27,14 +27,14 @@ def test_whatever_is_in_a_file_has_its_documents(path):
         report, place = refused(path.name, error), error.line
         file = None
     if file is None:
-        assert [(each.line, each.code, each.severity.value) for each in report.issues] == [
+        assert [(issue.line, issue.code, issue.severity.value) for issue in report.issues] == [
             (place, "not-canopen", "error")
         ]
         return
     report = checked(path.name, file)
     assert report.errors + report.warnings + report.notes == len(report.issues)
     documents = [entry_document(file.od, entry) for entry in file.od]
-    assert [each["name"] for each in json.loads(json_text(documents))] == [entry.name for entry in file.od]
+    assert [load["name"] for load in json.loads(json_text(documents))] == [entry.name for entry in file.od]
     assert [pdo_document(pdo).bits for pdo in pdos_of(file.od)] == [pdo.bits for pdo in pdos_of(file.od)]
 
 
@@ -56,10 +56,10 @@ def test_a_pdo_has_its_identifier_without_and_with_its_flags(tmcm):
 def test_a_change_reports_which_fields_an_addition_has_none(tmcm):
     other = read_eds(data_path("eds", "TMCM-1270.eds")).od
     del other.entries[0x6040, 0]
-    changes = [plain(each) for each in changes_of(tmcm.od, other)]
+    changes = [plain(item) for item in changes_of(tmcm.od, other)]
     assert changes == [{"index": "0x6040", "subindex": 0, "change": "removed", "name": "Controlword"}]
-    assert [each.change for each in changes_of(other, tmcm.od)] == ["added"]
+    assert [item.change for item in changes_of(other, tmcm.od)] == ["added"]
     assert list(changes_of(tmcm.od, tmcm.od)) == []
     shifted = tmcm.od.for_node(5)
-    fields = {field for each in changes_of(tmcm.od, shifted) for field in each.fields}
+    fields = {field for item in changes_of(tmcm.od, shifted) for field in item.fields}
     assert fields == {"default"}

@@ -1,4 +1,4 @@
-"""The verb fault, as its user sees it, on a virtual drive that runs in a thread."""
+"""The verb fault, on a virtual drive that runs in a thread."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ def node(tmp_path, monkeypatch):
 
 def test_list_explains_every_fault_in_sentences_and_reports_where_the_wire_is_broken(capsys):
     assert main(["fault", "list"]) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    text = " ".join(capsys.readouterr().out.split())
     for fault in FAULTS.values():
-        assert f"{fault.name} {'The drive ' if not fault.does.startswith('its ') else 'Its '}" in said
-    assert said.count("A correct master:") == len(FAULTS)
-    assert "canopen-control bus fault" in said
+        assert f"{fault.name} {'The drive ' if not fault.does.startswith('its ') else 'Its '}" in text
+    assert text.count("A correct master:") == len(FAULTS)
+    assert "canopen-control bus fault" in text
 
 
 def test_list_as_json_has_one_entry_for_each(capsys):
     assert main(["fault", "list", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)
-    assert [each["name"] for each in listed] == list(FAULTS)
-    assert {key for each in listed for key in each} == {"name", "row", "acts", "does", "reaction", "once"}
+    assert [item["name"] for item in listed] == list(FAULTS)
+    assert {key for item in listed for key in item} == {"name", "row", "acts", "does", "reaction", "once"}
 
 
 def test_a_fault_is_switched_on_and_off_without_a_master(node, capsys):
@@ -58,14 +58,14 @@ def test_a_fault_is_switched_on_and_off_without_a_master(node, capsys):
 
 def test_what_a_fault_does_is_a_sentence_whatever_it_is_of(capsys):
     assert main(["fault", "list"]) == 0
-    said = capsys.readouterr().out
-    assert "The drive its" not in said
-    assert "    Its heartbeats are lost (until" in said
-    assert "    The drive does not boot after its next reset" in said
+    output = capsys.readouterr().out
+    assert "The drive its" not in output
+    assert "    Its heartbeats are lost (until" in output
+    assert "    The drive does not boot after its next reset" in output
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "text"),
     [
         (["5", "hartbeat_lost", "on", "--can", CAN], "did you mean 'heartbeat_lost'"),
         (["5", "cut", "on", "--can", CAN], "canopen-control bus fault CHANNEL cut"),
@@ -76,9 +76,9 @@ def test_what_a_fault_does_is_a_sentence_whatever_it_is_of(capsys):
         (["list", "silent"], "takes no arguments"),
     ],
 )
-def test_wrong_usage_is_a_sentence_and_exit_code_2(node, capsys, words, said):
+def test_wrong_usage_is_a_sentence_and_exit_code_2(node, capsys, words, text):
     assert main(["fault", *words]) == 2
-    assert said in capsys.readouterr().err
+    assert text in capsys.readouterr().err
 
 
 def test_a_fault_without_on_or_off_is_not_switched_and_both_forms_are_named(node, capsys):
@@ -125,7 +125,10 @@ def test_a_robot_that_hangs_is_named_and_its_drives_are_reached_by_their_ids(nod
     monkeypatch.setattr("canopen_control.cli.support.known_nodes.ask_nodes", lambda _channel: ([], silent))
     for channel in ([], ["--can", CAN]):
         assert main(["fault", "left_drive", "silent", "on", *channel]) == 2
-        said = capsys.readouterr().err
-        assert "no node 'left_drive' is known: the robot 'robby' does not list its nodes: robot robby has not" in said
-        assert "; with --can CHANNEL a drive is reached by its node-ID, without the robot" in said
+        error_output = capsys.readouterr().err
+        assert (
+            "no node 'left_drive' is known: the robot 'robby' does not list its nodes: robot robby has not"
+            in error_output
+        )
+        assert "; with --can CHANNEL a drive is reached by its node-ID, without the robot" in error_output
     assert main(["fault", "5", "silent", "on", "--can", CAN]) == 0

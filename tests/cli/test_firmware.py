@@ -1,4 +1,4 @@
-"""The verb firmware, as its user sees it; and a plain client of another library against our drive."""
+"""The verb firmware; and a plain client of another library with our drive."""
 
 import json
 import threading
@@ -47,9 +47,9 @@ def test_without_an_eds_and_in_the_loader_too(bus, program, capsys):
     capsys.readouterr()
     code = main(["firmware", "3", program, *bus.options, "--json", "--expect", hex(zlib.crc32(NEW[:-4]))])
     assert code == 0, capsys.readouterr().err
-    told = json.loads(capsys.readouterr().out)
-    assert (told["program"], told["bytes"], told["tries"], told["notes"]) == (1, len(NEW), 1, [])
-    assert (told["old_date"], told["new_date"]) == (None, None)
+    reported = json.loads(capsys.readouterr().out)
+    assert (reported["program"], reported["bytes"], reported["tries"], reported["notes"]) == (1, len(NEW), 1, [])
+    assert (reported["old_date"], reported["new_date"]) == (None, None)
     assert bus.nodes[3].program.image == NEW
 
 
@@ -58,11 +58,11 @@ def test_the_date_of_a_program_is_reported_and_compared(bus, tmp_path, capsys, e
     path = tmp_path / "dated.bin"
     path.write_bytes(whole_program(b"dated", days=15_000, milliseconds=43_200_000))
     assert main(["firmware", "3", str(path), *bus.options, "--eds", bus.eds, "--expect-date", expected]) == code
-    said = capsys.readouterr()
+    output = capsys.readouterr()
     if code:
-        assert "the program runs, and reports 2025-01-25 12:00:00 (0x1F52); 2025-01-26 was expected" in said.err
+        assert "the program runs, and reports 2025-01-25 12:00:00 (0x1F52); 2025-01-26 was expected" in output.err
     else:
-        assert said.out.endswith(" of 2025-01-25 12:00:00\n")
+        assert output.out.endswith(" of 2025-01-25 12:00:00\n")
     assert bus.nodes[3].program.runs
 
 

@@ -1,4 +1,4 @@
-"""The verb gateway, as its user sees it: on a bare bus, on a running robot, and as a process behind a socket."""
+"""The verb gateway: on a bare bus, on a running robot, and as a process behind a socket."""
 
 import os
 import socket
@@ -36,8 +36,8 @@ def gateway(monkeypatch, capfdbinary):
         with open(source) as stdin:
             monkeypatch.setattr(sys, "stdin", stdin)
             code = main(["gateway", *arguments])
-        said = capfdbinary.readouterr()
-        return code, said.out, said.err.decode()
+        output = capfdbinary.readouterr()
+        return code, output.out, output.err.decode()
 
     return run
 
@@ -110,7 +110,7 @@ def test_on_the_bus_of_a_robot_only_other_nodes_are_served(private_folders, gate
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "said"),
+    ("arguments", "code", "text"),
     [
         (["--name", "none"], 2, "no robot 'none' is running"),
         (["--can", "nonsense"], 2, "no such CAN interface"),
@@ -122,7 +122,7 @@ def test_on_the_bus_of_a_robot_only_other_nodes_are_served(private_folders, gate
         ([*ON_BUS, "--unix", "open/x"], 2, "every user may replace files in open"),
     ],
 )
-def test_what_does_not_work_is_one_sentence(bus, tmp_path, monkeypatch, arguments, code, said, capsys):
+def test_what_does_not_work_is_one_sentence(bus, tmp_path, monkeypatch, arguments, code, text, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a_file").write_text("kept")
     (tmp_path / "open").mkdir()
@@ -132,7 +132,7 @@ def test_what_does_not_work_is_one_sentence(bus, tmp_path, monkeypatch, argument
     except SystemExit as stop:  # argparse
         result = stop.code
     error = capsys.readouterr().err
-    assert (result, said in error) == (code, True), error
+    assert (result, text in error) == (code, True), error
     assert (tmp_path / "a_file").read_text() == "kept"
 
 

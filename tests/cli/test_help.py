@@ -17,10 +17,10 @@ def test_all_lists_every_verb_in_one_line_each_under_its_group(capsys):
 
 
 def test_without_a_verb_it_is_the_help_of_the_program(capsys):
-    said = printed(capsys)
+    text = printed(capsys)
     with pytest.raises(SystemExit):
         main(["--help"])
-    assert capsys.readouterr().out == said
+    assert capsys.readouterr().out == text
     assert all(verb in VERBS for verb in MAX_USED)
 
 
@@ -29,10 +29,10 @@ def test_of_a_verb_or_an_action_it_is_what_its_own_option_prints(capsys, words):
     with pytest.raises(SystemExit) as caught:
         main(["help", *words])
     assert caught.value.code == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     with pytest.raises(SystemExit):
         main([*words, "--help"])
-    assert capsys.readouterr().out == said
+    assert capsys.readouterr().out == output
 
 
 def test_of_an_unknown_verb_it_is_a_usage_error(capsys):

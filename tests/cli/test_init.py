@@ -1,4 +1,4 @@
-"""The verb init: what it makes and says, and how it answers what cannot be."""
+"""The verb init: created files, output, and refusals of impossible requests."""
 
 import contextlib
 import errno
@@ -33,10 +33,10 @@ def refused(capsys, *words):
     """Return the sentence of a refusal, after which nothing is there."""
     before = sorted(Path().iterdir())
     assert main(["init", *words]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
+    output = capsys.readouterr()
+    assert output.out == ""
     assert sorted(Path().iterdir()) == before
-    return said.err.removeprefix("canopen-control: ").strip()
+    return output.err.removeprefix("canopen-control: ").strip()
 
 
 def test_a_robot_is_made_and_the_next_commands_are_named(capsys):
@@ -76,9 +76,9 @@ def test_an_io_module_alone_is_a_bus_without_joints(here, capsys):
     module = write_shape(here, shape(drop=(0x6040, 0x6041), pdos=[(False, 0, 0x180, [0x60FD0020])]), "module.eds")
     assert main(["init", "lamps", "--eds", str(module), "--node-id", "7"]) == 0
     assert sorted(path.name for path in Path("lamps").iterdir()) == ["bus.yml", "module.eds"]
-    said = capsys.readouterr().out
-    assert "no device has a known drive or signal profile, so the robot has a bus but no controllers" in said
-    assert said.endswith("boot it on virtual devices: canopen-control run lamps\n")
+    output = capsys.readouterr().out
+    assert "no device has a known drive or signal profile, so the robot has a bus but no controllers" in output
+    assert output.endswith("boot it on virtual devices: canopen-control run lamps\n")
     assert main(["check", "lamps"]) == 0
 
 
@@ -100,10 +100,10 @@ BAD = {
 
 @pytest.mark.parametrize("what", BAD)
 def test_what_cannot_be_is_one_sentence_and_no_folder(what, capsys):
-    words, said = BAD[what]
-    told = refused(capsys, "fresh", *words)
-    assert said in told
-    assert "\n" not in told
+    words, text = BAD[what]
+    reported = refused(capsys, "fresh", *words)
+    assert text in reported
+    assert "\n" not in reported
 
 
 @pytest.mark.parametrize("path", sorted(MALFORMED.glob("4[1-4]*.eds")), ids=lambda path: path.stem)
@@ -179,8 +179,8 @@ def without_product(path, vendor):
 @pytest.mark.parametrize(("vendor", "device"), [(0x286, 0x286), (0, 0x286), (0, 0)])
 def test_an_eds_without_a_product_code_is_taken_where_it_is_given(tmp_path, monkeypatch, capsys, vendor, device):
     found(monkeypatch, FoundNode(5, who(0x99, vendor=device)))
-    given = without_product(tmp_path / "maker.eds", vendor)
-    assert main(["init", "found", "--can", "local:x", "--eds", given]) == 0
+    inputs = without_product(tmp_path / "maker.eds", vendor)
+    assert main(["init", "found", "--can", "local:x", "--eds", inputs]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.endswith("of local:x, after checking bus.yml: canopen-control preflight found --can local:x")
     assert Path("found/maker.eds").exists()
@@ -189,9 +189,9 @@ def test_an_eds_without_a_product_code_is_taken_where_it_is_given(tmp_path, monk
 
 def test_an_eds_that_was_given_and_is_for_another_device_is_named(tmp_path, monkeypatch, capsys):
     found(monkeypatch, FoundNode(5, who(0x99, vendor=0x1)))
-    given = without_product(tmp_path / "maker.eds", 0x286)
-    assert main(["init", "found", "--can", "local:x", "--eds", given]) == 2
-    assert f"not the device of {given}; add its EDS with --eds" in capsys.readouterr().err
+    inputs = without_product(tmp_path / "maker.eds", 0x286)
+    assert main(["init", "found", "--can", "local:x", "--eds", inputs]) == 2
+    assert f"not the device of {inputs}; add its EDS with --eds" in capsys.readouterr().err
 
 
 def test_a_robot_may_be_made_at_a_path(capsys):
@@ -218,9 +218,9 @@ def test_a_device_on_the_bus_gets_the_matching_eds(monkeypatch, capsys):
         FoundNode(10),
     )
     assert main(["init", "found", "--can", "local:x"]) == 0
-    said = capsys.readouterr()
-    assert "node 9, vendor 0x00000286, product 0x00000123: no matching EDS; add it with --eds" in said.err
-    assert "node 10 does not answer SDO requests" in said.err
+    output = capsys.readouterr()
+    assert "node 9, vendor 0x00000286, product 0x00000123: no matching EDS; add it with --eds" in output.err
+    assert "node 10 does not answer SDO requests" in output.err
     text = Path("found/bus.yml").read_text()
     assert "node_id: 2 " in text
     assert "# TMCM-1270, serial number 77, its EDS is for revision 0x" in text
@@ -253,8 +253,8 @@ def test_what_a_drive_reports_of_itself_goes_before_its_eds(here, monkeypatch):
     found(monkeypatch, FoundNode(4, who(0x1234, vendor=0x99)))
     monkeypatch.setattr(init, "ask_drives", ask)
     monkeypatch.setattr(direct, "DirectBus", Answering)
-    said = {(4, 0x608F, 1): 2500, (4, 0x6502, 0): 0x81}
-    monkeypatch.setattr(Answering, "answers", {key: value.to_bytes(4, "little") for key, value in said.items()})
+    message = {(4, 0x608F, 1): 2500, (4, 0x6502, 0): 0x81}
+    monkeypatch.setattr(Answering, "answers", {key: value.to_bytes(4, "little") for key, value in message.items()})
     assert main(["init", "found", "--can", "local:x", "--eds", str(own)]) == 0
     text = Path("found/bus.yml").read_text()
     assert "counts_per_revolution: 2500 " in text
@@ -280,8 +280,8 @@ def test_a_bus_with_unknown_nodes_creates_no_files(monkeypatch, capsys):
 @pytest.mark.process
 def test_two_commands_from_an_eds_to_a_motor_that_turns(stage):
     eds = data_path("eds", "generic_cia402.eds")
-    made = stage.call("init", "fresh", "--eds", eds, "--node-id", "4")
-    assert made.wait() == 0, made
+    created = stage.call("init", "fresh", "--eds", eds, "--node-id", "4")
+    assert created.wait() == 0, created
     played = stage.call("demo", "fresh", "--for", "4.5")
     assert played.wait() == 0, played
     assert "10.000 rad/s" in played.out
@@ -293,10 +293,10 @@ def test_two_commands_from_an_eds_to_a_motor_that_turns(stage):
 @pytest.mark.process
 def test_a_robot_is_made_of_the_drives_on_a_bus(stage):
     stage.drive("initbus", 6)
-    made = stage.call("init", "found", "--can", "local:initbus")
-    assert made.wait() == 0, made
-    assert "node 6 joint_1_drive: moves joint_1, velocity in PV" in made.out
-    assert "counts per revolution are guessed" in made.out
+    created = stage.call("init", "found", "--can", "local:initbus")
+    assert created.wait() == 0, created
+    assert "node 6 joint_1_drive: moves joint_1, velocity in PV" in created.out
+    assert "counts per revolution are guessed" in created.out
     assert stage.call("check", "found", "--strict").wait() == 0
 
 

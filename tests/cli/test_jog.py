@@ -47,11 +47,11 @@ def test_a_velocity_for_a_time_turns_and_leaves_the_drive_off(bench, no_terminal
     assert bench.jog("--velocity", "60rpm", "--for", "0.5") == 0
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
     assert 0.2 * TURN < bench.get(0x6064) < 1.5 * TURN
-    said = capsys.readouterr().out
-    assert "limits: 6.28 rad/s (60.0 rpm), 3600.0 deg in each direction" in said
-    assert "dead-man: the drive watches this computer's heartbeat (0x1016)" in said
-    assert "OPERATION ENABLED, " in said
-    assert said.endswith("duration elapsed: stopped and disabled\n")
+    output = capsys.readouterr().out
+    assert "limits: 6.28 rad/s (60.0 rpm), 3600.0 deg in each direction" in output
+    assert "dead-man: the drive watches this computer's heartbeat (0x1016)" in output
+    assert "OPERATION ENABLED, " in output
+    assert output.endswith("duration elapsed: stopped and disabled\n")
 
 
 def test_json_names_the_node_and_no_joint_without_a_robot(bench, no_terminal, capsys):
@@ -133,9 +133,9 @@ def test_a_fault_is_reported_and_reset_only_on_demand_which_moves_nothing(bench,
     axis = bench.drive.drives[0]
     bench.bus.call(lambda: axis.fault(0x3220, bench.bus.reactor.now()))
     assert bench.jog("--for", "1") == 1
-    said = capsys.readouterr().err
-    assert "node 5 has a fault: 0x3220" in said
-    assert "--fault-reset" in said
+    error_output = capsys.readouterr().err
+    assert "node 5 has a fault: 0x3220" in error_output
+    assert "--fault-reset" in error_output
     assert bench.jog("--fault-reset") == 0
     assert axis.state is State.SWITCH_ON_DISABLED
     assert bench.get(0x6064) == 0
@@ -163,10 +163,10 @@ def test_a_drive_that_its_robot_commands_is_left_to_it(private_folders, no_termi
 def test_a_signal_without_a_terminal_ends_it_and_is_reported(
     bench, no_terminal, monkeypatch, capsys, number, code, why
 ):
-    asked = suspend_after(monkeypatch, CommandController, 2, LONGEST_SUSPENSION_S + 0.1, number)
+    requested = suspend_after(monkeypatch, CommandController, 2, LONGEST_SUSPENSION_S + 0.1, number)
     assert bench.jog("--velocity", "60rpm", "--for", "60") == code
     assert capsys.readouterr().out.endswith(f"{why}: stopped and disabled\n")
-    assert not any(value for each in asked[2:] for value in each.values)
+    assert not any(value for item in requested[2:] for value in item.values)
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
 
 

@@ -1,4 +1,4 @@
-"""The verb lss, as its user sees it, with slaves on the bus."""
+"""The verb lss, with slaves on the bus."""
 
 import json
 
@@ -42,9 +42,9 @@ def test_a_new_slave_gets_a_node_id_and_a_bit_rate(slaves, capsys):
     assert lss("store") == 0
     assert lss("inquire", "serial") == 0
     assert lss("switch", "waiting") == 0
-    said = capsys.readouterr().out.splitlines()
-    assert said[1] == "vendor 0x00000286, product 0x000004F6, revision 0x0003001A, serial 0x0000004D: in configuration"
-    assert said[4:6] == ["stored", "serial: 77 (0x0000004D)"]
+    text = capsys.readouterr().out.splitlines()
+    assert text[1] == "vendor 0x00000286, product 0x000004F6, revision 0x0003001A, serial 0x0000004D: in configuration"
+    assert text[4:6] == ["stored", "serial: 77 (0x0000004D)"]
     assert (slaves.new.pending_node_id, slaves.new.pending_bitrate) == (9, 500_000)
     assert eventually(lambda: slaves.new.mode is LssMode.WAITING)  # unconfirmed
     assert slaves.stored == [(9, 500_000)]
@@ -96,7 +96,7 @@ def test_a_slave_that_refuses_is_an_error(slaves, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "said"),
+    ("arguments", "code", "text"),
     [
         (["find"], 1, "answers on memory:empty to identify non-configured or fast scan within 0.1 s each; for a slave"),
         (["fast-scan"], 1, "no slave without a node-ID answers on memory:empty to a fast scan; for a slave that has"),
@@ -115,13 +115,13 @@ def test_a_slave_that_refuses_is_an_error(slaves, capsys):
         ),
     ],
 )
-def test_what_does_not_work_is_one_sentence(private_folders, arguments, code, said, capsys):
+def test_what_does_not_work_is_one_sentence(private_folders, arguments, code, text, capsys):
     try:
         result = main(["lss", *arguments, "--can", "memory:empty"])
     except SystemExit as stop:  # argparse
         result = stop.code
     error = capsys.readouterr().err
-    assert (result, said in error) == (code, True), error
+    assert (result, text in error) == (code, True), error
 
 
 def test_find_tries_a_fast_scan_too_and_its_advice_works(slaves, monkeypatch, capsys):
@@ -131,11 +131,11 @@ def test_find_tries_a_fast_scan_too_and_its_advice_works(slaves, monkeypatch, ca
     assert lss("find", "--json") == 0
     assert json.loads(capsys.readouterr().out) == {"unconfigured": True, "service": "fast scan"}
     assert lss("find") == 0
-    said = capsys.readouterr().out
-    assert "(they answer to fast scan); find one of them: " in said
+    output = capsys.readouterr().out
+    assert "(they answer to fast scan); find one of them: " in output
     assert slaves.new.mode is LssMode.WAITING
     known = ["--vendor", "0x286", "--product", "0x4F6", "--revision", "0x3001A", "--serial", "77"]
-    assert main([*said.split("canopen-control ")[1].split(), *known]) == 0
+    assert main([*output.split("canopen-control ")[1].split(), *known]) == 0
     assert slaves.new.mode is LssMode.CONFIGURATION
 
 

@@ -29,8 +29,8 @@ def test_every_verb_has_a_help_with_an_example(verb, capsys):
     with pytest.raises(SystemExit) as caught:
         main([verb, "--help"])
     assert caught.value.code == 0
-    said = capsys.readouterr().out.split("example: canopen-control ")[1]
-    assert re.search(rf"^(.*canopen-control )?{verb} ?", said, re.MULTILINE)
+    text = capsys.readouterr().out.split("example: canopen-control ")[1]
+    assert re.search(rf"^(.*canopen-control )?{verb} ?", text, re.MULTILINE)
 
 
 def test_an_unknown_verb_is_a_usage_error(capsys):
@@ -39,8 +39,8 @@ def test_an_unknown_verb_is_a_usage_error(capsys):
     assert main(["statsu"]) == 2
     assert capsys.readouterr().err == "canopen-control: no verb 'statsu'; did you mean status?\n"
     assert main(["fault-reset", "all"]) == 2
-    told = capsys.readouterr().err
-    assert told == "canopen-control: no verb 'fault-reset'; did you mean canopen-control axis fault-reset?\n"
+    error_output = capsys.readouterr().err
+    assert error_output == "canopen-control: no verb 'fault-reset'; did you mean canopen-control axis fault-reset?\n"
 
 
 def test_nothing_at_all_prints_the_help_and_is_a_usage_error(capsys):
@@ -75,8 +75,8 @@ UNKNOWN = [
 def test_a_name_that_the_robot_does_not_have_is_a_usage_error(mock_robot, capsys):
     for words in UNKNOWN:
         assert main(words.split()) == 2, words
-        said = capsys.readouterr().err
-        assert said.count("\n") == 1, (words, said)
+        error_output = capsys.readouterr().err
+        assert error_output.count("\n") == 1, (words, error_output)
 
 
 @pytest.mark.rest
@@ -91,8 +91,8 @@ def test_a_fault_of_the_program_is_a_sentence_and_a_traceback_only_where_asked(m
 
     monkeypatch.setattr("canopen_control.cli.check.run", run)
     assert main(["check", "robby"]) == 1
-    said = capsys.readouterr().err
-    assert said == (
+    error_output = capsys.readouterr().err
+    assert error_output == (
         "canopen-control: a fault of this program, ZeroDivisionError: by accident; "
         "please report it with what CANOPEN_CONTROL_DEBUG=1 shows\n"
     )
@@ -102,7 +102,7 @@ def test_a_fault_of_the_program_is_a_sentence_and_a_traceback_only_where_asked(m
 
 
 @pytest.mark.parametrize(
-    ("error", "said"),
+    ("error", "text"),
     [
         (OSError(errno.EMFILE, "Too many open files"), "too few open files; allow more: ulimit -n 1024\n"),
         (
@@ -111,13 +111,13 @@ def test_a_fault_of_the_program_is_a_sentence_and_a_traceback_only_where_asked(m
         ),
     ],
 )
-def test_what_the_system_refuses_is_one_sentence(monkeypatch, capsys, error, said):
+def test_what_the_system_refuses_is_one_sentence(monkeypatch, capsys, error, text):
     def run(_args):
         raise error
 
     monkeypatch.setattr("canopen_control.cli.check.run", run)
     assert main(["check", "robby"]) == 2
-    assert capsys.readouterr().err.endswith(said)
+    assert capsys.readouterr().err.endswith(text)
 
 
 def program(*arguments, **how):
@@ -134,16 +134,16 @@ def test_a_reader_that_goes_is_not_a_failure_however_little_was_to_be_reported(p
     os.close(reader)
     with program(*arguments, stdout=writer) as process:
         os.close(writer)
-        _, said = process.communicate(timeout=60)
-    assert (process.returncode, said) == (0, "")
+        _, text = process.communicate(timeout=60)
+    assert (process.returncode, text) == (0, "")
 
 
 @pytest.mark.process
 @pytest.mark.parametrize("arguments", [["eds", "show", "TMCM-1270.eds"], ["bus", "list"]])
 def test_an_output_that_is_full_is_one_sentence(private_folders, arguments):
     with Path("/dev/full").open("w") as full, program(*arguments, stdout=full) as process:
-        _, said = process.communicate(timeout=60)
-    assert said == "canopen-control: standard output cannot be written: No space left on device\n"
+        _, text = process.communicate(timeout=60)
+    assert text == "canopen-control: standard output cannot be written: No space left on device\n"
     assert process.returncode == 1
 
 

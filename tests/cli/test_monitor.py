@@ -36,7 +36,7 @@ def test_a_robot_and_a_bare_bus_exclude_each_other():
 
 
 def test_without_textual_it_suggests_what_to_type(monkeypatch, capsys):
-    found = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "textual" else found(name))
+    result = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "textual" else result(name))
     assert main(["monitor"]) == 2
     assert "pip install 'canopen-control[monitor]'" in capsys.readouterr().err

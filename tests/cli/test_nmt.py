@@ -1,4 +1,4 @@
-"""The verb nmt, as its user sees it: through a running robot and straight on a bus."""
+"""The verb nmt: through a running robot, and directly on a bus."""
 
 import json
 
@@ -52,8 +52,8 @@ def test_a_script_reads_json(bus, capsys):
     assert main(["nmt", "start", "3", *ON_BUS, "--wait", "0.05", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == [{"node_id": 3, "state": None, "confirmed": None, "error": None}]
     assert main(["nmt", "reset-node", "all", *ON_BUS, "--wait", "0.3", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert [(each["node_id"], each["state"], each["confirmed"]) for each in found] == [
+    result = json.loads(capsys.readouterr().out)
+    assert [(item["node_id"], item["state"], item["confirmed"]) for item in result] == [
         (3, "INITIALISING", True),
         (5, "INITIALISING", True),
     ]
@@ -96,7 +96,7 @@ def test_a_wait_shorter_than_the_answer_of_the_robot_still_reads_the_state_once(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "text"),
     [
         (["start", "3"], "no robot is running"),
         (["start", "left", *ON_BUS], "on a bare bus a node is a number, 1 to 127"),
@@ -108,13 +108,13 @@ def test_a_wait_shorter_than_the_answer_of_the_robot_still_reads_the_state_once(
         (["start"], "the following arguments are required: NODE"),
     ],
 )
-def test_what_does_not_work_is_one_sentence(private_folders, arguments, said, capsys):
+def test_what_does_not_work_is_one_sentence(private_folders, arguments, text, capsys):
     try:
         result = main(["nmt", *arguments])
     except SystemExit as stop:  # argparse
         result = stop.code
     error = capsys.readouterr().err
-    assert (result, said in error) == (2, True), error
+    assert (result, text in error) == (2, True), error
 
 
 def test_a_robot_without_nodes_is_not_silently_obeyed(private_folders, capsys):

@@ -20,9 +20,9 @@ def objects(*words):
 
 def test_a_drive_reports_what_it_holds_and_what_that_means(drive, capsys):
     assert objects("0x6041", "0x1018:01", "--live") == 0
-    said = capsys.readouterr().out.splitlines()
-    assert said[1].split()[:2] == ["0x1018:01", "Identity"]
-    assert said[2].endswith("(SWITCH ON DISABLED)")
+    text = capsys.readouterr().out.splitlines()
+    assert text[1].split()[:2] == ["0x1018:01", "Identity"]
+    assert text[2].endswith("(SWITCH ON DISABLED)")
 
 
 def test_what_is_not_as_by_default_is_marked_and_can_be_had_alone(drive, capsys):
@@ -37,10 +37,10 @@ def test_what_is_not_as_by_default_is_marked_and_can_be_had_alone(drive, capsys)
 
 def test_without_live_reading_an_eds_is_enough(private_folders, capsys):
     assert main(["objects", "5", "0x1400*", "--eds", GENERIC, "--tree"]) == 0
-    said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("0x1400 ")
-    assert said[2].startswith("  :01 ")
-    assert "0x00000205" in said[2]
+    text = capsys.readouterr().out.splitlines()
+    assert text[0].startswith("0x1400 ")
+    assert text[2].startswith("  :01 ")
+    assert "0x00000205" in text[2]
 
 
 def test_what_is_not_there_is_reported(drive, capsys):

@@ -1,4 +1,4 @@
-"""The verb plan: the writes of a boot, and what differs on a live bus."""
+"""The verb plan: the writes of a boot, and differences on a live bus."""
 
 import json
 from pathlib import Path
@@ -29,9 +29,9 @@ def test_the_tutorials_file_gives_35_writes_for_a_drive_and_names_the_reason_of_
 
 
 def test_as_json_each_write_has_its_bytes_its_value_and_its_reason(capsys):
-    said = json.loads(plan(capsys, "--bus", TUTORIAL, "--json"))
-    assert list(said) == ["left_drive", "right_drive"]
-    writes = said["left_drive"]["writes"]
+    text = json.loads(plan(capsys, "--bus", TUTORIAL, "--json"))
+    assert list(text) == ["left_drive", "right_drive"]
+    writes = text["left_drive"]["writes"]
     assert [write["index"] for write in writes[-3:]] == [0x1016, 0x1017, 0x1029]
     assert writes[-2] == {
         "index": 0x1017,
@@ -67,7 +67,7 @@ def test_peer_merge_plans_what_the_other_stack_would_write(tmp_path, capsys):
     assert "0x1017:00 Producer heartbeat time" in plan(capsys, config, "--node", "left_drive")
     ours = json.loads(plan(capsys, config, "--json"))["left_drive"]["writes"]
     theirs = json.loads(plan(capsys, config, "--json", "--peer-merge"))["left_drive"]["writes"]
-    data = [[write["data"] for write in each if write["index"] == 0x1017] for each in (ours, theirs)]
+    data = [[write["data"] for write in item if write["index"] == 0x1017] for item in (ours, theirs)]
     assert data == [["3200"], ["6400"]]
 
 
@@ -96,9 +96,9 @@ def test_a_node_that_has_everything_needs_nothing(live, tmp_path, capsys):
 
 def test_a_node_that_does_not_answer_is_exit_code_1_and_the_others_are_shown(private_folders, capsys):
     with OnBus("memory:half", {2: TMCM}):
-        said = plan(capsys, "robby", "--against", "memory:half", code=1)
-    assert "node 3 (left_drive, TMCM-1270.eds): 0x1000:00: no answer within" in said
-    assert "node 2 (right_drive, TMCM-1270.eds): 37 writes" in said
+        text = plan(capsys, "robby", "--against", "memory:half", code=1)
+    assert "node 3 (left_drive, TMCM-1270.eds): 0x1000:00: no answer within" in text
+    assert "node 2 (right_drive, TMCM-1270.eds): 37 writes" in text
 
 
 def test_a_bus_that_the_robot_does_not_have_is_named(capsys):

@@ -1,4 +1,4 @@
-"""The verb preflight, as its user sees it, and what a real run makes of its pass."""
+"""The verb preflight, and the effect of its pass on a real run."""
 
 import contextlib
 import dataclasses
@@ -52,9 +52,9 @@ def results(found):
 )
 def test_the_link_is_held_against_the_bus_file(monkeypatch, link, expected, words):
     monkeypatch.setattr(steps, "find_can_interface", lambda _name: link)
-    found = link_steps("can0", 1000)
-    assert results(found) == expected
-    assert any(words in step.text for step in found)
+    result = link_steps("can0", 1000)
+    assert results(result) == expected
+    assert any(words in step.text for step in result)
 
 
 def test_a_channel_without_an_interface_is_only_reported():
@@ -67,11 +67,11 @@ def test_nodes_are_compared_to_bus_file_and_eds_and_strangers_are_named(stage):
     for node_id in (3, 2, 9):
         stage.drive("looked", node_id)
     setup = read_robot(find_robot("robby"), can=["local:looked"])
-    found = list(node_steps(setup.bus, "local:looked"))
+    result = list(node_steps(setup.bus, "local:looked"))
     ours = [("node", True), ("EDS", True), ("errors", True), ("limits", None)]
-    assert results(found) == [*ours, *ours, ("node", None)]
-    assert found[0].text == "node 3 (left_drive): TMCM-1270, serial number 3"
-    assert found[-1].text == "node 9 answers, but is not in bus.yml"
+    assert results(result) == [*ours, *ours, ("node", None)]
+    assert result[0].text == "node 3 (left_drive): TMCM-1270, serial number 3"
+    assert result[-1].text == "node 9 answers, but is not in bus.yml"
 
 
 @pytest.mark.rest
@@ -80,10 +80,10 @@ def test_a_node_that_is_missing_or_another_one_fails(stage, tmp_path):
     stage.drive("wrong", 3)
     config = copy_robby(tmp_path, bus={"revision_number: 0 ": "revision_number: 0x77 "})
     setup = read_robot(find_robot(str(config)), can=["local:wrong"])
-    found = list(node_steps(setup.bus, "local:wrong"))
-    assert [step.name for step in found if step.passed is False] == ["node", "node"]
-    assert "revision 0x00000077 expected" in found[0].text
-    assert found[-1].text.startswith("node 2 (right_drive) does not answer; check power")
+    result = list(node_steps(setup.bus, "local:wrong"))
+    assert [step.name for step in result if step.passed is False] == ["node", "node"]
+    assert "revision 0x00000077 expected" in result[0].text
+    assert result[-1].text.startswith("node 2 (right_drive) does not answer; check power")
 
 
 @contextlib.contextmanager
@@ -96,8 +96,8 @@ def test_the_jog_measures_velocity_way_and_stop(private_folders):
     setup = read_robot(find_robot("robby"), can=["memory:jogged"])
     assert jog_interfaces(setup) == {"left_wheel_joint": "velocity", "right_wheel_joint": "velocity"}
     with drives_on("memory:jogged", dict.fromkeys((3, 2), TMCM)), Jog(setup, 0.5) as jog:
-        found = [*map(jog.turn, jog.joints), jog.stop()]
-    assert results(found) == [("jog", True), ("jog", True), ("STOP", True)], found
+        result = [*map(jog.turn, jog.joints), jog.stop()]
+    assert results(result) == [("jog", True), ("jog", True), ("STOP", True)], result
     assert jog.turned == ["left_wheel_joint", "right_wheel_joint"]
 
 
@@ -231,10 +231,10 @@ def test_a_no_ends_it(drives, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("sys.stdin.readline", lambda: next(answers), raising=False)
     assert main(["preflight", "robby", "--can", "local:flight"]) == 1
-    said = capsys.readouterr().out
-    assert "Did left_wheel_joint, and nothing else, turn forward? [y/N]" in said
-    assert "turned the wrong way" in said
-    assert "Turn right_wheel_joint" not in said
+    output = capsys.readouterr().out
+    assert "Did left_wheel_joint, and nothing else, turn forward? [y/N]" in output
+    assert "turned the wrong way" in output
+    assert "Turn right_wheel_joint" not in output
 
 
 @pytest.mark.process
@@ -288,19 +288,19 @@ def test_what_could_not_be_turned_is_reported_and_not_covered_by_the_pass(monkey
     monkeypatch.setattr(preflight, "Jog", FakeJog)
     interfaces = {"gripper": None, "wheel": "velocity", "lift": "position"}
     monkeypatch.setattr(preflight, "jog_interfaces", lambda _setup: interfaces)
-    told, asked = [], []
-    flight = preflight.Preflight(None, told.append, lambda question: asked.append(question) or True, 0.5)
+    reported, requested = [], []
+    flight = preflight.Preflight(None, reported.append, lambda question: requested.append(question) or True, 0.5)
     assert flight.move() is True
     assert flight.covered == ["wheel"]
     stays = "; it is not turned, and remains limited with --real"
-    assert f"note  jog       gripper has neither a velocity nor a position command interface{stays}" in told
-    assert f"note  jog       lift: it is at its limit{stays}" in told
-    assert [question for question in asked if "lift" in question or "gripper" in question] == []
+    assert f"note  jog       gripper has neither a velocity nor a position command interface{stays}" in reported
+    assert f"note  jog       lift: it is at its limit{stays}" in reported
+    assert [question for question in requested if "lift" in question or "gripper" in question] == []
     interfaces.pop("wheel")
-    flight = preflight.Preflight(None, told.append, lambda _question: True, 0.5)
+    flight = preflight.Preflight(None, reported.append, lambda _question: True, 0.5)
     monkeypatch.setattr(FakeJog, "joints", ("lift",))
     assert (flight.move(), flight.covered) == (False, [])
-    assert told[-1] == "FAIL  jog       no joint could be turned"
+    assert reported[-1] == "FAIL  jog       no joint could be turned"
 
 
 @pytest.mark.parametrize(

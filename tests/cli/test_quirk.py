@@ -1,4 +1,4 @@
-"""The verb quirk, as its user sees it, on a virtual drive that runs in a thread."""
+"""The verb quirk, on a virtual drive that runs in a thread."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ def node(tmp_path, monkeypatch):
 
 def test_list_explains_every_quirk_with_clause_and_source(capsys):
     assert main(["quirk", "list"]) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    text = " ".join(capsys.readouterr().out.split())
     for quirk in QUIRKS.values():
-        assert f"{quirk.name} The drive {quirk.does}." in said
-    assert said.count("Source:") == said.count("Departs from") == len(QUIRKS)
-    assert "Strength: 0.001 to 60 s (default: 0.5)." in said
+        assert f"{quirk.name} The drive {quirk.does}." in text
+    assert text.count("Source:") == text.count("Departs from") == len(QUIRKS)
+    assert "Strength: 0.001 to 60 s (default: 0.5)." in text
 
 
 def test_list_as_json_has_one_entry_for_each(capsys):
     assert main(["quirk", "list", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)
-    assert [each["name"] for each in listed] == list(QUIRKS)
+    assert [item["name"] for item in listed] == list(QUIRKS)
     assert listed[0].keys() == {"name", "acts", "does", "clause", "source", "unit", "default", "low", "high"}
 
 

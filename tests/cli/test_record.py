@@ -39,16 +39,16 @@ def session():
 def test_a_recording_reports_what_the_live_bus_reported(tmp_path, session, suffix):
     path, live, replayed = tmp_path / f"run{suffix}", robby_decoder(), robby_decoder()
     with RecordingWriter(path, "local:robby") as writer:
-        for each in session:
-            writer.write(*each)
-    told = [live.decode(frame, time_ns) for time_ns, frame in session]
+        for item in session:
+            writer.write(*item)
+    reported = [live.decode(frame, time_ns) for time_ns, frame in session]
     again = [replayed.decode(frame, time_ns) for time_ns, frame in Recording(path)]
-    assert len(told) > 400
-    assert [each.text for each in again] == [each.text for each in told]
-    assert [(each.service, each.node, each.values) for each in again] == [
-        (each.service, each.node, each.values) for each in told
+    assert len(reported) > 400
+    assert [item.text for item in again] == [item.text for item in reported]
+    assert [(item.service, item.node, item.values) for item in again] == [
+        (item.service, item.node, item.values) for item in reported
     ]
-    assert {each.service for each in told} >= {"pdo", "sdo", "nmt", "hb", "sync"}
+    assert {item.service for item in reported} >= {"pdo", "sdo", "nmt", "hb", "sync"}
 
 
 def recorded(path, frames, *options):
@@ -81,7 +81,7 @@ def test_it_listens_until_it_is_ended_and_reports_how_many_frames_there_are(fold
     assert out.startswith(f"{path}: 2 frames of local:taken in ")
     assert out.endswith(" s, none lost\n")
     assert err == ""
-    assert [each.frame for each in Recording(path)] == frames
+    assert [item.frame for item in Recording(path)] == frames
     assert signal.getsignal(signal.SIGTERM) is before
 
 

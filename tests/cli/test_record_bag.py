@@ -1,4 +1,4 @@
-"""`record --bag` beside a robot on mock hardware."""
+"""`record --bag` with a robot on mock hardware."""
 
 import os
 import signal
@@ -24,9 +24,9 @@ def test_a_bag_of_a_running_robot(tmp_path):
     with running("bagged"):
         recorded = record_bag("bagged", str(tmp_path / "run"), 0.5)
     assert recorded.samples >= 10
-    found = topics(tmp_path / "run")
-    assert found["/joint_states"] == found["/tf"] == recorded.samples
-    assert sum(found.values()) == recorded.messages
+    result = topics(tmp_path / "run")
+    assert result["/joint_states"] == result["/tf"] == recorded.samples
+    assert sum(result.values()) == recorded.messages
     assert f"{recorded.messages} messages of bagged" in recorded.sentence()
 
 

@@ -57,9 +57,9 @@ def test_it_plays_into_an_empty_bus(folders, log, capsys):
     ear = open_local("bench", "ear")
     assert main(["replay", log, "--can", "local:bench"]) == 0
     assert capsys.readouterr().out.startswith("5 frames into local:bench, none later than ")
-    heard = receive(ear, 9)  # first the two nodes are asked whether they are there, and the question is withdrawn
-    assert sorted(frame.can_id for frame in heard[:4]) == [0x602, 0x602, 0x603, 0x603]
-    assert heard[4:] == FRAMES
+    received = receive(ear, 9)  # first the two nodes are asked whether they are there, and the question is withdrawn
+    assert sorted(frame.can_id for frame in received[:4]) == [0x602, 0x602, 0x603, 0x603]
+    assert received[4:] == FRAMES
     ear.close()
 
 
@@ -77,8 +77,8 @@ def test_where_a_node_of_it_is_alive_nothing_is_played(folders, tmp_path, capsys
         receive(ear, 2)  # their boot-up
         assert main(["replay", log, "--can", "local:bench"]) == 2
         assert "on local:bench node 3 of" in capsys.readouterr().err
-        seen = receive(ear, 2)  # the question and the answer
-        assert not any(frame.can_id in (0x000, 0x080) for frame in seen)
+        observed = receive(ear, 2)  # the question and the answer
+        assert not any(frame.can_id in (0x000, 0x080) for frame in observed)
         assert main(["replay", log, "--can", "local:bench", "--force"]) == 0
     ear.close()
 

@@ -19,18 +19,18 @@ def flight():
 
 def test_without_a_file_it_is_the_newest_flight_recording(flight, capsys):
     assert main(["report"]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     page = flight.with_suffix(".html")
-    assert "left_drive" in "\n".join(said.splitlines()[:3])
-    assert f"written: {page}" in said
+    assert "left_drive" in "\n".join(output.splitlines()[:3])
+    assert f"written: {page}" in output
     assert "left_drive" in page.read_text()
 
 
 def test_the_recordings_are_listed(flight, capsys):
     assert main(["report", "--list"]) == 0
-    said = capsys.readouterr().out
-    assert "robby: node 3 (left_drive)" in said
-    assert str(flight) in said
+    output = capsys.readouterr().out
+    assert "robby: node 3 (left_drive)" in output
+    assert str(flight) in output
     assert main(["report", "--list", "--json", "--name", "robby"]) == 0
     (listed,) = json.loads(capsys.readouterr().out)
     assert listed["file"] == str(flight)
@@ -40,9 +40,9 @@ def test_the_recordings_are_listed(flight, capsys):
 def test_a_damaged_recording_hides_no_other(flight, capsys):
     flight.with_name("2000-01-01T00-00-00-x.zip").write_bytes(b"cut")
     assert main(["report", "--list"]) == 0
-    said = capsys.readouterr()
-    assert str(flight) in said.out
-    assert "2000-01-01" in said.err
+    output = capsys.readouterr()
+    assert str(flight) in output.out
+    assert "2000-01-01" in output.err
 
 
 def test_the_facts_as_json_write_no_page(flight, capsys):
@@ -93,8 +93,8 @@ def test_what_cannot_be_reported_is_a_sentence_and_exit_code_2(arguments, words,
 def test_nothing_is_not_reported_as_nothing_wrong(tmp_path, capsys, name, content, words):
     (tmp_path / name).write_bytes(content)
     assert main(["report", str(tmp_path / name)]) == 2
-    said = capsys.readouterr()
-    assert f"canopen-control: {tmp_path / name}" in said.err
-    assert words in said.err
-    assert said.out == ""
+    output = capsys.readouterr()
+    assert f"canopen-control: {tmp_path / name}" in output.err
+    assert words in output.err
+    assert output.out == ""
     assert not (tmp_path / "a.html").exists()

@@ -1,4 +1,4 @@
-"""The verb restore, as its user sees it."""
+"""The verb restore: output and exit codes."""
 
 import json
 from pathlib import Path
@@ -44,8 +44,8 @@ def test_a_node_holds_its_backup_again(bus, backup, capsys):
 
 def test_what_is_stored_is_there_after_a_reset(bus, backup, capsys):
     assert main(["restore", backup, "3", *bus.options, "--store", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["stored"], told["written"], told["verified"], told["refused"]) == (True, 1, 131, [])
+    reported = json.loads(capsys.readouterr().out)
+    assert (reported["stored"], reported["written"], reported["verified"], reported["refused"]) == (True, 1, 131, [])
     assert bus.nodes[3].store.power_on[0x6081, 0] == 1600
 
 
@@ -118,8 +118,8 @@ def test_what_a_file_gives_and_nothing_writes_is_named(bus, backup, capsys):
     at = text.index("[6502]") + len("[6502]")
     Path(backup).write_text(f"{text[:at]}\nParameterValue=7{text[at:]}")
     assert main(["restore", backup, "3", *bus.options]) == 0
-    said = capsys.readouterr().out
-    assert "never written (read-only, commands, live values): 0x6502:00 Supported drive modes" in said
+    output = capsys.readouterr().out
+    assert "never written (read-only, commands, live values): 0x6502:00 Supported drive modes" in output
 
 
 @pytest.mark.parametrize("content", ["", "[FileInfo]\n", "not a file of that kind"])

@@ -1,4 +1,4 @@
-"""`canopen-control ros`: used as somebody without ros2cli does, against other ROS programs."""
+"""`canopen-control ros` without ros2cli, with other ROS programs."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def test_topics_and_services_are_listed_with_their_types(scene, program):
 def test_a_message_is_shown_as_yaml_also_where_the_environment_is_another_programs(scene, program):
     scene[1].order("publish", topic=TOPIC, of=TYPE, data={"data": [1.0, 2.5]}, rate=50)
     # the guard of the ROS wheels alone, without their libraries, is what a program that was started without ROS has
-    said = program("topic", "echo", TOPIC, "--once", _ROS_WHEELS_BOOTSTRAP_COMPLETE="1")
-    assert said.endswith("data:\n- 1.0\n- 2.5\n---\n")
+    text = program("topic", "echo", TOPIC, "--once", _ROS_WHEELS_BOOTSTRAP_COMPLETE="1")
+    assert text.endswith("data:\n- 1.0\n- 2.5\n---\n")
     assert "average rate: " in program("topic", "hz", TOPIC, "--for", "1.5")
     assert json.loads(program("topic", "echo", TOPIC, "--once", "--json"))["data"] == [1.0, 2.5]
     rates = json.loads(program("topic", "hz", TOPIC, "--for", "1", "--json").splitlines()[-1])
@@ -77,8 +77,8 @@ def test_a_message_is_published_once_there_is_a_subscriber(scene, program):
 
 @pytest.mark.ros
 def test_a_service_is_called_and_its_answer_shown(scene, program):
-    said = program("service", "call", "/peer/list_parameters", "rcl_interfaces/srv/ListParameters", "{depth: 1}")
-    assert said.startswith("result:\n  names:\n  - 'use_sim_time'")
+    text = program("service", "call", "/peer/list_parameters", "rcl_interfaces/srv/ListParameters", "{depth: 1}")
+    assert text.startswith("result:\n  names:\n  - 'use_sim_time'")
     kind = "rcl_interfaces/srv/ListParameters"
     answer = json.loads(program("service", "call", "/peer/list_parameters", kind, "{depth: 1}", "--json"))
     assert answer["result"]["names"][0] == "use_sim_time"
@@ -90,8 +90,8 @@ def test_a_nodes_parameters_are_listed_read_and_set(program):
     assert program("param", "get", "peer", "use_sim_time") == "False\n"
     assert json.loads(program("param", "get", "/peer", "use_sim_time", "--json")) is False
     assert program("param", "set", "/peer", "use_sim_time", "false") == ""
-    said = program("param", "set", "/peer", "use_sim_time", "3", code=1)
-    assert said.startswith("canopen-control: /peer did not set use_sim_time: ")
+    text = program("param", "set", "/peer", "use_sim_time", "3", code=1)
+    assert text.startswith("canopen-control: /peer did not set use_sim_time: ")
 
 
 @pytest.mark.ros
@@ -111,15 +111,15 @@ def test_a_nodes_parameters_are_listed_read_and_set(program):
     ],
 )
 def test_what_does_not_work_is_one_sentence(program, arguments, code, sentence):
-    said = program(*arguments, code=code)
-    assert said.startswith(f"canopen-control: {sentence}")
-    assert "Traceback" not in said
+    text = program(*arguments, code=code)
+    assert text.startswith(f"canopen-control: {sentence}")
+    assert "Traceback" not in text
 
 
 @pytest.mark.ros
 def test_the_bridge_is_started_by_hand_with_arguments_for_ros(program):
-    said = program("bridge", "--name", "nobody", "--ros-args", "-r", "__ns:=/x", code=1)
-    assert said.startswith("canopen-control: no robot 'nobody' is running; start one: ")
+    text = program("bridge", "--name", "nobody", "--ros-args", "-r", "__ns:=/x", code=1)
+    assert text.startswith("canopen-control: no robot 'nobody' is running; start one: ")
 
 
 @pytest.mark.process

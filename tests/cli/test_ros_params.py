@@ -7,7 +7,7 @@ from canopen_control.errors import ConfigError
 
 
 @pytest.mark.parametrize(
-    ("value", "declared", "found"),
+    ("value", "declared", "result"),
     [
         (1, "double", ("double", 1.0)),
         (1, "integer", ("integer", 1)),
@@ -21,10 +21,10 @@ from canopen_control.errors import ConfigError
         (["a"], "not_set", ("string_array", ["a"])),
     ],
 )
-def test_a_value_has_the_type_of_the_parameter_where_it_fits(value, declared, found):
-    kind, made = typed(value, declared)
-    assert (kind, made) == found
-    assert type(made) is type(found[1])
+def test_a_value_has_the_type_of_the_parameter_where_it_fits(value, declared, result):
+    kind, created = typed(value, declared)
+    assert (kind, created) == result
+    assert type(created) is type(result[1])
 
 
 @pytest.mark.parametrize("value", [{"a": 1}, None, [1, "a"], [[1]], [None], []])

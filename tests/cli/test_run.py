@@ -27,8 +27,8 @@ def test_what_the_file_specifies_is_refused(words):
 
 
 def test_each_robot_gets_the_options_of_all():
-    given = _options(arguments("--for", "3", "--strict", "--no-flight-recorder"))
-    assert given == ["--strict", "--no-flight-recorder", "--for", "3"]
+    options = _options(arguments("--for", "3", "--strict", "--no-flight-recorder"))
+    assert options == ["--strict", "--no-flight-recorder", "--for", "3"]
 
 
 def test_a_file_that_is_not_there_is_reported(tmp_path):
@@ -50,28 +50,28 @@ def test_an_argument_that_names_a_world_is_for_physics_and_counts_as_the_option(
     word = f"world:={hall}"
     assert read_setup(parse("robby", word, "--physics")).world == hall
     assert read_setup(parse("robby", "--physics", "--world", str(hall))).world == hall
-    for arguments, said in (
+    for arguments, text in (
         (["robby", word], f"{word} requires physics; add --physics"),
         (["robby", "--physics", word, "--world", "o.yml"], f"{word} contradicts --world o.yml; omit one of them"),
     ):
         assert main(["run", *arguments]) == 2
-        assert said in capsys.readouterr().err
+        assert text in capsys.readouterr().err
 
 
 @pytest.mark.process
 def test_a_run_on_mock_hardware_ends_with_0_and_leaves_no_socket(capsys):
     assert main(["run", "robby", "--mock", "--for", "0.3"]) == 0
-    said = capsys.readouterr().out
-    assert "robby runs" in said
+    output = capsys.readouterr().out
+    assert "robby runs" in output
     assert find_robots() == []
 
 
 @pytest.mark.process
 def test_a_run_on_virtual_drives_in_this_process(capsys):
     assert main(["run", "robby", "--can", "memory:run", "--for", "0.3"]) == 0
-    said = capsys.readouterr().out
-    assert "node 3 (left_drive): operational" in said
-    assert "has stopped" in said
+    output = capsys.readouterr().out
+    assert "node 3 (left_drive): operational" in output
+    assert "has stopped" in output
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The verb scan, as its user sees it: on a bare bus, and on that of a running robot."""
+"""The verb scan: on a bare bus, and on that of a running robot."""
 
 import json
 import shutil
@@ -42,11 +42,11 @@ def test_nothing_is_written_and_only_the_three_objects_are_read(private_folders)
     watcher = Watcher()
     with OnBus("memory:watch", {2: TMCM}, cores=(watcher,)):
         assert scan(channel="memory:watch") == 0
-    asked = [frame for frame in watcher.seen if 0x600 < frame.can_id < 0x680]
-    assert {frame.can_id - 0x600 for frame in asked} == set(range(1, 128))
-    initiates = {frame.data[:4].hex() for frame in asked if frame.data[0] >> 5 == 2}
+    requested = [frame for frame in watcher.seen if 0x600 < frame.can_id < 0x680]
+    assert {frame.can_id - 0x600 for frame in requested} == set(range(1, 128))
+    initiates = {frame.data[:4].hex() for frame in requested if frame.data[0] >> 5 == 2}
     assert initiates == {"40001000", "40181001", "40181002", "40181003", "40181004", "40081000"}
-    assert {frame.data[0] >> 5 for frame in asked} <= {2, 3, 4}  # initiate upload, upload segment, abort
+    assert {frame.data[0] >> 5 for frame in requested} <= {2, 3, 4}  # initiate upload, upload segment, abort
     assert not any(frame.can_id == 0 for frame in watcher.seen)
 
 
@@ -118,10 +118,10 @@ def test_eds_files_of_a_folder_match_too_and_what_is_none_is_named(bus, tmp_path
     (tmp_path / "broken.EDS").write_text("no EDS")
     (tmp_path / "readme.txt").write_text("no EDS either")
     assert scan("--eds-dir", str(tmp_path)) == 0
-    said = capsys.readouterr()
-    assert said.out.splitlines()[1].endswith(TMCM)  # the revision chooses
-    assert "broken.EDS" in said.err
-    assert "readme" not in said.err
+    output = capsys.readouterr()
+    assert output.out.splitlines()[1].endswith(TMCM)  # the revision chooses
+    assert "broken.EDS" in output.err
+    assert "readme" not in output.err
 
 
 def test_another_revision_is_remarked(bus, monkeypatch, tmp_path, capsys):
@@ -197,9 +197,9 @@ def test_the_bus_of_a_running_robot_its_own_nodes_through_it_and_a_stranger(priv
             assert stranger.endswith("not listed")
         monkey.undo()
         assert main(["scan", "--name", "scanrobot", *FAST]) == 0
-        said = capsys.readouterr()
-        assert len(said.out.splitlines()) == 4
-        assert "memory:scanrobot can be opened only once" in said.err
+        output = capsys.readouterr()
+        assert len(output.out.splitlines()) == 4
+        assert "memory:scanrobot can be opened only once" in output.err
         history = [
             (label, frame) for label, frame in MemoryBus.get("scanrobot").history if frame.can_id in (0x602, 0x603)
         ]
@@ -213,7 +213,7 @@ def test_a_robot_on_mock_hardware_has_no_bus(mock_robot, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "said"),
+    ("arguments", "code", "text"),
     [
         (["--can", "memory:empty", *FAST], 1, "no node answers on memory:empty"),
         (["--can", "memory:empty", "--config", "nope"], 2, "nor a bundled robot ("),
@@ -223,10 +223,10 @@ def test_a_robot_on_mock_hardware_has_no_bus(mock_robot, capsys):
         ([], 2, "no robot is running"),
     ],
 )
-def test_what_does_not_work_is_one_sentence(private_folders, arguments, code, said, capsys):
+def test_what_does_not_work_is_one_sentence(private_folders, arguments, code, text, capsys):
     try:
         result = main(["scan", *arguments])
     except SystemExit as stop:  # argparse
         result = stop.code
     error = capsys.readouterr().err
-    assert (result, said in error) == (code, True), error
+    assert (result, text in error) == (code, True), error

@@ -36,7 +36,7 @@ def test_the_text_output_has_figures_and_a_curve():
 
 def test_the_shots_of_a_series_have_numbers():
     path = check_output("scope.csv")
-    assert [str(numbered(path, 3, several=each)) for each in (False, True)] == ["scope.csv", "scope_3.csv"]
+    assert [str(numbered(path, 3, several=value)) for value in (False, True)] == ["scope.csv", "scope_3.csv"]
 
 
 @pytest.mark.parametrize("text", ["scope", "scope.svg", "nowhere/scope.csv"])
@@ -134,9 +134,9 @@ def test_process_data_of_a_running_robot_come_with_every_cycle(bench, tmp_path, 
         assert main(["scope", *words]) == 0
         capsys.readouterr()
         assert main(["scope", f"{drive.node}:0x606C", "--name", drive.robot, "--for", "0.1", "--json"]) == 0
-    said = capsys.readouterr()
-    assert json.loads(said.out)["signals"][0]["label"] == "Velocity actual value"
-    assert "cycles of the robot" in said.err
+    output = capsys.readouterr()
+    assert json.loads(output.out)["signals"][0]["label"] == "Velocity actual value"
+    assert "cycles of the robot" in output.err
     assert str(bench.get(0x6083)) in path.read_text().splitlines()[-1]  # no TPDO carries it
 
 
@@ -151,10 +151,13 @@ def test_eight_channels_of_every_millisecond_and_no_cycle_missed(bench, tmp_path
     robot = choose_tuned(device, JogKind.VELOCITY, 1000, allow_unsupervised=False)
     path = tmp_path / "fast.csv"
     with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, RobotObserver()) as drive:
-        words = [*(f"{drive.node}:0x{index:04X}" for index in SIX), *(f"{drive.joint}:{each}" for each in QUANTITIES)]
+        words = [
+            *(f"{drive.node}:0x{index:04X}" for index in SIX),
+            *(f"{drive.joint}:{quantity}" for quantity in QUANTITIES),
+        ]
         assert main(["scope", *words, "--name", drive.robot, "--for", "1", "-o", str(path)]) == 0
-    said = capsys.readouterr().out
-    assert "cycles of the robot, 0 missed" in said
+    output = capsys.readouterr().out
+    assert "cycles of the robot, 0 missed" in output
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     times = sorted({round(float(row["time"]) * 1000) for row in rows})
@@ -170,11 +173,11 @@ def test_two_shots_are_laid_over_each_other_and_measured_between_cursors(bench, 
     capsys.readouterr()
     words = ("--overlay", first, "--cursors", "0.05,0.25", "-o", str(tmp_path / "both.png"))
     assert scope(bench, "5:0x6083", "--for", "0.3", *words) == 0
-    said = capsys.readouterr().out
-    assert "first.csv" in said
-    assert "cursors at 0.05 s and 0.25 s: dt 0.2 s (5 Hz)" in said
+    output = capsys.readouterr().out
+    assert "first.csv" in output
+    assert "cursors at 0.05 s and 0.25 s: dt 0.2 s (5 Hz)" in output
     value = str(bench.get(0x6083))
-    assert said.splitlines()[-2].split()[-4:] == [value, value, "0", value], said
+    assert output.splitlines()[-2].split()[-4:] == [value, value, "0", value], output
     assert (tmp_path / "both.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -1,4 +1,4 @@
-"""The verb sdo, as its user sees it: through a running robot and straight on a bus."""
+"""The verb sdo: through a running robot, and directly on a bus."""
 
 import json
 import re
@@ -78,7 +78,7 @@ def test_an_object_named_without_subindex_is_read_whole(robby, bus, capsys):
             f"0x1018:{sub:02X}" for sub in range(5)
         ]
     assert main(["sdo", "read", "left_drive", "0x1018", "--json"]) == 0
-    assert [each["subindex"] for each in json.loads(capsys.readouterr().out)] == [0, 1, 2, 3, 4]
+    assert [load["subindex"] for load in json.loads(capsys.readouterr().out)] == [0, 1, 2, 3, 4]
     assert main(["sdo", "read", "left_drive", "1018:0"]) == 0
     assert main(["sdo", "read", "3", "1018", *bus]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 2
@@ -137,9 +137,9 @@ def test_json_has_value_and_bytes(robby, capsys):
 
 def test_data_of_another_length_are_shown_and_the_user_is_notified(bus, capsys):
     assert main(["sdo", "read", "5", "0x6041", "--type", "i32", *bus]) == 0
-    said = capsys.readouterr()
-    assert "INTEGER32 has 4 bytes, not 2; shown without a type" in said.err
-    assert said.out.startswith("node 5: 0x6041:00: ")
+    output = capsys.readouterr()
+    assert "INTEGER32 has 4 bytes, not 2; shown without a type" in output.err
+    assert output.out.startswith("node 5: 0x6041:00: ")
 
 
 @pytest.mark.parametrize("length", [0, 3, 100, 50_000])
@@ -170,7 +170,7 @@ def test_a_file_may_be_a_stream(bus, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "said"),
+    ("arguments", "code", "text"),
     [
         (["read", "3", "0x9999"], 1, "node 3 (left_drive): 0x9999:00: abort 0x06020000 (object does not exist"),
         (["write", "3", "0x6041", "1"], 1, "abort 0x06010002 (attempt to write a read-only object)"),
@@ -194,13 +194,13 @@ def test_a_file_may_be_a_stream(bus, monkeypatch):
         ([], 2, "the following arguments are required: ACTION"),
     ],
 )
-def test_what_does_not_work_is_one_sentence(robby, arguments, code, said, capsys):
+def test_what_does_not_work_is_one_sentence(robby, arguments, code, text, capsys):
     try:
         result = main(["sdo", *arguments])
     except SystemExit as stop:  # argparse
         result = stop.code
     error = capsys.readouterr().err
-    assert (result, said in error) == (code, True), error
+    assert (result, text in error) == (code, True), error
 
 
 def test_a_node_that_no_robot_has_is_open_to_everybody(robby, capsys):

@@ -10,17 +10,17 @@ from canopen_control.simulation.served_simulation import ServedSimulation
 
 def simulate(capsys, *words):
     code = main(["simulate", *words])
-    said = capsys.readouterr()
-    return code, said.out, said.err
+    output = capsys.readouterr()
+    return code, output.out, output.err
 
 
 def test_json_ends_with_one_object(capsys):
     code, out, _ = simulate(capsys, "robby", "--for", "2s", "--seed", "3", "--json")
-    found = json.loads(out)
+    result = json.loads(out)
     assert code == 0
-    assert (found["seed"], found["robot_s"], found["breaches"]) == (3, 2.0, [])
-    assert len(found["sha256"]) == 64
-    assert found["frames"] > 100
+    assert (result["seed"], result["robot_s"], result["breaches"]) == (3, 2.0, [])
+    assert len(result["sha256"]) == 64
+    assert result["frames"] > 100
 
 
 def test_events_are_reported_with_their_time_and_then_what_came_of_it(capsys):
@@ -41,7 +41,7 @@ def test_a_scenario_is_played(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "text"),
     [
         (["nobody"], "nobody"),
         (["robby", "--for", "0"], "'0' is not a time in seconds above 0"),
@@ -70,13 +70,13 @@ def test_a_scenario_is_played(capsys, tmp_path):
         (["robby", "--seeds", "2", "--out", __file__], "test_simulate.py cannot be written: File exists"),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_a_sentence(capsys, words, said):
+def test_what_makes_no_sense_is_refused_in_a_sentence(capsys, words, text):
     try:
         code, _, err = simulate(capsys, *words)
     except SystemExit as end:
         code, err = end.code, capsys.readouterr().err
     assert code == 2
-    assert said in err
+    assert text in err
     assert "Traceback" not in err
 
 
@@ -84,9 +84,9 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(capsys, words, said):
 def test_a_campaign_runs_many_seeds(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, _ = simulate(capsys, "robby", "--seeds", "2", "--for", "1s", "--json")
-    found = json.loads(out)
+    result = json.loads(out)
     assert code == 0
-    assert (found["seeds"], found["robot_s"], found["breaches"]) == (2, 2.0, [])
+    assert (result["seeds"], result["robot_s"], result["breaches"]) == (2, 2.0, [])
     assert list(tmp_path.iterdir()) == []
 
 

@@ -92,8 +92,8 @@ def test_whatever_happens_every_clause_is_reported_and_no_line_twice(told):
     events = [event(at, kind, text) for at, kind, text in sorted(told)]
     lines = cause_lines(events, {})
     assert len(lines) == len(set(lines))
-    for each in events:
-        for clause in each.text.rpartition("): ")[2].split("; "):
+    for item in events:
+        for clause in item.text.rpartition("): ")[2].split("; "):
             assert any(clause in line for line in lines)
 
 
@@ -174,13 +174,13 @@ def test_a_latched_stop_is_reported_with_the_remedy():
 
 
 @pytest.mark.parametrize(
-    ("event", "said"),
+    ("event", "text"),
     [
         (None, "canopen-control: robot gone has closed the connection\n"),
         (event_of({"time": 1.0, "kind": "stopped"}), ""),
     ],
 )
-def test_a_watch_reports_that_the_robot_has_died_but_not_that_it_was_ended(monkeypatch, capsys, event, said):
+def test_a_watch_reports_that_the_robot_has_died_but_not_that_it_was_ended(monkeypatch, capsys, event, text):
     class Robot:
         def ask(self, _request):
             return Done()
@@ -193,27 +193,27 @@ def test_a_watch_reports_that_the_robot_has_died_but_not_that_it_was_ended(monke
 
     monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(Robot()))
     assert main(["status", "--watch"]) == 0
-    told = capsys.readouterr()
-    assert told.out.startswith("running, cycle 7")
-    assert told.err == said
+    output = capsys.readouterr()
+    assert output.out.startswith("running, cycle 7")
+    assert output.err == text
 
 
 def serve(monkeypatch, document):
     """Let `status` find a robot with this status, whichever client asks; return the methods that were asked for."""
-    asked = []
+    requests = []
 
     def request(_robot, method):
-        asked.append(method)
+        requests.append(method)
         return SimpleNamespace(**plain(status_of(document)))
 
     def typed(_request):
-        asked.append("typed")
+        requests.append("typed")
         return status_of(document)
 
     monkeypatch.setattr(status, "select_robot", lambda name: name or "robby")
     monkeypatch.setattr(status, "request_plain", request)
     monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(SimpleNamespace(ask=typed)))
-    return asked
+    return requests
 
 
 def test_the_table_is_the_same_without_the_types_of_messages(monkeypatch, capsys):
@@ -229,12 +229,12 @@ def test_the_table_is_the_same_without_the_types_of_messages(monkeypatch, capsys
         "missing_programs": {"view": "it has ended"},
         "events": [event],
     }
-    asked = serve(monkeypatch, document)
+    requested = serve(monkeypatch, document)
     assert main(["status", "--name", "robby"]) == 0
     quick = capsys.readouterr().out
-    assert asked == ["status"]
+    assert requested == ["status"]
     assert status.run(SimpleNamespace(json=False, watch=False, name=None)) == 0
-    assert asked == ["status", "typed"]
+    assert requested == ["status", "typed"]
     assert capsys.readouterr().out == quick
     assert all(text in quick for text in ("left_drive", "tracking error", "every 20 ms", "it has ended", HOT))
 
@@ -249,9 +249,9 @@ def test_the_table_is_the_same_without_the_types_of_messages(monkeypatch, capsys
     ],
 )
 def test_the_types_of_messages_are_asked_where_plain_fields_are_not_enough(monkeypatch, capsys, changes, options):
-    asked = serve(monkeypatch, {**STATE, "version": __version__, **changes})
+    requested = serve(monkeypatch, {**STATE, "version": __version__, **changes})
     assert main(["status", *options]) == 0
-    assert asked[-1] == "typed"
+    assert requested[-1] == "typed"
     assert capsys.readouterr().out
 
 
@@ -279,10 +279,10 @@ def test_a_failed_boot_step_does_not_report_again_what_is_above(monkeypatch, cap
 
     serve(monkeypatch, {**STATE, "boot": steps, "events": events})
     assert main(["status"]) == 0
-    said = capsys.readouterr().out
-    assert said.count("no answer") == 1
-    assert "boot of gone: identify 500.0 ms failed; SDO: 0 read, 0 written, 0 failed\n" in said
-    assert "boot of left_drive: identify 500.0 ms failed: another reason" in said
+    output = capsys.readouterr().out
+    assert output.count("no answer") == 1
+    assert "boot of gone: identify 500.0 ms failed; SDO: 0 read, 0 written, 0 failed\n" in output
+    assert "boot of left_drive: identify 500.0 ms failed: another reason" in output
 
 
 def test_the_last_line_reports_which_build_of_which_version_runs_the_robot(monkeypatch, capsys):
@@ -300,8 +300,8 @@ def test_how_well_joints_follow_stands_below_those_that_have_moved():
     joint = {**STATE["joints"]["left_wheel_joint"], "tracking": tracking}
     lines = render(sample_of({**STATE, "joints": {"left_wheel_joint": joint}}))
     place = next(number for number, line in enumerate(lines) if line.startswith("tracking error"))
-    said = "left_wheel_joint 0.0012 rad 0.0004 rad 0.02 rad 0.001 rad 2 1"
-    assert lines[place + 1].split() == said.split()
+    text = "left_wheel_joint 0.0012 rad 0.0004 rad 0.02 rad 0.001 rad 2 1"
+    assert lines[place + 1].split() == text.split()
 
 
 TWO_AXES = [{"joint": f"{side}_wheel_joint", "cia402_state": "QUICK_STOP_ACTIVE"} for side in ("left", "right")]
@@ -313,7 +313,7 @@ def test_nothing_is_wider_than_the_terminal_and_hidden_columns_are_named(axes, w
     node = {**STATE["nodes"]["left_drive"], "axes": axes, "error": "EMCY 0x4310: the drive is too hot " * 4}
     joints = {axis["joint"]: STATE["joints"]["left_wheel_joint"] for axis in axes}
     wide, lines = (
-        render(sample_of({**STATE, "nodes": {"left_drive": node}, "joints": joints}), each) for each in (None, width)
+        render(sample_of({**STATE, "nodes": {"left_drive": node}, "joints": joints}), item) for item in (None, width)
     )
     assert max(map(len, lines)) <= width
     shown = " ".join(lines)

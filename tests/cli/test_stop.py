@@ -12,9 +12,9 @@ from canopen_control.rpc.messages.state import AxisReading, NodeReading
 
 def test_without_drives_it_reports_that_the_next_command_moves(mock_robot, capsys):
     assert main(["stop"]) == 0
-    said = capsys.readouterr().out
-    assert said.startswith("stopped; no drive")
-    assert "stop --latch" in said
+    output = capsys.readouterr().out
+    assert output.startswith("stopped; no drive")
+    assert "stop --latch" in output
     assert main(["command", "robby_forward_controller", "1", "1", "--once"]) == 0
 
 
@@ -27,9 +27,9 @@ def test_without_drives_it_reports_that_the_next_command_moves(mock_robot, capsy
     ],
 )
 def test_with_drives_it_reports_what_it_did_and_how_to_continue(latch, release, begin, end):
-    said = stop._done(latch, release, True)
-    assert said.startswith(begin)
-    assert said.endswith(end)
+    text = stop._done(latch, release, True)
+    assert text.startswith(begin)
+    assert text.endswith(end)
 
 
 def test_the_next_step_names_the_robot_that_was_named(mock_robot, capsys):
@@ -50,10 +50,10 @@ def test_a_latched_stop_lasts_until_the_release(mock_robot, capsys):
 
 
 def test_without_a_name_all_robots_are_stopped(monkeypatch, capsys):
-    asked = []
+    requests = []
 
     def request(_args, name):
-        asked.append(name)
+        requests.append(name)
         if name == "hung":
             raise CanopenError("does not answer")
         return {"robot": name, "stopped": True, "latched": False, "disabled": True}
@@ -61,13 +61,13 @@ def test_without_a_name_all_robots_are_stopped(monkeypatch, capsys):
     monkeypatch.setattr(stop, "find_robots", lambda: ["hung", "one", "two"])
     monkeypatch.setattr(stop, "_request", request)
     assert main(["stop"]) == 1
-    said = capsys.readouterr()
-    assert sorted(asked) == ["hung", "one", "two"]
-    assert said.out.splitlines() == [
+    output = capsys.readouterr()
+    assert sorted(requests) == ["hung", "one", "two"]
+    assert output.out.splitlines() == [
         f"{name}: stopped and disabled; to continue: canopen-control axis enable all --name {name}"
         for name in ("one", "two")
     ]
-    assert said.err == "canopen-control: hung: does not answer\n"
+    assert output.err == "canopen-control: hung: does not answer\n"
 
 
 @pytest.mark.parametrize(

@@ -53,10 +53,10 @@ def test_keys_move_the_base_and_ctrl_c_leaves_it_standing(terminal, capsys):
         with in_background(user, terminal.close):
             assert main(["teleop"]) == 0
         assert eventually(lambda: stopped(robot))
-    said = capsys.readouterr().out
-    assert said.startswith(f"teleop of mock, {BASE}\n")
-    assert "linear 0.50 m/s, angular 0.00 rad/s (speeds 0.50 and 1.00)" in said
-    assert said.endswith("stopped\n")
+    output = capsys.readouterr().out
+    assert output.startswith(f"teleop of mock, {BASE}\n")
+    assert "linear 0.50 m/s, angular 0.00 rad/s (speeds 0.50 and 1.00)" in output
+    assert output.endswith("stopped\n")
 
 
 def test_without_a_base_controller_two_wheels_are_driven_in_their_own_units(terminal, mock_robot, capsys):
@@ -85,10 +85,10 @@ def test_a_tapped_key_stops_by_itself(terminal, mock_robot):
 
 
 def test_a_suspended_teleop_moves_nothing_when_it_is_resumed(terminal, mock_robot, monkeypatch, capsys):
-    asked = suspend_after(monkeypatch, CommandController, 3)
+    requested = suspend_after(monkeypatch, CommandController, 3)
     with in_background(lambda: terminal.write(b"i"), terminal.close):
         assert main(["teleop", "--tap", "60"]) == 1
-    assert [each.values for each in asked] == [[5.0, 5.0]] * 3 + [[0.0, 0.0]] * ZEROS
+    assert [item.values for item in requested] == [[5.0, 5.0]] * 3 + [[0.0, 0.0]] * ZEROS
     assert "this program was suspended for 3.0 s, so its command has ended" in capsys.readouterr().err
 
 
@@ -142,12 +142,12 @@ BROADCASTER = controller("states", topic=None)
 
 
 def test_the_active_base_controller_comes_first():
-    found = choose([BROADCASTER, controller("wheels"), controller("base", topic="cmd_vel")], None)
-    assert found.name == "base"
+    result = choose([BROADCASTER, controller("wheels"), controller("base", topic="cmd_vel")], None)
+    assert result.name == "base"
 
 
 @pytest.mark.parametrize(
-    ("controllers", "wanted", "sentence"),
+    ("controllers", "expected", "sentence"),
     [
         ([BROADCASTER], None, "no active controller accepts commands; loaded: states. Activate one"),
         (
@@ -165,9 +165,9 @@ def test_the_active_base_controller_comes_first():
         ([controller("arm", interface="position")], None, "arm commands position of 2 joints"),
     ],
 )
-def test_what_it_cannot_drive_is_a_sentence_with_the_next_step(controllers, wanted, sentence):
+def test_what_it_cannot_drive_is_a_sentence_with_the_next_step(controllers, expected, sentence):
     with pytest.raises(ConfigError) as caught:
-        choose(controllers, wanted)
+        choose(controllers, expected)
     assert str(caught.value).startswith(sentence)
 
 

@@ -56,7 +56,7 @@ def test_filters_and_count_choose_the_lines(log, capsys):
 def test_json_is_one_object_for_each_frame(log, capsys):
     assert main(["trace", "robby", "--file", log, "--json"]) == 0
     objects = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert [each["id"] for each in objects] == ["000", "080", "183", "080", "183", "603", "583"]
+    assert [item["id"] for item in objects] == ["000", "080", "183", "080", "183", "603", "583"]
     assert objects[2]["values"][0]["value"] == 0x637
     assert objects[2]["time"] == 1_763_700_000.02
     assert objects[6]["mark"] == "error"
@@ -139,11 +139,11 @@ def test_a_carrier_that_dies_and_returns_is_reported_between_the_frames(channel,
         first.incoming.put(gone)
 
     def tell(event, **how):
-        told(event, **how)
+        report(event, **how)
         if event.kind is BusEventKind.UP:
             second.incoming.put(message_of(CanFrame(0x702, b"\x05"), 0.0))
 
-    told = trace._report
+    report = trace._report
     monkeypatch.setattr(trace, "_report", tell)
     assert main(["trace", "--can", channel, "--eds", "TMCM-1270.eds", "--count", "2"]) == 0
     lines = capsys.readouterr().out.splitlines()

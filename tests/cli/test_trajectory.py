@@ -35,8 +35,8 @@ def arm(private_folders, tmp_path, request):
 def wave(tmp_path):
     def write(seconds=1.5, count=30, joints=JOINTS):
         points = [
-            {"positions": each.positions, "velocities": each.velocities, "time_from_start": each.time / 1e9}
-            for each in planned([0.0] * 6, ENDS, seconds, count).points
+            {"positions": point.positions, "velocities": point.velocities, "time_from_start": point.time / 1e9}
+            for point in planned([0.0] * 6, ENDS, seconds, count).points
         ]
         path = tmp_path / "wave.json"
         path.write_text(json.dumps({"joint_names": joints, "points": points}))
@@ -47,7 +47,7 @@ def wave(tmp_path):
 
 def positions(arm):
     joints = arm.status().joints
-    return [joints[each].position for each in JOINTS]
+    return [joints[joint].position for joint in JOINTS]
 
 
 @pytest.mark.rest
@@ -64,7 +64,7 @@ def test_waypoints_are_gone_to_one_after_the_other(arm, capsys):
 
 @pytest.mark.rest
 def test_what_the_joints_do_is_recorded_and_played_again(arm, wave, tmp_path, capsys):
-    made, codes = str(tmp_path / "made.yaml"), []
+    created, codes = str(tmp_path / "made.yaml"), []
 
     def move():
         codes.append(main(["trajectory", "play", wave(seconds=2.0)]))
@@ -73,15 +73,15 @@ def test_what_the_joints_do_is_recorded_and_played_again(arm, wave, tmp_path, ca
 
     mover = threading.Thread(target=move)
     mover.start()
-    codes.append(main(["trajectory", "record", "-o", made, "--for", "60"]))
+    codes.append(main(["trajectory", "record", "-o", created, "--for", "60"]))
     mover.join(60)
     assert codes == [0, 0]
-    joints, points = read_trajectory(made)
+    joints, points = read_trajectory(created)
     assert joints == JOINTS
     assert points[-1].positions == pytest.approx(ENDS, abs=5e-3)
     assert points[-1].velocities == [0.0] * 6
     assert main(["trajectory", "play", "--waypoints", "0 0 0 0 0 0", "--step", "1.5"]) == 0
-    assert main(["trajectory", "play", made, "--approach", "0.2"]) == 0
+    assert main(["trajectory", "play", created, "--approach", "0.2"]) == 0
     assert positions(arm) == pytest.approx(ENDS, abs=5e-3)
 
 
@@ -148,15 +148,15 @@ def test_one_that_is_stopped_by_a_signal_loses_its_trajectory_and_the_joints_bra
             before = arm.status().cycle.count
             # 2.4 s, longer than the promise: it is at work
             assert eventually(lambda: arm.status().cycle.count >= before + 120)
-            assert not any(each.kind == "commander_gone" for each in arm.status().events)
+            assert not any(event.kind == "commander_gone" for event in arm.status().events)
             os.kill(player.pid, signal.SIGSTOP)
-            assert eventually(lambda: any(each.kind == "commander_gone" for each in arm.status().events))
+            assert eventually(lambda: any(event.kind == "commander_gone" for event in arm.status().events))
         finally:
             os.kill(player.pid, signal.SIGCONT)
-        told = player.communicate(timeout=60)[1]
+        reported = player.communicate(timeout=60)[1]
     assert player.returncode == 1
-    assert "trajectory has sent no heartbeat for 2 s and is gone" in told
-    assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in arm.status().joints.values()))
+    assert "trajectory has sent no heartbeat for 2 s and is gone" in reported
+    assert eventually(lambda: all(abs(joint.velocity) < 1e-6 for joint in arm.status().joints.values()))
     assert abs(positions(arm)[0]) < abs(ENDS[0]) - 0.01
 
 

@@ -19,24 +19,24 @@ def test_it_begins_when_a_joint_begins_to_move_and_ends_when_it_rests():
     points = recorded(
         (10.0, 0.0), (10.1, 0.0), (10.2, 0.0), (10.3, 0.1), (10.4, 0.2), (10.5, 0.2), (10.6, 0.2)
     ).points()
-    assert [each.time_from_start for each in points] == pytest.approx([0.0, 0.1, 0.2])
-    assert [each.positions[0] for each in points] == [0.0, 0.1, 0.2]
+    assert [point.time_from_start for point in points] == pytest.approx([0.0, 0.1, 0.2])
+    assert [point.positions[0] for point in points] == [0.0, 0.1, 0.2]
 
 
 def test_velocities_are_those_of_the_neighbours_and_it_rests_at_both_ends():
     points = recorded((0.0, 0.0), (0.1, 0.1), (0.3, 0.4), (0.4, 0.5)).points()
-    assert [each.velocities[0] for each in points] == pytest.approx([0.0, 0.4 / 0.3, 0.4 / 0.3, 0.0], abs=1e-6)
+    assert [point.velocities[0] for point in points] == pytest.approx([0.0, 0.4 / 0.3, 0.4 / 0.3, 0.0], abs=1e-6)
 
 
 def test_jitter_of_close_samples_makes_no_jumps_of_the_velocity():
-    seen = [(0.01 * index + 0.008 * (index % 2), 0.01 * index) for index in range(100)]
-    velocities = [each.velocities[0] for each in recorded(*seen).points()][8:-8]
-    assert all(0.8 < each < 1.2 for each in velocities)
+    observed = [(0.01 * index + 0.008 * (index % 2), 0.01 * index) for index in range(100)]
+    velocities = [point.velocities[0] for point in recorded(*observed).points()][8:-8]
+    assert all(0.8 < velocity < 1.2 for velocity in velocities)
 
 
 def test_a_pause_on_the_way_is_kept():
     points = recorded((0.0, 0.0), (0.1, 0.1), (0.2, 0.1), (0.3, 0.1), (0.4, 0.2)).points()
-    assert [each.positions[0] for each in points] == [0.0, 0.1, 0.1, 0.1, 0.2]
+    assert [point.positions[0] for point in points] == [0.0, 0.1, 0.1, 0.1, 0.2]
 
 
 @pytest.mark.parametrize(
@@ -61,8 +61,8 @@ def test_what_is_recorded_can_be_played_whatever_came(samples):
     except CanopenError:
         assert all(abs(position - samples[0][1]) < 10.0 for _, position in samples)
         return
-    times = [each.time_from_start for each in points]
+    times = [point.time_from_start for point in points]
     assert times[0] == 0.0
     assert all(a < b or b - a < 1e-6 for a, b in itertools.pairwise(times))
     assert points[0].velocities == points[-1].velocities == [0.0]
-    assert {each.positions[0] for each in points} <= {round(position, 6) for _, position in samples}
+    assert {point.positions[0] for point in points} <= {round(position, 6) for _, position in samples}

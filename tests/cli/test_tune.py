@@ -48,11 +48,11 @@ def value_of(said, words):
 def test_a_step_is_measured_and_leaves_the_drive_off(bench, no_terminal, capsys, tmp_path):
     file = tmp_path / "step.csv"
     assert bench.verb("tune", "--step", "30rpm", "--for", "1", "--yes", "-o", str(file)) == 0
-    said = capsys.readouterr().out
-    assert "velocity in CSV, a sample every 10 ms" in said
-    assert "excitation: a step to 3.14 rad/s (30.0 rpm) for 1 s" in said
-    assert 0 <= value_of(said, "rise (10 to 90 %)") < 200
-    assert "settled to 2 %" in said
+    output = capsys.readouterr().out
+    assert "velocity in CSV, a sample every 10 ms" in output
+    assert "excitation: a step to 3.14 rad/s (30.0 rpm) for 1 s" in output
+    assert 0 <= value_of(output, "rise (10 to 90 %)") < 200
+    assert "settled to 2 %" in output
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
     rows = file.read_text().splitlines()
     assert rows[0] == "time_s,command,position_rad,velocity_rad_s,torque_permille"
@@ -73,22 +73,22 @@ def test_a_signal_ends_the_run_without_a_result(bench, no_terminal, monkeypatch,
 @pytest.mark.rest
 def test_inertia_and_friction_are_identified_and_gains_proposed(bench, no_terminal, capsys):
     assert bench.verb("tune", "--identify", "190", "--yes", "--crossover", "10") == 0
-    said = capsys.readouterr().out
-    assert value_of(said, "inertia") == pytest.approx(INERTIA, rel=0.03)
-    assert value_of(said, "Coulomb friction") == pytest.approx(COULOMB, rel=0.03)
-    assert value_of(said, "viscous friction") == pytest.approx(VISCOUS, rel=0.03)
-    assert "for a crossover of 10 Hz and a phase margin of 60 degrees" in said
-    assert value_of(said, "position P") == pytest.approx(15.71, rel=0.01)
+    output = capsys.readouterr().out
+    assert value_of(output, "inertia") == pytest.approx(INERTIA, rel=0.03)
+    assert value_of(output, "Coulomb friction") == pytest.approx(COULOMB, rel=0.03)
+    assert value_of(output, "viscous friction") == pytest.approx(VISCOUS, rel=0.03)
+    assert "for a crossover of 10 Hz and a phase margin of 60 degrees" in output
+    assert value_of(output, "position P") == pytest.approx(15.71, rel=0.01)
 
 
 @pytest.mark.alone  # the bus and the drive run in real time
 def test_programs_get_json_and_a_picture_of_the_response(bench, no_terminal, capsys, tmp_path):
     file = tmp_path / "bode.png"
     assert bench.verb("tune", "--bode", "--for", "2", "--yes", "--json", "-o", str(file)) == 0
-    said = capsys.readouterr()
-    told = json.loads(said.out)
-    assert told["bode"]["points"][0]["frequency"] > 0.0
-    assert f"written: {file}" in said.err
+    output = capsys.readouterr()
+    reported = json.loads(output.out)
+    assert reported["bode"]["points"][0]["frequency"] > 0.0
+    assert f"written: {file}" in output.err
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
@@ -111,9 +111,9 @@ def true_response(gains, cycle):
         if point % round(cycle / step) == 0:
             answer.append(speed)
         speed = kept * speed + (1 - kept) / VISCOUS * torque
-        lacking = (1.0 if point < round(cycle / step) else 0.0) - speed
-        integral += gains.velocity_i * lacking * step
-        torque = gains.velocity_p * lacking + integral
+        missing = (1.0 if point < round(cycle / step) else 0.0) - speed
+        integral += gains.velocity_i * missing * step
+        torque = gains.velocity_p * missing + integral
     return answer
 
 
@@ -135,14 +135,14 @@ def test_the_response_of_drive_and_bus_is_true_within_a_decibel_and_five_degrees
         turn = -2j * math.pi * hertz * 0.01
         return sum(value * cmath.exp(turn * number) for number, value in enumerate(answer))
 
-    found = [(hertz, true(hertz), gain, phase) for hertz, gain, phase, _ in points]
-    assert max(abs(20 * math.log10(abs(truth)) - gain) for _, truth, gain, _ in found) < 1.0
+    result = [(hertz, true(hertz), gain, phase) for hertz, gain, phase, _ in points]
+    assert max(abs(20 * math.log10(abs(truth)) - gain) for _, truth, gain, _ in result) < 1.0
 
     def off(late):
         """Return by how many degrees each phase is wrong if the bus takes so many cycles."""
         return [
             abs((math.degrees(cmath.phase(truth)) - 3.6 * hertz * late - phase + 180) % 360 - 180)
-            for hertz, truth, _, phase in found
+            for hertz, truth, _, phase in result
         ]
 
     assert min(max(off(late)) for late in range(5)) < 5.0
@@ -191,10 +191,10 @@ def test_what_cannot_be_is_refused_before_anything_moves(bench, no_terminal, cap
 
 def test_without_a_terminal_the_limits_are_reported_that_yes_would_confirm(bench, no_terminal, capsys):
     assert bench.verb("tune", "--step", "30rpm") == 2
-    said = capsys.readouterr()
-    assert "excitation: a step to 3.14 rad/s (30.0 rpm)" in said.out
-    assert "limits: 6.28 rad/s (60.0 rpm)" in said.out
-    assert "give --yes" in said.err
+    output = capsys.readouterr()
+    assert "excitation: a step to 3.14 rad/s (30.0 rpm)" in output.out
+    assert "limits: 6.28 rad/s (60.0 rpm)" in output.out
+    assert "give --yes" in output.err
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
 
 
@@ -217,9 +217,9 @@ def test_proposed_gains_are_set_and_taken_back(bench, no_terminal, capsys):
     words = ("--identify", "190", "--yes", "--crossover", "10", "--apply")
     before = [bench.get(0x60F9, 1), bench.get(0x60F9, 2), bench.get(0x60FB, 1)]
     assert bench.verb("tune", *words) == 0
-    said = capsys.readouterr().out
-    assert f"tune 5 --can {bench.bus.channel} --eds {bench.eds} --revert" in said
-    p = value_of(said, "velocity P")
+    output = capsys.readouterr().out
+    assert f"tune 5 --can {bench.bus.channel} --eds {bench.eds} --revert" in output
+    p = value_of(output, "velocity P")
     assert bench.get(0x60F9, 1) * 1e-5 * TURN / math.tau == pytest.approx(p, rel=1e-3)
     assert bench.get(0x60FB, 1) == pytest.approx(15_708, abs=2)
     crossover, margin = phase_margin(TRUE_PLANT, gains_in(bench))

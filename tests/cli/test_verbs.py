@@ -24,9 +24,9 @@ def test_the_examples_are_right_by_the_parsers_of_their_verbs(verb):
 def test_the_help_of_an_action_shows_the_examples_of_that_action(capsys):
     with pytest.raises(SystemExit):
         main(["sdo", "upload", "--help"])
-    said = capsys.readouterr().out
-    assert "example: canopen-control sdo upload 5" in said
-    assert "sdo read" not in said
+    output = capsys.readouterr().out
+    assert "example: canopen-control sdo upload 5" in output
+    assert "sdo read" not in output
     with pytest.raises(SystemExit):
         main(["ros", "service", "call", "--help"])
     assert "example: canopen-control ros service call" in capsys.readouterr().out

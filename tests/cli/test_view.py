@@ -27,14 +27,14 @@ def test_an_address_that_cannot_be_bound_is_a_sentence(mock_robot, capsys):
 
 @pytest.mark.parametrize("words", [["view"], ["run", "robby", "--mock", "--view"]], ids=["view", "run"])
 def test_without_nicegui_it_suggests_what_to_type_and_starts_nothing(monkeypatch, capsys, words):
-    found = importlib.util.find_spec
+    result = importlib.util.find_spec
     monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *rest: None if name == "nicegui" else found(name, *rest)
+        importlib.util, "find_spec", lambda name, *rest: None if name == "nicegui" else result(name, *rest)
     )
     assert main(words) == 2
-    said = capsys.readouterr()
-    assert "pip install 'canopen-control[view]'" in said.err
-    assert said.out == ""
+    output = capsys.readouterr()
+    assert "pip install 'canopen-control[view]'" in output.err
+    assert output.out == ""
 
 
 def test_the_address_of_a_page_that_is_served_is_printed_with_its_token(private_folders, capsys):

@@ -1,4 +1,4 @@
-"""The verb world, as its user sees it, on a virtual drive in a world that notes what it is asked for."""
+"""The verb world, on a virtual drive in a world that records its requests."""
 
 from __future__ import annotations
 
@@ -40,15 +40,17 @@ class Noting(IndependentPlants):
 @pytest.fixture
 def world(tmp_path, monkeypatch, request):
     use_private_folders(monkeypatch, tmp_path)
-    made = getattr(request, "param", Noting)()
-    with served(CAN, servo(5), made):
-        yield made
+    created = getattr(request, "param", Noting)()
+    with served(CAN, servo(5), created):
+        yield created
 
 
 def test_it_reports_where_the_robot_is(world, capsys):
     assert main(["world", "--can", CAN]) == 0
-    said = capsys.readouterr().out
-    assert said == "x 1.0000 m, y -2.0000 m, z 0.5000 m, heading 180.00 deg, roll 0.0 deg, pitch -5.7 deg\nrange: 1.5\n"
+    output = capsys.readouterr().out
+    assert (
+        output == "x 1.0000 m, y -2.0000 m, z 0.5000 m, heading 180.00 deg, roll 0.0 deg, pitch -5.7 deg\nrange: 1.5\n"
+    )
     assert main(["world", "--can", CAN, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["base"]["z"] == 0.5
 
@@ -70,7 +72,7 @@ def test_what_is_asked_for_happens(world, words, act):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "text"),
     [
         ("payload", "give the mass in kg"),
         ("payload much", "'much': write KG"),
@@ -80,9 +82,9 @@ def test_what_is_asked_for_happens(world, words, act):
         ("payload 1 --on roof", "the robot has no link 'roof'"),
     ],
 )
-def test_what_cannot_be_is_reported_and_nothing_happens(world, capsys, words, said):
+def test_what_cannot_be_is_reported_and_nothing_happens(world, capsys, words, text):
     assert main(["world", *words.split(), "--can", CAN]) in (1, 2)
-    assert said in capsys.readouterr().err
+    assert text in capsys.readouterr().err
     assert world.acts == []
 
 

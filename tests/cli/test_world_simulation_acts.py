@@ -43,5 +43,9 @@ def test_it_is_paused_stepped_reset_and_continues(simulated, world, capsys):
 @pytest.mark.parametrize("words", ["step 0", "step -1", "step many", "step 1.5", "step ٣", "pause now", "play 2"])
 def test_what_is_not_a_number_of_cycles_and_a_value_for_nothing_are_reported(words, capsys, private_folders):
     assert main(["world", *words.split()]) == 2
-    said = capsys.readouterr().err
-    assert "a number of cycles from 1 to 1000000" in said or "takes no value" in said or "unrecognized" in said
+    error_output = capsys.readouterr().err
+    assert (
+        "a number of cycles from 1 to 1000000" in error_output
+        or "takes no value" in error_output
+        or "unrecognized" in error_output
+    )

@@ -31,7 +31,7 @@ def test_it_names_its_peer(drive):
 
 def test_answers_are_structures(drive):
     assert drive.ask(SwitchFault(name="warning")).active == ["warning"]
-    assert [each.name for each in drive.ask(ListFaults()) if each.on] == ["warning"]
+    assert [item.name for item in drive.ask(ListFaults()) if item.on] == ["warning"]
     state = drive.ask(GetDriveState())
     assert (state.faults, state.axes[0].plant.velocity, state.world) == (["warning"], 0.0, None)
 
@@ -63,7 +63,7 @@ def test_what_is_not_a_value_of_a_signal_is_refused(text):
 
 
 def test_shapes_are_requested_from_the_first_drive_that_has_them(monkeypatch):
-    asked = []
+    requests = []
 
     class Drive(SimpleNamespace):
         def __enter__(self):
@@ -73,7 +73,7 @@ def test_shapes_are_requested_from_the_first_drive_that_has_them(monkeypatch):
             return None
 
         def ask(self, _request):
-            asked.append(self.node_id)
+            requests.append(self.node_id)
             return (BOX,) if self.node_id == 3 else ()
 
     def connect(_channel, node_id, _timeout):
@@ -85,5 +85,5 @@ def test_shapes_are_requested_from_the_first_drive_that_has_them(monkeypatch):
     monkeypatch.setattr(drive_client, "list_sockets", lambda _kind: ["desk-2", "desk-3", "desk-4"])
     nodes = [("local:desk", number) for number in (1, 4, 2, 3)]
     assert shapes_of_world(nodes) == (BOX,)
-    assert asked == [2, 3]
+    assert requests == [2, 3]
     assert shapes_of_world(nodes[:3]) == ()

@@ -63,14 +63,14 @@ def test_events_in_their_order_and_nothing_else_until_none_comes():
     client = Client(event("a"), StateSample(), event("b", details={"error_code": 1}))
     stream = EventStream(client, 0.5)
     assert client.calls == [Subscribe(events=True)]  # before the first is asked for: none is missed
-    assert [(each.kind, each.details) for each in stream] == [("a", None), ("b", FaultEvent(error_code=1))]
+    assert [(item.kind, item.details) for item in stream] == [("a", None), ("b", FaultEvent(error_code=1))]
     assert client.timeout == 0.5
     assert client.closed == 1
 
 
 def test_the_end_of_the_robot_is_its_last_event():
     client = Client(event("stopped"), RemoteError("BusClosed", "gone"))
-    assert [each.kind for each in EventStream(client)] == ["stopped"]
+    assert [item.kind for item in EventStream(client)] == ["stopped"]
 
 
 def test_a_robot_that_died_is_an_error():
@@ -92,7 +92,7 @@ def test_a_block_closes_it():
 
 
 @pytest.mark.parametrize(
-    ("cycle_ms", "wanted", "rate"),
+    ("cycle_ms", "expected", "rate"),
     [
         (20, 0.0, 50.0),
         (10, 0.0, 100.0),
@@ -106,8 +106,8 @@ def test_a_block_closes_it():
         (0, 0.0, 100.0),
     ],
 )
-def test_a_subscription_gets_a_whole_number_of_cycles(cycle_ms, wanted, rate):
-    assert stream_rate(CycleTimes(period_s=cycle_ms / 1000), wanted) == pytest.approx(rate)
+def test_a_subscription_gets_a_whole_number_of_cycles(cycle_ms, expected, rate):
+    assert stream_rate(CycleTimes(period_s=cycle_ms / 1000), expected) == pytest.approx(rate)
 
 
 def test_a_controller_publishing_faster_than_the_state_is_named():
@@ -278,9 +278,9 @@ def test_a_robot_that_dies_before_it_greets_is_gone(run_folder):
 def test_a_request_has_parameters_and_an_answer(robot, client):
     assert client.ask(SdoRead(node="a", index=7)) == SdoData(b"\0\7")
     assert client.ask(GetDescription()) == Description("<robot/>")
-    asked = {"node": "a", "index": 7, "subindex": 0, "block": False, "timeout": None, "session": None}
+    requested = {"node": "a", "index": 7, "subindex": 0, "block": False, "timeout": None, "session": None}
     assert robot.seen == [
-        {"id": 1, "method": "sdo_read", "params": asked},
+        {"id": 1, "method": "sdo_read", "params": requested},
         {"id": 2, "method": "description", "params": {}},
     ]
 
@@ -402,8 +402,8 @@ def test_many_threads_share_one_connection(client):
     wrong = []
 
     def ask(number):
-        asked = [100 * number + step for step in range(50)]
-        wrong.extend(each for each in asked if read(client, each) != each)
+        requested = [100 * number + step for step in range(50)]
+        wrong.extend(item for item in requested if read(client, item) != item)
 
     def listen_to_events():
         received.extend(event.time for event in client.messages(0.5))
@@ -439,13 +439,13 @@ def test_a_call_is_answered_while_another_thread_reads(client):
 
 
 def test_a_death_is_reported_to_every_thread_that_waits(robot, client):
-    told = []
+    reports = []
 
     def wait():
         try:
             client.ask(GetStatus())
         except RemoteError as error:
-            told.append(error)
+            reports.append(error)
 
     threads = [threading.Thread(target=wait) for _ in range(4)]
     for thread in threads:
@@ -454,8 +454,8 @@ def test_a_death_is_reported_to_every_thread_that_waits(robot, client):
     robot.on_loop(robot.server.close)
     for thread in threads:
         thread.join(60)
-    assert [error.kind for error in told] == ["BusClosed"] * 4
-    assert len(set(map(id, told))) == 4
+    assert [error.kind for error in reports] == ["BusClosed"] * 4
+    assert len(set(map(id, reports))) == 4
 
 
 def test_closing_twice_is_fine_and_a_closed_client_reports_this(client):
@@ -476,8 +476,8 @@ def test_a_long_object_goes_in_pieces(robot, client):
         robot.answers[method] = lambda connection, request: {"result": {}}
     data = bytes(range(250)) * 200
     client.sdo_write(SdoWrite(node="3", index=0x2000, data=data, timeout=2.0), 5.0)
-    assert [each["method"] for each in robot.seen] == ["sdo_data", "sdo_data", "sdo_write"]
-    assert b"".join(b64decode(each["params"]["data"]) for each in robot.seen) == data
+    assert [item["method"] for item in robot.seen] == ["sdo_data", "sdo_data", "sdo_write"]
+    assert b"".join(b64decode(item["params"]["data"]) for item in robot.seen) == data
     assert (robot.seen[2]["params"]["index"], robot.seen[2]["params"]["timeout"]) == (0x2000, 2.0)
 
 
@@ -485,9 +485,9 @@ def test_a_long_trajectory_goes_in_pieces(robot, client):
     robot.answers["trajectory_data"] = lambda connection, request: {"result": {}}
     points = [TrajectoryPoint(positions=[0.0] * 5, time_from_start=float(number)) for number in range(250)]
     rest = client.send_points(points)
-    sent = [each["time_from_start"] for request in robot.seen for each in request["params"]["points"]]
+    sent = [item["time_from_start"] for request in robot.seen for item in request["params"]["points"]]
     assert [len(request["params"]["points"]) for request in robot.seen] == [100, 100]
-    assert sent + [each.time_from_start for each in rest] == [float(number) for number in range(250)]
+    assert sent + [item.time_from_start for item in rest] == [float(number) for number in range(250)]
     assert client.send_points([]) == []
 
 
@@ -496,6 +496,6 @@ def test_heartbeats_come_on_their_own_while_the_end_of_a_trajectory_is_awaited(r
     robot.answers["trajectory_heartbeat"] = lambda connection, request: {"result": {}}
     with client.heartbeats():
         assert eventually(lambda: len(robot.seen) >= 3)
-    assert {each["method"] for each in robot.seen} == {"trajectory_heartbeat"}
-    assert all("id" not in each for each in robot.seen)
+    assert {item["method"] for item in robot.seen} == {"trajectory_heartbeat"}
+    assert all("id" not in item for item in robot.seen)
     assert "heartbeats" not in [thread.name for thread in threading.enumerate()]

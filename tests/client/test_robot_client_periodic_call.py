@@ -1,4 +1,4 @@
-"""Calls at an interval on a thread: they begin after one period, and none runs after the context."""
+"""Periodic calls on a thread: the first after one period, and none after the context."""
 
 import threading
 import time

@@ -183,8 +183,8 @@ def test_bytes_are_keys(data, expected):
 def test_any_split_gives_the_same_keys(pieces):
     whole, split = KeyDecoder(), KeyDecoder()
     expected = whole.feed(b"".join(pieces), 0) + whole.tick(10**9)
-    found = [key for piece in pieces for key in split.feed(piece, 0)] + split.tick(10**9)
-    assert found == expected
+    result = [key for piece in pieces for key in split.feed(piece, 0)] + split.tick(10**9)
+    assert result == expected
 
 
 def test_a_lone_escape_is_a_key_after_a_moment():

@@ -27,7 +27,7 @@ def read(tmp_path, text):
 def test_times_are_seconds_or_a_duration(tmp_path):
     joints, points = read(tmp_path, WAVE)
     assert joints == ["a", "b"]
-    assert [each.time_from_start for each in points] == [0.5, 1.5]
+    assert [point.time_from_start for point in points] == [0.5, 1.5]
     assert points[0].positions == [0.0, 1.0]
     assert points[1].velocities == [0.0, 0.0]
 
@@ -102,8 +102,8 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path):
 
 def test_waypoints_rest_at_each_and_come_a_step_apart():
     points = read_waypoints("0.4, -0.3; 0 0", 2, 1.5)
-    assert [(each.positions, each.time_from_start) for each in points] == [([0.4, -0.3], 1.5), ([0.0, 0.0], 3.0)]
-    assert all(each.velocities == each.accelerations == [0.0, 0.0] for each in points)
+    assert [(point.positions, point.time_from_start) for point in points] == [([0.4, -0.3], 1.5), ([0.0, 0.0], 3.0)]
+    assert all(point.velocities == point.accelerations == [0.0, 0.0] for point in points)
 
 
 @pytest.mark.parametrize("text", ["", "0.1", "0.1 fast", "0.1 nan", "0.1 0.2;", "0.1 0.2; 1 2 3", "1e99 0"])

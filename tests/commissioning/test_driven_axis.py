@@ -37,8 +37,8 @@ def controller(name, topic=None, *, active=True, joint="wheel"):
 
 
 def test_a_drive_that_takes_targets_by_itself_is_moved_through_its_robot():
-    found = drive_of_robot(robot(controller("wheel", "target")), "2", 0, "PV")
-    assert (found.robot, found.node, found.joint, found.controller, found.mode) == (
+    result = drive_of_robot(robot(controller("wheel", "target")), "2", 0, "PV")
+    assert (result.robot, result.node, result.joint, result.controller, result.mode) == (
         "robby",
         "left",
         "wheel",
@@ -83,7 +83,7 @@ def test_the_current_is_read_where_the_drive_reports_it_and_else_its_torque():
     for _ in range(2):
         current._read_ns = -(10**12)
         current.ask(client)
-    assert [each.index for each in client.asked] == [index for index, _ in CURRENTS]
+    assert [item.index for item in client.asked] == [index for index, _ in CURRENTS]
     assert current.value == -50.0
 
 

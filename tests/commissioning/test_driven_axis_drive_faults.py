@@ -12,8 +12,8 @@ FAULT, ENABLED, OFF = (word.to_bytes(2, "little") for word in (0x0218, 0x0237, 0
 
 
 def session(statusword, **objects):
-    found = {(0x6041, 0): statusword, **{(int(name[1:], 16), 0): data for name, data in objects.items()}}
-    return NodeSession(NodeStub(found), 5, OD)
+    result = {(0x6041, 0): statusword, **{(int(name[1:], 16), 0): data for name, data in objects.items()}}
+    return NodeSession(NodeStub(result), 5, OD)
 
 
 def test_a_drive_without_a_fault_has_nothing_to_report():
@@ -42,9 +42,9 @@ def test_a_drive_enabled_by_another_master_is_not_free(word, free):
 
 def test_the_error_history_is_reported_newest_first():
     held = {(0x1003, 0): b"\2", (0x1003, 1): (0x00012310).to_bytes(4, "little"), (0x1003, 2): b"\x10\x81\0\0"}
-    found = error_history(NodeSession(NodeStub(held), 5, None))
-    assert [each[:6] for each in found] == ["0x2310", "0x8110"]
-    assert found[0].endswith(", additional information 0x0001")
+    result = error_history(NodeSession(NodeStub(held), 5, None))
+    assert [item[:6] for item in result] == ["0x2310", "0x8110"]
+    assert result[0].endswith(", additional information 0x0001")
     assert error_history(NodeSession(NodeStub({(0x1003, 0): b"\0"}), 5, None)) == []
     with pytest.raises(ConfigError, match=r"node 5 has no error history \(0x1003\)"):
         error_history(NodeSession(NodeStub({}), 5, None))

@@ -52,9 +52,9 @@ def test_a_file_without_a_product_code_matches_no_device(tmp_path):
 )
 def test_vendor_and_product_decide_and_the_revision_chooses(revision, best, remark):
     files = [known("a", 3), known("b", 7), known("c", 7, vendor=9), known("d", 7, product=9)]
-    found, said = match_eds(DeviceIdentity(vendor_id=1, product_code=2, revision_number=revision), files)
-    assert found.path == best
-    assert said == remark or (remark == "for" and said.startswith("for"))
+    result, text = match_eds(DeviceIdentity(vendor_id=1, product_code=2, revision_number=revision), files)
+    assert result.path == best
+    assert text == remark or (remark == "for" and text.startswith("for"))
 
 
 def test_another_device_fits_to_no_file():

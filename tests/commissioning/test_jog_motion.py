@@ -164,8 +164,8 @@ def test_a_shaft_that_turns_is_one():
 )
 def test_a_shaft_that_stays_where_it_is_reported(kind, value, seconds, places):
     motion = jog(kind, value, seconds)
-    for each in places:
-        at(motion, each)
+    for place in places:
+        at(motion, place)
     motion.tick(2000 * MS)
     assert motion.nothing_turned(COUNT).startswith("the shaft did not turn although a motion was commanded")
 

@@ -33,9 +33,9 @@ def test_an_eds_is_read_once_and_one_that_cannot_be_read_is_reported(tmp_path):
     path = tmp_path / "a.eds"
     path.write_bytes(data_path("eds", "TMCM-1270.eds").read_bytes())
     place = NodeObjects("robby", NodePlace(name="left", node_id=3, eds=str(path)), "view")
-    found = place.dictionary()
+    result = place.dictionary()
     path.unlink()
-    assert place.dictionary() is found
+    assert place.dictionary() is result
     gone = NodeObjects("robby", NodePlace(name="left", node_id=3, eds=str(path)), "view")
     with pytest.raises((EdsError, ConfigError)):
         gone.dictionary()
@@ -117,17 +117,17 @@ def test_what_was_written_is_read_next(bench):
 
 def test_a_silent_node_is_left_alone_for_a_while_and_the_other_continues(bench):
     dead, alive = bench.desk(), bench.desk(name="right_drive")
-    asked = []
+    requests = []
 
     def silent(index, subindex, *, block=False):
-        asked.append(index)
+        requests.append(index)
         raise SdoTimeout(3, index, subindex, 0.5)
 
     dead.stub.read = silent
     bench.watch("1", dead, STATUS, SPEED)
     bench.watch("2", alive, STATUS)
     bench.reader.run()
-    assert len(asked) == 1
+    assert len(requests) == 1
     assert "no answer" in dead.lost
     assert len(alive.stub.reads) > 40
     assert alive.lost == ""

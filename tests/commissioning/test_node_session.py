@@ -53,7 +53,7 @@ def test_objects_are_read_and_written_through_the_robot():
 def test_what_is_long_goes_in_pieces_and_what_is_too_long_not_at_all():
     robot = fake_robot()
     RobotTransfers(robot, 3).write(0x2000, 0, bytes(60_000))
-    assert [type(each) for each in robot.asked] == [SdoPiece, SdoPiece, SdoWrite]
+    assert [type(item) for item in robot.asked] == [SdoPiece, SdoPiece, SdoWrite]
     with pytest.raises(ConfigError, match="400001 bytes are more than the 400000 that a running robot can transfer"):
         RobotTransfers(robot, 3).write(0x2000, 0, bytes(MAX_OBJECT + 1))
 

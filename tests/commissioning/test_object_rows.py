@@ -51,7 +51,7 @@ def test_text_becomes_the_bytes_of_its_type(text, data_type, data):
 
 
 @pytest.mark.parametrize(
-    ("text", "data_type", "said"),
+    ("text", "data_type", "message"),
     [
         ("300", DataType.INTEGER8, "300 is not a valid INTEGER8: the range is -128 to 127"),
         ("0x1FF", DataType.INTEGER8, "511 is not a valid INTEGER8"),
@@ -63,8 +63,8 @@ def test_text_becomes_the_bytes_of_its_type(text, data_type, data):
         ("1e99", F32, "too large for REAL32"),
     ],
 )
-def test_what_the_type_cannot_hold_is_refused_in_words(text, data_type, said):
-    with pytest.raises(ConfigError, match=said):
+def test_what_the_type_cannot_hold_is_refused_in_words(text, data_type, message):
+    with pytest.raises(ConfigError, match=message):
         parse_value(text, data_type)
 
 
@@ -131,7 +131,7 @@ def test_a_count_of_subindices_has_none():
     od = replace(OD, entries=dict(OD.entries))
     for subindex in (0, 1):
         od.add(Entry(objects.SOFTWARE_POSITION_LIMIT, subindex, "x", DataType.INTEGER32))
-    assert [unit_of(od, objects.SOFTWARE_POSITION_LIMIT, each) for each in (0, 1)] == ["", "counts"]
+    assert [unit_of(od, objects.SOFTWARE_POSITION_LIMIT, value) for value in (0, 1)] == ["", "counts"]
 
 
 def test_the_drive_reports_that_its_velocities_are_revolutions():
@@ -148,7 +148,7 @@ def addresses(*words):
 
 
 @pytest.mark.parametrize(
-    ("words", "found"),
+    ("words", "result"),
     [
         (["0x6081"], [(0x6081, 0)]),
         (["6081", "0x1018:2"], [(0x1018, 2), (0x6081, 0)]),
@@ -158,13 +158,13 @@ def addresses(*words):
         (["identity*revision*"], [(0x1018, 3)]),
     ],
 )
-def test_objects_are_meant_by_address_pattern_or_name(words, found):
-    assert addresses(*words) == found
+def test_objects_are_meant_by_address_pattern_or_name(words, result):
+    assert addresses(*words) == result
 
 
 def test_without_a_word_all_are_meant_by_address():
     assert addresses() == sorted(OD.entries)
-    assert set(addresses("0x60*")) == {each for each in OD.entries if each[0] >> 8 == 0x60}
+    assert set(addresses("0x60*")) == {item for item in OD.entries if item[0] >> 8 == 0x60}
 
 
 @pytest.mark.parametrize("word", ["0x6FFF", "0x1018:99", "nosuch", "zz*", ""])
@@ -207,7 +207,7 @@ def test_reading_everything_omits_objects_that_cannot_or_must_not_be_read(object
 
 
 def on(bits):
-    return [each.name for each in bits if each.on]
+    return [bit.name for bit in bits if bit.on]
 
 
 def test_a_statusword_has_the_bits_of_its_mode():
@@ -239,7 +239,7 @@ HELD = {(0x6041, 0): 0x0250, (0x1017, 0): 1600, (0x1A00, 1): 0x60410010}
 
 
 def rows(*addresses):
-    return rows_of(OD, [LiveObject(OD[each], HELD[each]) for each in addresses], 5)
+    return rows_of(OD, [LiveObject(OD[address], HELD[address]) for address in addresses], 5)
 
 
 def test_a_value_comes_with_its_unit_its_meaning_and_whether_it_is_the_default():

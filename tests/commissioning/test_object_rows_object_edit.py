@@ -36,7 +36,7 @@ def test_a_value_that_the_object_cannot_take_is_refused_before_anything_is_sent(
 
 def test_a_number_may_be_written_in_each_way():
     entry = Entry(0x2000, 0, "gain", DataType.INTEGER16)
-    assert [parsed_value(entry, each) for each in ("10", " 0x0A ", "0xFFFF", "-1")] == [10, 10, -1, -1]
+    assert [parsed_value(entry, name) for name in ("10", " 0x0A ", "0xFFFF", "-1")] == [10, 10, -1, -1]
     assert parsed_value(Entry(0x2000, 0, "gain", DataType.REAL32), "0.5") == 0.5
     with pytest.raises(ConfigError, match=r"accepts at most 1\.0, not nan"):
         parsed_value(Entry(0x2000, 0, "gain", DataType.REAL32, high=1.0), "nan")

@@ -36,16 +36,16 @@ def work():
 def file_of(session, **changes):
     done = work()
     run_backup(session, done, Reached())
-    found = parse_backup(done.file[1], "left.dcf")
-    return replace(found, values=found.values | {(int(name[1:5], 16), 0): value for name, value in changes.items()})
+    backup = parse_backup(done.file[1], "left.dcf")
+    return replace(backup, values=backup.values | {(int(name[1:5], 16), 0): value for name, value in changes.items()})
 
 
 def test_a_backup_is_a_file_that_can_be_read_again():
     done = work()
-    said = run_backup(session_with(OD, robot="robby"), done, Reached())
+    backup = run_backup(session_with(OD, robot="robby"), done, Reached())
     name, data = done.file
     assert name == "node5.dcf"
-    assert said == f"node 5: {len(parse_backup(data, name).values)} parameters to node5.dcf"
+    assert backup == f"node 5: {len(parse_backup(data, name).values)} parameters to node5.dcf"
     assert done.done == done.total
 
 
@@ -55,26 +55,26 @@ def test_a_file_and_a_node_are_compared():
     assert run_diff(session, done, file).endswith("parameters, equal")
     assert done.table == []
     session.write_value(OD[SPEED], 777)
-    said = run_diff(session, done, file)
-    assert said.startswith("left.dcf and node 5: 1 of ")
+    diff = run_diff(session, done, file)
+    assert diff.startswith("left.dcf and node 5: 1 of ")
     assert done.table == [("0x6081:00", "Profile velocity", "0", "777")]
 
 
 def test_a_file_is_restored_and_what_stays_is_reported():
     session, done = taken_out(), work()
-    said = run_restore(session, done, file_of(session, s6081=9, s2705=7), RestoreOptions(store=True))
-    assert said.endswith("1 written; stored")
+    restore = run_restore(session, done, file_of(session, s6081=9, s2705=7), RestoreOptions(store=True))
+    assert restore.endswith("1 written; stored")
     assert session.read_value(OD[SPEED]) == 9
-    assert any(each.startswith("not written: 0x2705:00") for each in done.lines)
+    assert any(line.startswith("not written: 0x2705:00") for line in done.lines)
 
 
 def test_what_the_drive_refuses_is_reported_and_undone():
     session, done = taken_out(), work()
     session.transfers.device.store.ceilings.inject({0x6083: 1})
-    said = run_restore(session, done, file_of(session, s6081=9, s6083=5000), RestoreOptions())
-    assert said.endswith("1 parameters refused; the drive is unchanged")
+    restore = run_restore(session, done, file_of(session, s6081=9, s6083=5000), RestoreOptions())
+    assert restore.endswith("1 parameters refused; the drive is unchanged")
     assert done.failed
-    assert any(each.startswith("refused: 0x6083:00") for each in done.lines)
+    assert any(line.startswith("refused: 0x6083:00") for line in done.lines)
     assert session.read_value(OD[SPEED]) == 0
 
 
@@ -122,8 +122,8 @@ def test_a_node_is_cloned_from_another():
     source = session_with(OD, 6, robot="robby", serial=7)
     source.write_value(source.dictionary[SPEED], 1234)
     session, done = taken_out(serial=8), work()
-    said = run_clone(session, done, nullcontext(source), RestoreOptions())
-    assert said.startswith("node 5: ")
+    clone = run_clone(session, done, nullcontext(source), RestoreOptions())
+    assert clone.startswith("node 5: ")
     assert session.read_value(OD[SPEED]) == 1234
     assert done.doing == "writing node 5"
     assert (done.document.source, done.document.node_id, done.document.written) == ("node 6", 5, 1)

@@ -45,11 +45,11 @@ def node(**changes):
 
 
 def test_parameters_are_read_twice_and_progress_is_reported():
-    session, told = node(s6081=b"\x40\x06\0\0"), []
-    found, left_out = read_parameters(session, progress=lambda done, of: told.append((done, of)))
-    assert (found.values[0x6081, 0], left_out) == (1600, [])
+    session, reported = node(s6081=b"\x40\x06\0\0"), []
+    result, left_out = read_parameters(session, progress=lambda done, of: reported.append((done, of)))
+    assert (result.values[0x6081, 0], left_out) == (1600, [])
     assert session.transfers.reads.count((0x6081, 0)) == 2
-    assert told[-1] == (len(told), told[0][1])
+    assert reported[-1] == (len(reported), reported[0][1])
     assert session.transfers.written == []
 
 
@@ -63,9 +63,9 @@ def test_what_differs_between_two_readings_is_left_out():
         return next(counter).to_bytes(4, "little") if index == 0x6081 else data
 
     session.transfers.read = read
-    found, left_out = read_parameters(session)
-    assert (0x6081, 0) not in found.values
-    assert [str(each) for each in left_out] == [
+    result, left_out = read_parameters(session)
+    assert (0x6081, 0) not in result.values
+    assert [str(item) for item in left_out] == [
         "0x6081:00 Profile velocity: two readings differed, so the object is not a parameter"
     ]
 
@@ -73,9 +73,9 @@ def test_what_differs_between_two_readings_is_left_out():
 def test_what_the_node_refuses_or_answers_in_another_length_is_left_out_with_the_reason():
     session = node(s6083=b"\1")
     del session.transfers.objects[0x6081, 0]
-    found, left_out = read_parameters(session)
-    assert {(0x6081, 0), (0x6083, 0)}.isdisjoint(found.values)
-    assert [(each.entry.index, each.why.split(",")[0][:16]) for each in left_out] == [
+    result, left_out = read_parameters(session)
+    assert {(0x6081, 0), (0x6083, 0)}.isdisjoint(result.values)
+    assert [(item.entry.index, item.why.split(",")[0][:16]) for item in left_out] == [
         (0x6081, "abort 0x06020000"),
         (0x6083, "node 5: 0x6083:0"),
     ]
@@ -99,25 +99,25 @@ OD = read_eds(data_path("eds", "TMCM-1270.eds")).od
 
 
 def side(node_id, **values):
-    found = {(int(name[1:5], 16), int(name[6:8], 16)): value for name, value in values.items()}
-    return ParameterSet(OD.for_node(node_id), node_id, DeviceIdentity(), found, f"node {node_id}")
+    result = {(int(name[1:5], 16), int(name[6:8], 16)): value for name, value in values.items()}
+    return ParameterSet(OD.for_node(node_id), node_id, DeviceIdentity(), result, f"node {node_id}")
 
 
 def test_what_follows_the_node_id_is_compared_without_it():
     a = side(5, s1800_01=0x40000185)
     assert [*differences(a, side(6, s1800_01=0x40000186))] == []
-    (found,) = differences(a, side(6, s1800_01=0x40000185))
-    assert (found.a, found.b) == ("$NODEID+0x40000180", "0x40000185")
+    (result,) = differences(a, side(6, s1800_01=0x40000185))
+    assert (result.a, result.b) == ("$NODEID+0x40000180", "0x40000185")
 
 
 def test_a_difference_has_name_and_both_values():
-    (found,) = differences(side(5, s6081_00=3), side(5, s6081_00=4))
-    assert found == DifferentParameter(0x6081, 0, "Profile velocity", "3", "4")
+    (result,) = differences(side(5, s6081_00=3), side(5, s6081_00=4))
+    assert result == DifferentParameter(0x6081, 0, "Profile velocity", "3", "4")
 
 
 def test_what_one_side_lacks_differs_unless_it_is_skipped():
-    (found,) = differences(side(5, s6081_00=3), side(5))
-    assert (found.a, found.b) == ("3", None)
+    (result,) = differences(side(5, s6081_00=3), side(5))
+    assert (result.a, result.b) == ("3", None)
 
 
 def test_mappings_are_shown_as_a_dcf_writes_them():
@@ -217,9 +217,9 @@ def test_a_backup_is_a_dcf_that_a_master_downloads(tmp_path):
 def test_every_manufacturers_shape_returns(tmp_path, name):
     od = (SHAPES | MAKERS)[name][0]()
     backup = parameters(od=od)
-    found = read_backup(written(tmp_path, backup))
-    assert [*differences(backup, found)] == []
-    assert found.values.keys() == backup.values.keys()
+    result = read_backup(written(tmp_path, backup))
+    assert [*differences(backup, result)] == []
+    assert result.values.keys() == backup.values.keys()
 
 
 def with_text(value):
@@ -242,8 +242,8 @@ def test_any_value_returns(data_type, data):
     value = data.draw(st.integers(data_type.minimum, data_type.maximum))
     od = ObjectDictionary(node_id=5)
     od.add(Entry(0x2100, 0, "value", data_type))
-    found = parse_eds(backup_text(ParameterSet(od, 5, IDENTITY, {(0x2100, 0): value}, "node 5")).encode(), 5).od
-    assert found[0x2100, 0].parameter_value == value
+    result = parse_eds(backup_text(ParameterSet(od, 5, IDENTITY, {(0x2100, 0): value}, "node 5")).encode(), 5).od
+    assert result[0x2100, 0].parameter_value == value
 
 
 def test_an_eds_and_a_dcf_without_parameters_are_refused(tmp_path):
@@ -257,8 +257,8 @@ def test_an_eds_and_a_dcf_without_parameters_are_refused(tmp_path):
 def test_a_dcf_of_another_tool_has_the_identity_of_its_objects(tmp_path):
     path = written(tmp_path, parameters())
     path.write_text(path.read_text().replace("[Backup]", "[Unknown]"))
-    found = read_backup(path)
-    assert (found.identity.vendor_id, found.identity.product_code, found.date) == (0x286, 0x4F6, "")
+    backup = read_backup(path)
+    assert (backup.identity.vendor_id, backup.identity.product_code, backup.date) == (0x286, 0x4F6, "")
 
 
 def test_what_moves_is_not_taken_from_a_file(tmp_path):

@@ -366,8 +366,8 @@ def test_a_date_is_compared_as_far_as_commanded():
     assert (str(noon), str(ProgramDate(day))) == ("2025-01-25 12:00:00", "2025-01-25")
     assert ProgramDate(day).fits(noon)
     assert noon.fits(noon)
-    for wanted in (ProgramDate(day, 0), ProgramDate(day.replace(day=26))):
-        assert not wanted.fits(noon)
+    for expected in (ProgramDate(day, 0), ProgramDate(day.replace(day=26))):
+        assert not expected.fits(noon)
     assert not noon.fits(None)
 
 
@@ -381,11 +381,11 @@ def test_any_number_is_a_date_or_none(days, milliseconds):
             return DownloadAnswer(parts[order.subindex].to_bytes(4, "little"))
         return None
 
-    told = Bench().run(disturb=disturb).new_date
-    assert (told is None) == (days == 0 or days > 0xFFFF)
-    if told is not None:
-        assert (told.day - datetime.date(1984, 1, 1)).days == days
-        assert told.milliseconds == (milliseconds if milliseconds < 86_400_000 else None)
+    reported = Bench().run(disturb=disturb).new_date
+    assert (reported is None) == (days == 0 or days > 0xFFFF)
+    if reported is not None:
+        assert (reported.day - datetime.date(1984, 1, 1)).days == days
+        assert reported.milliseconds == (milliseconds if milliseconds < 86_400_000 else None)
 
 
 def test_an_erasing_node_is_awaited_and_a_resetting_one_is_polled_again_soon():

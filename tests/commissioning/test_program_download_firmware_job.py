@@ -1,4 +1,4 @@
-"""The firmware job: what is checked before, what its user sees meanwhile, and the sentence at its end."""
+"""The firmware job: checks before the download, progress, and the final sentence."""
 
 import threading
 
@@ -47,8 +47,8 @@ def test_the_program_before_and_after_is_reported_with_what_was_noted(session, s
 
     steps.append(run)
     done = work()
-    said = load_program(session, done, NEW, ProgramOptions(2))
-    assert said == f"node 5: program 2 of {len(NEW)} bytes runs: unknown -> 0x00001A2B"
+    program = load_program(session, done, NEW, ProgramOptions(2))
+    assert program == f"node 5: program 2 of {len(NEW)} bytes runs: unknown -> 0x00001A2B"
     assert done.lines == ["node 5: started again: CRC error"]
 
 
@@ -87,14 +87,14 @@ def test_a_node_that_the_robot_controls_an_enabled_one_and_a_stranger_are_refuse
 def test_step_and_bytes_are_followed(session, steps, monkeypatch):
     monkeypatch.setattr(program_download, "_REPORT_S", 0.001)
     session.transfers.progress = lambda: (700, None)
-    done, seen, turn = work(), [], threading.Event()
+    done, observed, turn = work(), [], threading.Event()
 
     def wait_for(done_bytes):
         for _ in range(4000):
             if done.done == done_bytes and done.doing:
                 break
             turn.wait(0.002)
-        seen.append((done.doing, done.done, done.total))
+        observed.append((done.doing, done.done, done.total))
 
     def send(progress):
         progress.step = DownloadStep.SENDING
@@ -106,4 +106,4 @@ def test_step_and_bytes_are_followed(session, steps, monkeypatch):
 
     steps += [send, check]
     load_program(session, done, NEW, ProgramOptions())
-    assert seen == [("sending", 700, len(NEW)), ("waiting for the flash", 0, None)]
+    assert observed == [("sending", 700, len(NEW)), ("waiting for the flash", 0, None)]

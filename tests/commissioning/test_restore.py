@@ -41,8 +41,8 @@ def order(wanted, held=HELD):
 
 
 def test_resolution_comes_before_values_and_the_mode_last():
-    wanted = {(0x6060, 0): 3, (0x6081, 0): 7, (0x2000, 0): 4, (0x607D, 2): 9, (0x1017, 0): 100, (0x2003, 0): 1}
-    assert order(wanted) == [(0x1017, 0), (0x2000, 0), (0x2003, 0), (0x607D, 2), (0x6081, 0), (0x6060, 0)]
+    expected = {(0x6060, 0): 3, (0x6081, 0): 7, (0x2000, 0): 4, (0x607D, 2): 9, (0x1017, 0): 100, (0x2003, 0): 1}
+    assert order(expected) == [(0x1017, 0), (0x2000, 0), (0x2003, 0), (0x607D, 2), (0x6081, 0), (0x6060, 0)]
 
 
 def test_a_pdo_is_invalid_while_it_is_changed_and_mapped_as_a_whole():
@@ -76,7 +76,7 @@ def test_every_value_that_differs_is_written_once(shift):
 
 @given(st.lists(st.sampled_from([address for address in HELD if 0x1400 <= address[0] < 0x1C00]), max_size=6))
 def test_a_count_is_never_above_0_while_an_entry_is_written(addresses):
-    wanted = {
+    expected = {
         **HELD,
         **{address: 0 if address[1] == 0 else 0x60640020 for address in addresses if address[0] >= 0x1A00},
     }
@@ -86,7 +86,7 @@ def test_a_count_is_never_above_0_while_an_entry_is_written(addresses):
         for (index, sub), value in HELD.items()
         if sub == 1 and index in range(0x1800, 0x1A00)
     }
-    for group in restore_groups(OD_OF_ORDER, wanted, HELD):
+    for group in restore_groups(OD_OF_ORDER, expected, HELD):
         for write in group.writes:
             (index, sub), value = write.address, int.from_bytes(write.data, "little")
             if 0x1800 <= index < 0x1A00 and sub == 1:
@@ -109,11 +109,11 @@ def kept(od=OD, channel="can0"):
 
 def test_another_process_finds_what_was_kept(private_folders):
     kept().keep(OD, GAINS)
-    found = kept()
-    assert found.read() == GAINS
-    found.forget()
+    result = kept()
+    assert result.read() == GAINS
+    result.forget()
     assert kept().read() == {}
-    found.forget()
+    result.forget()
 
 
 def test_a_folder_that_cannot_be_written_is_reported(private_folders):
@@ -182,7 +182,7 @@ def test_a_refusal_puts_everything_back():
     one, good = restore(session, {**before, **CHANGES, (0x6084, 0): 9})
     assert not good
     assert one.undone
-    assert [str(each) for each in one.refused] == [
+    assert [str(item) for item in one.refused] == [
         "0x6084:00 Profile deceleration: abort 0x08000022 (data cannot be transferred or stored to the application "
         "because of the present device state)"
     ]
@@ -210,7 +210,7 @@ def test_a_value_that_the_drive_cuts_counts_as_refused():
     before = held_by(session).values
     session.transfers.device.store.ceilings.inject({0x6081: 1000})
     one, _ = restore(session, {**before, **CHANGES})
-    assert [str(each) for each in one.refused] == [
+    assert [str(item) for item in one.refused] == [
         "0x6081:00 Profile velocity: 1600 was written, but the drive reports 1000"
     ]
     assert one.undone
@@ -235,9 +235,9 @@ def test_what_depends_on_a_later_object_is_tried_again():
 
 def test_what_the_drive_does_not_have_is_refused_before_anything_is_written():
     session = session_with(TMCM)
-    wanted = {**held_by(session).values, **CHANGES}
+    expected = {**held_by(session).values, **CHANGES}
     session.transfers.lacking.add((0x6084, 0))
-    one, good = restore(session, wanted)
+    one, good = restore(session, expected)
     assert not good
     assert one.undone
     assert "0x6084:00" in str(one.refused[0])

@@ -26,9 +26,9 @@ def restored(session, file, **options):
 
 
 def backup(serial=None, **changes):
-    found = read_parameters(session_with(TMCM, serial=serial), twice=False)[0]
+    result = read_parameters(session_with(TMCM, serial=serial), twice=False)[0]
     values = {(int(name[1:5], 16), 0): value for name, value in changes.items()}
-    return replace(found, values={**found.values, **values}, where="left.dcf")
+    return replace(result, values={**result.values, **values}, where="left.dcf")
 
 
 def test_a_node_is_pre_operational_meanwhile_and_as_it_was_afterwards():
@@ -65,8 +65,8 @@ def test_globs_fit_addresses_and_names():
     addresses = [(0x6081, 0), (0x607D, 1), (0x2705, 0), (0x2003, 0)]
 
     def fitting(*globs):
-        found = protected(TMCM, iter(addresses), list(globs), same_device=True)
-        return {address for address, why in found.items() if why.startswith("--protect")}
+        result = protected(TMCM, iter(addresses), list(globs), same_device=True)
+        return {address for address, why in result.items() if why.startswith("--protect")}
 
     assert fitting("0x607D:01") == {(0x607D, 1)}
     assert fitting("0X20*", "PROFILE*") == {(0x2003, 0), (0x6081, 0)}

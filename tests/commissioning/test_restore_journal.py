@@ -35,8 +35,8 @@ def arguments(**changes):
 
 
 def backup(values=WANTED, **changes):
-    found = read_parameters(session_with(TMCM, serial=7), twice=False)[0]
-    return replace(found, values={**found.values, **values}, where="left.dcf", **changes)
+    result = read_parameters(session_with(TMCM, serial=7), twice=False)[0]
+    return replace(result, values={**result.values, **values}, where="left.dcf", **changes)
 
 
 def journals():
@@ -59,10 +59,10 @@ def interrupted(after=1, values=WANTED):
 
 
 def test_the_same_command_continues_and_reports_what_it_found(capsys):
-    session, _, said = interrupted()
+    session, _, text = interrupted()
     (journal,) = journals()
     undo = f"`canopen-control restore {journal} 5 --can can0` restores the previous values"
-    assert said.endswith(undo)
+    assert text.endswith(undo)
     assert restored(session, backup(), arguments()) == 0
     assert f"was interrupted: repeat the command to continue it; {undo}" in capsys.readouterr().err
     assert held(session) == WANTED
@@ -91,16 +91,16 @@ def test_a_refusal_that_is_undone_leaves_the_journal_of_before_alone():
 
 def test_it_is_there_before_the_first_value_is_written_and_holds_what_was():
     session = session_with(TMCM, serial=7)
-    before, write, seen = held(session), session.transfers.write, []
+    before, write, observed = held(session), session.transfers.write, []
 
     def look(index, subindex, data):
         (journal,) = journals()
-        seen.append({address: read_backup(journal).values[address] for address in WANTED})
+        observed.append({address: read_backup(journal).values[address] for address in WANTED})
         write(index, subindex, data)
 
     session.transfers.write = look
     assert restored(session, backup(), arguments()) == 0
-    assert seen == [before] * 3
+    assert observed == [before] * 3
 
 
 def test_nothing_is_written_where_it_cannot_be_kept():

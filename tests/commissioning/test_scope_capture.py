@@ -77,13 +77,13 @@ def pixels(data):
     image = pytest.importorskip("matplotlib.image")
     import io
 
-    found = image.imread(io.BytesIO(data))[:, :, :3]
+    result = image.imread(io.BytesIO(data))[:, :, :3]
 
     def count(red, green, blue):
-        near = abs(found - [red / 255, green / 255, blue / 255]).max(axis=2) < 0.2
+        near = abs(result - [red / 255, green / 255, blue / 255]).max(axis=2) < 0.2
         return int(near.sum())
 
-    return found.shape, count(0x1F, 0x77, 0xB4), count(0x9A, 0xA5, 0xB1), count(0x16, 0x32, 0x4F)
+    return result.shape, count(0x1F, 0x77, 0xB4), count(0x9A, 0xA5, 0xB1), count(0x16, 0x32, 0x4F)
 
 
 @pytest.mark.rest
@@ -118,7 +118,7 @@ def test_a_bag_has_a_topic_for_each_signal(tmp_path):
     both = Shot(tuple((time, (value[0], 2.0)) for time, value in SHOT.rows))
     write_bag(tmp_path / "shot", both, SIGNALS)
     with reader.Reader(tmp_path / "shot") as bag:
-        topics = {each.topic: each.msgcount for each in bag.connections}
+        topics = {connection.topic: connection.msgcount for connection in bag.connections}
     assert topics == {"/scope/node_5/o6064_00": 11, "/scope/wheel/velocity": 11}
 
 

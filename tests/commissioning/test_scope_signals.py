@@ -86,7 +86,7 @@ def test_what_tpdos_carry_comes_with_the_robots_time_and_only_the_rest_is_polled
     source = RobotSource(robot, values, {5: node}, 50.0)
     assert robot.asked[0].pdos
     assert next(source.samples(0.01)) == (900.0, (5.0, None))
-    assert [each.index for each in source.polled] == [0x606C]
+    assert [item.index for item in source.polled] == [0x606C]
     taken = [row for _ in range(10) for _, row in source.samples(0.1)]
     assert taken[-1] == (5.0, 9.0)
     assert set(node.transfers.reads) == {(0x606C, 0)}
@@ -148,7 +148,7 @@ def test_joints_of_a_robot_are_signals_too():
     assert joint_signal_of("5:0x6064") is None
     assert joint_signal_of(":velocity") is None
     values = SignalValues([signal_of("5:0x6064", NODE), speed, joint_signal_of("arm:position")])
-    assert (values.joints, [each.index for each in values.objects]) == (["wheel", "arm"], [0x6064])
+    assert (values.joints, [item.index for item in values.objects]) == (["wheel", "arm"], [0x6064])
     assert values.put_joints({"wheel": JointReading(velocity=2.5)})
     assert values.row == (None, 2.5, None)
     assert not SignalValues([signal_of("5:0x6064", NODE)]).put_joints({})

@@ -31,15 +31,15 @@ from canopen_control.od.eds import read_eds
 @pytest.mark.parametrize("delay", [0, 1, 2])
 def test_hidden_inertia_and_friction_are_found_within_three_per_cent(period, delay):
     end, record = pushed(loaded(), Prbs(150.0, 0.05, 8.0), period, delay)
-    found = identify_plant(
-        [each.command for each in record.samples], [each.velocity for each in record.samples], period
+    result = identify_plant(
+        [sample.command for sample in record.samples], [sample.velocity for sample in record.samples], period
     )
     assert end is JogEnd.OVER
-    assert found.inertia == pytest.approx(INERTIA, rel=0.03)
-    assert found.coulomb == pytest.approx(COULOMB, rel=0.03)
-    assert found.viscous == pytest.approx(VISCOUS, rel=0.03)
-    assert found.delay == pytest.approx((delay + 2) * period, abs=period / 2)
-    assert found.fit > 0.99
+    assert result.inertia == pytest.approx(INERTIA, rel=0.03)
+    assert result.coulomb == pytest.approx(COULOMB, rel=0.03)
+    assert result.viscous == pytest.approx(VISCOUS, rel=0.03)
+    assert result.delay == pytest.approx((delay + 2) * period, abs=period / 2)
+    assert result.fit > 0.99
 
 
 @pytest.mark.parametrize(
@@ -74,10 +74,10 @@ def test_an_ideal_axis_has_no_friction_below_zero(seed):
         torques.append(torque)
         speeds.append(round(speed * 50 + seed / 7) / 50)
         speed += 0.01 * torque / 20.0
-    found = identify_plant(torques, speeds, 0.01)
-    assert found.inertia == pytest.approx(20.0, rel=0.02)
-    assert 0.0 <= found.viscous < 0.5
-    assert 0.0 <= found.coulomb < 3.0
+    result = identify_plant(torques, speeds, 0.01)
+    assert result.inertia == pytest.approx(20.0, rel=0.02)
+    assert 0.0 <= result.viscous < 0.5
+    assert 0.0 <= result.coulomb < 3.0
 
 
 PLANT = PlantModel(2e-4, 1e-3, 0.02, 0.0, 0.0, 1.0)
@@ -88,9 +88,9 @@ PLANT = PlantModel(2e-4, 1e-3, 0.02, 0.0, 0.0, 1.0)
     [(10, 0.5e-3, 0.0106, 25e-3), (50, 0.5e-3, 0.058, 7.9e-3), (20, 2e-3, 0.024, 25e-3), (5, 10e-3, 0.0059, 83e-3)],
 )
 def test_gains_of_a_plant_whose_answer_is_known(hertz, delay, gain, reset):
-    found = design_velocity_loop(PLANT, hertz * math.tau, math.radians(60), delay)
-    assert found.velocity_p == pytest.approx(gain, rel=0.05)
-    assert found.reset == pytest.approx(reset, rel=0.1)
+    result = design_velocity_loop(PLANT, hertz * math.tau, math.radians(60), delay)
+    assert result.velocity_p == pytest.approx(gain, rel=0.05)
+    assert result.reset == pytest.approx(reset, rel=0.1)
 
 
 @pytest.mark.parametrize(("hertz", "delay"), [(50, 2e-3), (10, 10e-3)])
@@ -113,8 +113,10 @@ def test_what_was_designed_has_the_phase_margin_that_was_asked_for(inertia, visc
 
 def test_gains_of_an_identified_plant_reach_the_margin_on_the_true_one_within_three_degrees():
     _, record = pushed(loaded(), Prbs(150.0, 0.05, 8.0), 0.01, delay=1)
-    found = identify_plant([each.command for each in record.samples], [each.velocity for each in record.samples], 0.01)
-    gains = design_velocity_loop(found, 20 * math.tau, math.radians(60))
+    result = identify_plant(
+        [sample.command for sample in record.samples], [sample.velocity for sample in record.samples], 0.01
+    )
+    gains = design_velocity_loop(result, 20 * math.tau, math.radians(60))
     true = PlantModel(INERTIA, VISCOUS, COULOMB, 0.0, 0.0, 1.0)
     crossover, margin = phase_margin(true, gains)
     assert math.degrees(margin) == pytest.approx(60.0, abs=3.0)
@@ -153,10 +155,10 @@ def held(session):
 
 
 def test_a_gain_at_the_shaft_is_one_of_the_drives_own_units():
-    wanted = values()
-    assert wanted[P] * 1e-5 * PER_RAD == pytest.approx(5000.0, rel=1e-4)
-    assert wanted[TI] == pytest.approx(wanted[P] / 0.02, rel=1e-4)
-    assert (wanted[KV], wanted[FF]) == (15_700, 1000)
+    expected = values()
+    assert expected[P] * 1e-5 * PER_RAD == pytest.approx(5000.0, rel=1e-4)
+    assert expected[TI] == pytest.approx(expected[P] / 0.02, rel=1e-4)
+    assert (expected[KV], expected[FF]) == (15_700, 1000)
 
 
 @pytest.mark.parametrize("gain", [1e-12, 1e12])
@@ -171,7 +173,7 @@ def test_gains_are_set_and_taken_back():
     before = held(session)
     changes = set_gains(session, values(), kept)
     assert held(session) == list(values().values())
-    assert [str(each) for each in changes][2] == "0x60FB:01 Position loop proportional gain: 20000 -> 15700"
+    assert [str(change) for change in changes][2] == "0x60FB:01 Position loop proportional gain: 20000 -> 15700"
     revert_gains(session, kept)
     assert held(session) == before
     with pytest.raises(DriveError, match="no gains of this drive were set from this computer"):
@@ -182,17 +184,17 @@ def test_what_was_before_is_kept_before_anything_changes(monkeypatch):
     """A computer that dies in the middle leaves a drive whose gains can be taken back."""
     session, kept = session_with(OD), Kept()
     before = held(session)
-    seen = []
+    observed = []
     write = session.transfers.write
 
     def watched(*what):
-        seen.append(bool(kept.held))
+        observed.append(bool(kept.held))
         write(*what)
 
     monkeypatch.setattr(session.transfers, "write", watched)
     set_gains(session, values(), kept)
-    assert seen
-    assert all(seen)
+    assert observed
+    assert all(observed)
     revert_gains(session, kept)
     assert held(session) == before
 

@@ -1,4 +1,4 @@
-"""Tuning runs of a page on a drive in virtual time: what is found, what ends them, gains set and taken back."""
+"""Tuning runs of a page on a drive in virtual time: results, ends, and gains that are set and reverted."""
 
 import contextlib
 import math
@@ -52,10 +52,10 @@ class Page:
         self.presence = PagePresence(lambda: 0.0)
 
     def run(self, wish):
-        found = TuneFound(wish)
+        tune_found = TuneFound(wish)
         with self.desk.session() as session, RobotClient.connect(self.client.robot) as client:
-            told = tune(session, self.work, client, found, self.presence)
-        return told, found
+            reported = tune(session, self.work, client, tune_found, self.presence)
+        return reported, tune_found
 
     @property
     def power(self):
@@ -76,13 +76,13 @@ def page_for(kind):
 
 def test_a_step_is_found_with_its_curves_and_is_in_the_events(private_folders):
     with page_for(JogKind.VELOCITY) as page:
-        told, found = page.run(plan(seconds=1.0))
+        reported, result = page.run(plan(seconds=1.0))
         events = [event.text for event in page.client.ask(GetStatus()).events]
         assert page.power is not State.OPERATION_ENABLED
-    assert told.endswith("step done, stopped and disabled")
-    assert "overshoot" in found.lines[1]
-    assert found.curves.names[:3] == ("command", "velocity", "position")
-    assert found.curves.shot.rows[-10][1][1] == pytest.approx(3.0, rel=0.02)
+    assert reported.endswith("step done, stopped and disabled")
+    assert "overshoot" in result.lines[1]
+    assert result.curves.names[:3] == ("command", "velocity", "position")
+    assert result.curves.shot.rows[-10][1][1] == pytest.approx(3.0, rel=0.02)
     assert any(text.startswith("page: a step to 3.00 rad/s") for text in events)
     assert page.work.done > 90
 
@@ -90,15 +90,15 @@ def test_a_step_is_found_with_its_curves_and_is_in_the_events(private_folders):
 @pytest.mark.rest
 def test_a_plant_is_identified_and_its_gains_are_set_and_taken_back(private_folders):
     with page_for(JogKind.TORQUE) as page:
-        _, found = page.run(plan(TuneTest.IDENTIFY, torque=190.0, crossover=10.0))
-        value = {line[:19].strip(): float(line[19:].split()[0]) for line in found.lines[:3]}
+        _, result = page.run(plan(TuneTest.IDENTIFY, torque=190.0, crossover=10.0))
+        value = {line[:19].strip(): float(line[19:].split()[0]) for line in result.lines[:3]}
         assert value["inertia"] == pytest.approx(INERTIA, rel=0.03)
         assert value["Coulomb friction"] == pytest.approx(COULOMB, rel=0.03)
         before = page.bench.get(0x60F9, 1)
         with page.desk.session() as session:
-            apply_gains(session, page.work, found.gains, COUNTS * math.tau, stores=False)
+            apply_gains(session, page.work, result.gains, COUNTS * math.tau, stores=False)
         now = page.bench.get(0x60F9, 1)
-        assert now * 1e-5 * COUNTS == pytest.approx(found.gains.velocity_p, rel=1e-3)
+        assert now * 1e-5 * COUNTS == pytest.approx(result.gains.velocity_p, rel=1e-3)
         with page.desk.session() as session:
             assert "previous gains restored" in revert(session, page.work, stores=False)
         assert page.bench.get(0x60F9, 1) == before != now

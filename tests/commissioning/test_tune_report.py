@@ -27,12 +27,12 @@ def second_order(damping, omega, height=1.0):
 
 @given(st.floats(0.3, 0.8), st.floats(20.0, 60.0), st.floats(-5.0, 5.0).filter(lambda height: abs(height) > 0.1))
 def test_a_second_order_system_is_measured_as_its_formulas_report(damping, omega, height):
-    found = step_metrics(TIMES, second_order(damping, omega, height), height)
-    assert found.overshoot == pytest.approx(math.exp(-math.pi * damping / math.sqrt(1 - damping**2)), abs=0.002)
-    assert found.final == pytest.approx(height, rel=1e-3)
-    assert found.settling is not None
-    assert found.settling <= 1.4 * -math.log(0.02 * math.sqrt(1 - damping**2)) / (damping * omega)
-    assert 0.0 < found.delay < found.rise_time < 2.5 / omega * 1.6
+    result = step_metrics(TIMES, second_order(damping, omega, height), height)
+    assert result.overshoot == pytest.approx(math.exp(-math.pi * damping / math.sqrt(1 - damping**2)), abs=0.002)
+    assert result.final == pytest.approx(height, rel=1e-3)
+    assert result.settling is not None
+    assert result.settling <= 1.4 * -math.log(0.02 * math.sqrt(1 - damping**2)) / (damping * omega)
+    assert 0.0 < result.delay < result.rise_time < 2.5 / omega * 1.6
 
 
 def test_what_continues_swinging_never_settles():
@@ -109,16 +109,16 @@ def test_what_reports_nothing_is_reported(tmp_path):
 
 def test_programs_are_reported_the_same_in_numbers():
     record = record_of([0.0] * 14 + [1.0] * 100)
-    told = findings(record, STEP, SCALE)
-    assert told.step.overshoot == pytest.approx(0.0, abs=1e-9)
-    assert (told.test, told.samples, told.lost) == ("step", 114, 0)
+    reported = findings(record, STEP, SCALE)
+    assert reported.step.overshoot == pytest.approx(0.0, abs=1e-9)
+    assert (reported.test, reported.samples, reported.lost) == ("step", 114, 0)
     _, record = pushed(loaded(), Prbs(150.0, 0.05, 4.0), 0.01)
-    told = findings(record, IDENTIFY, SCALE)
-    assert told.plant.inertia == identified(record).inertia
-    assert told.velocity_i > 0.0
-    told = findings(record, TuneRequest(TuneTest.IDENTIFY, 4.0, 0.01, torque=150.0, crossover=3000.0), SCALE)
-    assert told.gains is None
-    assert "no PI controller gives a crossover" in told.no_gains
+    reported = findings(record, IDENTIFY, SCALE)
+    assert reported.plant.inertia == identified(record).inertia
+    assert reported.velocity_i > 0.0
+    reported = findings(record, TuneRequest(TuneTest.IDENTIFY, 4.0, 0.01, torque=150.0, crossover=3000.0), SCALE)
+    assert reported.gains is None
+    assert "no PI controller gives a crossover" in reported.no_gains
 
 
 @pytest.mark.rest

@@ -46,7 +46,7 @@ def test_what_is_commanded_is_what_is_confirmed():
 
 
 @pytest.mark.parametrize(
-    ("asked", "why"),
+    ("requested", "why"),
     [
         (request(TuneTest.STEP, speed=parse_quantity("70rpm", "velocity")), "exceeds the limit of 6.28 rad/s"),
         (request(TuneTest.IDENTIFY, torque=250.0), "exceeds --max-current 200"),
@@ -55,14 +55,14 @@ def test_what_is_commanded_is_what_is_confirmed():
         (request(TuneTest.BODE, 0.3), "too short for a frequency response"),
     ],
 )
-def test_what_is_beyond_the_limits_is_refused_before_it_begins(asked, why):
+def test_what_is_beyond_the_limits_is_refused_before_it_begins(requested, why):
     with pytest.raises(ConfigError, match=why):
-        asked.check(LIMITS_OF_TUNE_REQUEST, SCALE)
+        requested.check(LIMITS_OF_TUNE_REQUEST, SCALE)
 
 
 def test_what_is_within_them_is_not_and_just_beyond_it_is():
-    for each in (STEP, request(TuneTest.BODE), request(TuneTest.IDENTIFY, torque=200.0)):
-        each.check(LIMITS_OF_TUNE_REQUEST, SCALE)
+    for item in (STEP, request(TuneTest.BODE), request(TuneTest.IDENTIFY, torque=200.0)):
+        item.check(LIMITS_OF_TUNE_REQUEST, SCALE)
     with pytest.raises(ConfigError):
         request(TuneTest.IDENTIFY, torque=200.1).check(LIMITS_OF_TUNE_REQUEST, SCALE)
 
@@ -84,7 +84,7 @@ def test_it_commands_its_excitation_and_is_over_with_it():
 
 
 @pytest.mark.parametrize(
-    ("seen", "why"),
+    ("observed", "why"),
     [
         ((0.0, 6.1, 0.0), JogEnd.SPEED),
         ((0.0, -6.1, None), JogEnd.SPEED),
@@ -93,11 +93,11 @@ def test_it_commands_its_excitation_and_is_over_with_it():
         ((math.nan, math.nan, 0.0), JogEnd.NONE),
     ],
 )
-def test_a_limit_ends_it_and_nothing_is_commanded_any_more(seen, why):
+def test_a_limit_ends_it_and_nothing_is_commanded_any_more(observed, why):
     run = motion_of_tune_motion()
     run.see(0.0, 0.0, 0.0, enabled=True)
     run.tick(S)
-    run.see(*seen, enabled=True)
+    run.see(*observed, enabled=True)
     assert run.ended is why
     assert run.command == (3.0 if why is JogEnd.NONE else 0.0)
 
@@ -206,7 +206,7 @@ def test_a_sample_is_kept_with_its_cycle_and_its_torque_in_per_mille():
     record, run = TuneRecord(0.01), tune()
     run._take(sample(7, 0.25), motion(), record)
     run._take(sample(9, 0.25), motion(), record)
-    assert [(each.cycle, each.effort, each.command) for each in record.samples] == [(7, 250.0, 3.0), (9, 250.0, 3.0)]
+    assert [(item.cycle, item.effort, item.command) for item in record.samples] == [(7, 250.0, 3.0), (9, 250.0, 3.0)]
     assert record.lost == 1
 
 
@@ -246,4 +246,4 @@ def test_a_torque_that_a_tpdo_carries_is_that_of_the_sample_before_it():
     run._take(sample(9), moved, record)
     run._take_torque(data(300))
     run._keep_torque(record)
-    assert [each.effort for each in record.samples] == [-120.0, -120.0, 300.0]
+    assert [item.effort for item in record.samples] == [-120.0, -120.0, 300.0]

@@ -1,4 +1,4 @@
-"""Levels, touches and what a check expects of an answer."""
+"""Levels, touches and expected answers of a check."""
 
 import pytest
 

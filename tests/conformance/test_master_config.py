@@ -1,4 +1,4 @@
-"""Checks of boot, configuration and NMT: each finds a master that is broken in one way."""
+"""Checks of boot, configuration and NMT: each detects a master with one fault."""
 
 import pytest
 from support.broken_masters import CONFIGURATION, NETWORK_MANAGEMENT, failures, ids

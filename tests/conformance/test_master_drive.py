@@ -1,4 +1,4 @@
-"""Checks of controlwords and reactions: each finds a master that is broken in one way."""
+"""Checks of controlwords and reactions: each detects a master with one fault."""
 
 import pytest
 from support.broken_masters import COMMANDS, ChainsEnable, HoldsBit7, failures, ids, worked

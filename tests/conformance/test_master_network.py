@@ -1,4 +1,4 @@
-"""Checks of guarding, heartbeats, SYNC and RPDOs: each finds a master that is broken in one way."""
+"""Checks of guarding, heartbeats, SYNC and RPDOs: each detects a master with one fault."""
 
 import pytest
 from support.broken_masters import CYCLIC, Counts, Csp, Guards, failures, ids, worked

@@ -1,4 +1,4 @@
-"""Checks of a master's SDO client: each finds a master that is broken in one way."""
+"""Checks of a master's SDO client: each detects a master with one fault."""
 
 import pytest
 from support.broken_masters import REQUESTS, Overlaps, failures, ids

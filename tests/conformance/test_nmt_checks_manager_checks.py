@@ -10,9 +10,9 @@ def verdicts(node):
 
 
 def test_the_objects_of_the_program_pass_and_absent_ones_are_skipped(bench):
-    found = verdicts(bench("generic_cia402_program.eds"))
-    assert {name for name, verdict in found.items() if verdict == "passed"} == {"G05", "G06", "G07", "G08"}
-    assert {found[name] for name in found.keys() - {"G05", "G06", "G07", "G08"}} == {"skipped"}
+    result = verdicts(bench("generic_cia402_program.eds"))
+    assert {name for name, verdict in result.items() if verdict == "passed"} == {"G05", "G06", "G07", "G08"}
+    assert {result[name] for name in result.keys() - {"G05", "G06", "G07", "G08"}} == {"skipped"}
     assert set(verdicts(bench()).values()) == {"skipped"}
 
 

@@ -1,4 +1,4 @@
-"""The page of a run: a verdict per clause, frames by name, and what a buyer reads."""
+"""The report page of a run: a verdict per clause, decoded frames, and the summary for buyers."""
 
 from canopen_control.conformance.report import frame_name, html_page
 from canopen_control.conformance.run import CHECKS, run_checks

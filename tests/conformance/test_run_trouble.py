@@ -1,4 +1,4 @@
-"""Devices that fail during a run, and what cannot be tested: the report, or one sentence."""
+"""Devices that fail during a run, and devices that cannot be tested: the report, or one sentence."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Checks of an EDS: each finds what is wrong in a line of the file."""
+"""Checks of an EDS: each detects an error in one line of the file."""
 
 import pytest
 

@@ -30,13 +30,13 @@ def test_the_least_controller_claims_nothing_and_does_nothing():
 
 
 def test_parameters_that_change_nothing_are_reported_unless_they_are_what_is_done_anyway():
-    for given in ({"is_async": False, "thread_priority": 50}, {"use_sim_time": True}):
-        params = Params.of(given, "idle")
+    for inputs in ({"is_async": False, "thread_priority": 50}, {"use_sim_time": True}):
+        params = Params.of(inputs, "idle")
         Controller("idle").on_configure(params)
         assert params.warnings == []
     params = Params.of({"is_async": True, "thread_priority": 80}, "idle")
     Controller("idle").on_configure(params)
-    assert [each.split(";")[0] for each in params.warnings] == [
+    assert [warning.split(";")[0] for warning in params.warnings] == [
         "idle: is_async: is_async has no effect: all controllers run in the cycle, in one thread",
         "idle: thread_priority: thread_priority has no effect: all controllers run in the cycle",
     ]

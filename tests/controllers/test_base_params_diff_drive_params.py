@@ -46,29 +46,29 @@ def effective(limits: VelocityLimits) -> dict[str, float]:
 )
 def test_the_limits_of_every_dialect_are_those_of_jazzy(name):
     case = DIALECTS[name]
-    given = read_params(Params.of({**WHEELS, **case["input"]}))
+    params = read_params(Params.of({**WHEELS, **case["input"]}))
     for axis in ("linear", "angular"):
         if f"canonical_{axis}" in case:
-            assert effective(getattr(given, axis).limits()) == effective(VelocityLimits(**case[f"canonical_{axis}"]))
+            assert effective(getattr(params, axis).limits()) == effective(VelocityLimits(**case[f"canonical_{axis}"]))
 
 
 def test_a_declared_limit_is_applied_in_every_dialect():
-    given = read_params(Params.of({**WHEELS, **DIALECTS[OLD]["input"]}))  # humble would ignore it without has_*
-    assert given.linear.limits().max_velocity == 1.0
+    params = read_params(Params.of({**WHEELS, **DIALECTS[OLD]["input"]}))  # humble would ignore it without has_*
+    assert params.linear.limits().max_velocity == 1.0
 
 
 def test_lists_and_single_wheels_of_ros_1_are_taken_and_its_multiplier_overrides():
     case = DIALECTS["ros1 skid steer lists"]
     wheels = {"wheel_separation": 0.5, "wheel_radius": 0.1}
     params = Params.of({**wheels, **case["input"]})
-    given = read_params(params)
+    inputs = read_params(params)
     canonical = case["canonical"]
-    assert list(given.left) == canonical["left_wheel_names"]
-    assert list(given.right) == canonical["right_wheel_names"]
-    assert given.left_wheel_radius_multiplier == canonical["left_wheel_radius_multiplier"]
-    assert given.right_wheel_radius_multiplier == canonical["right_wheel_radius_multiplier"]
+    assert list(inputs.left) == canonical["left_wheel_names"]
+    assert list(inputs.right) == canonical["right_wheel_names"]
+    assert inputs.left_wheel_radius_multiplier == canonical["left_wheel_radius_multiplier"]
+    assert inputs.right_wheel_radius_multiplier == canonical["right_wheel_radius_multiplier"]
     assert read_params(Params.of({**wheels, "left_wheel": "a", "right_wheel": "b"})).left == ("a",)
-    assert any("'left_wheel' is read as 'left_wheel_names'" in each for each in params.warnings)
+    assert any("'left_wheel' is read as 'left_wheel_names'" in warning for warning in params.warnings)
 
 
 def test_an_integer_is_taken_for_a_double_where_upstream_rejects_it():
@@ -92,8 +92,8 @@ def test_every_error_is_reported_at_once():
 
 
 def test_min_acceleration_is_the_reverse_acceleration_unless_that_is_given_too():
-    given = read_params(Params.of({**WHEELS, "linear.x.max_acceleration": 1.0, "linear.x.min_acceleration": -2.0}))
-    assert given.linear.max_acceleration_reverse == -2.0
+    params = read_params(Params.of({**WHEELS, "linear.x.max_acceleration": 1.0, "linear.x.min_acceleration": -2.0}))
+    assert params.linear.max_acceleration_reverse == -2.0
     both = {"linear.x.min_acceleration": -2.0, "linear.x.max_acceleration_reverse": -3.0}
     assert read_params(Params.of({**WHEELS, **both})).linear.max_acceleration_reverse == -3.0
     assert math.isnan(read_params(Params.of(WHEELS)).linear.max_acceleration_reverse)
@@ -101,13 +101,13 @@ def test_min_acceleration_is_the_reverse_acceleration_unless_that_is_given_too()
 
 @pytest.mark.parametrize("case", vectors("tf_prefix"))
 def test_the_frame_prefix_is_upstreams(case):
-    found = tf_prefix(case["prefix"], case["ns"], enable=case.get("enable", True))
+    result = tf_prefix(case["prefix"], case["ns"], enable=case.get("enable", True))
     if case["distro"] == "jazzy" and case["prefix"] == "~":
-        assert found == "x/"  # jazzy gives the frame name "~/odom", which nobody can want; rolling's meaning is ours
+        assert result == "x/"  # jazzy gives the frame name "~/odom", which nobody can want; rolling's meaning is ours
     elif case["distro"] == "rolling" and not case["prefix"]:
-        assert found == "ns/"  # rolling's function gives "", and its caller then takes the namespace
+        assert result == "ns/"  # rolling's function gives "", and its caller then takes the namespace
     else:
-        assert found == case["expect"]
+        assert result == case["expect"]
 
 
 class Urdf:
@@ -119,14 +119,14 @@ class Urdf:
 
 
 def test_wheel_sizes_that_are_not_given_are_those_of_the_description():
-    told: list[str] = []
-    given = read_params(Params.of({"left_wheel": "l", "right_wheel": "r"}), Urdf(), told.append)
-    assert (given.wheel_separation, given.wheel_radius) == (0.5, 0.1)
-    assert told == [
+    reports: list[str] = []
+    params = read_params(Params.of({"left_wheel": "l", "right_wheel": "r"}), Urdf(), reports.append)
+    assert (params.wheel_separation, params.wheel_radius) == (0.5, 0.1)
+    assert reports == [
         "wheel_separation is not given; the value of the description is used: 0.5 m",
         "wheel_radius is not given; the value of the description is used: 0.1 m",
     ]
-    assert read_params(Params.of(WHEELS), Urdf(), told.append).wheel_separation == 0.24
-    assert len(told) == 2
+    assert read_params(Params.of(WHEELS), Urdf(), reports.append).wheel_separation == 0.24
+    assert len(reports) == 2
     with pytest.raises(RobotConfigError, match="wheel_radius is missing or 0"):
         read_params(Params.of({"left_wheel": "a", "right_wheel": "b"}), Urdf())

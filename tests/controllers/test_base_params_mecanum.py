@@ -13,7 +13,7 @@ def read(**changes):
 
 
 def test_keys_are_dotted_as_upstreams():
-    given = read(
+    inputs = read(
         **{
             "kinematics.base_frame_offset.x": 0.1,
             "kinematics.base_frame_offset.y": 0.2,
@@ -22,9 +22,9 @@ def test_keys_are_dotted_as_upstreams():
             "rear_left_wheel_state_joint_name": "encoder",
         }
     )
-    assert given.offset == (0.1, 0.2, 0.3)
-    assert given.linear_y.limits().max_velocity == 0.7
-    assert given.measured[3] == "encoder"
+    assert inputs.offset == (0.1, 0.2, 0.3)
+    assert inputs.linear_y.limits().max_velocity == 0.7
+    assert inputs.measured[3] == "encoder"
 
 
 def test_it_reports_all_that_is_missing_at_once():
@@ -32,7 +32,7 @@ def test_it_reports_all_that_is_missing_at_once():
         read_checked(Params.of({}, "base"), MecanumParams)
     lines = str(error.value).splitlines()
     assert len(lines) == 6
-    assert all(each.startswith("base: ") for each in lines)
+    assert all(line.startswith("base: ") for line in lines)
 
 
 @pytest.mark.parametrize(

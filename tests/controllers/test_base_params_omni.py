@@ -13,8 +13,8 @@ def read(**changes):
 
 
 def test_covariances_have_upstreams_keys():
-    given = read(**{"diagonal_covariance.pose": [0.1] * 6, "diagonal_covariance.twist": [0.2] * 6})
-    assert (given.pose_covariance_diagonal, given.twist_covariance_diagonal) == ((0.1,) * 6, (0.2,) * 6)
+    inputs = read(**{"diagonal_covariance.pose": [0.1] * 6, "diagonal_covariance.twist": [0.2] * 6})
+    assert (inputs.pose_covariance_diagonal, inputs.twist_covariance_diagonal) == ((0.1,) * 6, (0.2,) * 6)
 
 
 def test_it_reports_all_that_is_missing_at_once():

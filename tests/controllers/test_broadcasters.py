@@ -32,9 +32,9 @@ def robot_of_sensor_broadcasters(type_name, states, activate=True, **params):
 
 
 def test_an_imu_is_reported_with_the_names_of_ros2_control_and_its_covariances():
-    covariance = [float(each) for each in range(9)]
+    covariance = [float(number) for number in range(9)]
     _, control, imu = robot_of_sensor_broadcasters(
-        IMU, [f"imu/{each}" for each in reversed(OF_IMU)], sensor_name="imu", static_covariance_orientation=covariance
+        IMU, [f"imu/{item}" for item in reversed(OF_IMU)], sensor_name="imu", static_covariance_orientation=covariance
     )
     control.broadcast(S, 0.01)
     sample = imu.sample(0)
@@ -64,7 +64,7 @@ def test_a_range_is_reported_with_what_is_known_of_the_sensor():
 def test_forces_and_torques_have_their_offset_and_then_their_multiplier():
     _, control, wrist = robot_of_sensor_broadcasters(
         WRENCH,
-        [f"wrist/{each}" for each in AXES],
+        [f"wrist/{item}" for item in AXES],
         sensor_name="wrist",
         offset={"force": {"z": -1.0}, "torque": {"x": 0.5}},
         multiplier={"force": {"z": 10.0}, "torque": {"z": -1.0}},
@@ -87,9 +87,9 @@ def test_what_is_not_named_of_forces_and_torques_is_not_known():
 @pytest.mark.parametrize(
     ("type_name", "states", "missing"),
     [
-        (IMU, [f"s/{each}" for each in OF_IMU[1:]], "s/orientation.x"),
+        (IMU, [f"s/{item}" for item in OF_IMU[1:]], "s/orientation.x"),
         (RANGE, ["s/distance"], "s/range"),
-        (WRENCH, [f"s/{each}" for each in AXES[:5]], "s/torque.z"),
+        (WRENCH, [f"s/{item}" for item in AXES[:5]], "s/torque.z"),
     ],
 )
 def test_an_interface_that_is_not_there_keeps_it_from_being_activated(type_name, states, missing):
@@ -102,7 +102,7 @@ def test_an_interface_that_is_not_there_keeps_it_from_being_activated(type_name,
 @pytest.mark.parametrize(("type_name", "states"), [(IMU, OF_IMU), (RANGE, ["range"]), (WRENCH, AXES)])
 def test_it_claims_nothing_and_publishes_once_per_update(type_name, states):
     hardware, control, broadcaster = robot_of_sensor_broadcasters(
-        type_name, [f"s/{each}" for each in states], sensor_name="s"
+        type_name, [f"s/{state}" for state in states], sensor_name="s"
     )
     assert broadcaster.sample(0).time == 0.0
     hardware.state_interfaces[0].value = 77.0
@@ -115,7 +115,7 @@ def test_it_claims_nothing_and_publishes_once_per_update(type_name, states):
 
 
 def test_a_pose_is_reported_with_the_frame_whose_transform_it_is():
-    states = [f"gps/{each}" for each in POSE]
+    states = [f"gps/{item}" for item in POSE]
     hardware, control, gps = robot_of_sensor_broadcasters("pose_broadcaster/PoseBroadcaster", states, pose_name="gps")
     control.broadcast(S, 0.01)
     sample = gps.sample(0)
@@ -129,7 +129,7 @@ def test_a_pose_is_reported_with_the_frame_whose_transform_it_is():
 def test_a_pose_of_interfaces_by_their_names_is_not_a_transform_unless_its_frame_is_named():
     names = {"position": dict(zip("xyz", ("a/x", "a/y", "a/z"), strict=True)),
              "orientation": dict(zip("xyzw", ("b/i", "b/j", "b/k", "b/w"), strict=True))}  # fmt: skip
-    states = [each for part in names.values() for each in part.values()]
+    states = [item for part in names.values() for item in part.values()]
     kind = "pose_broadcaster/PoseBroadcaster"
     _, _, pose = robot_of_sensor_broadcasters(kind, states, interface_names=names)
     assert pose.sample(0).child_frame_id is None
@@ -137,7 +137,7 @@ def test_a_pose_of_interfaces_by_their_names_is_not_a_transform_unless_its_frame
         kind, states, interface_names=names, tf={"child_frame_id": "base", "publish_rate": 5.0}
     )
     assert pose.sample(0).child_frame_id == "base"
-    assert any("tf.publish_rate has no effect" in each.text for each in control.events())
+    assert any("tf.publish_rate has no effect" in event.text for event in control.events())
     _, _, pose = robot_of_sensor_broadcasters(
         kind, states, interface_names=names, tf={"child_frame_id": "base", "enable": False}
     )
@@ -209,21 +209,21 @@ def test_without_a_percentage_it_is_that_of_the_voltage_where_its_bounds_are_kno
         batteries=["a", "b"],
         a={"minimum_voltage": 20.0, "maximum_voltage": 25.0},
     )
-    assert [each.percentage for each in power.sample(0).batteries] == [0.5, None]
+    assert [battery.percentage for battery in power.sample(0).batteries] == [0.5, None]
     hardware.set("a/battery_voltage", math.nan)
     power.update(S, 0.01)
-    told = power.sample(0).batteries[0]
-    assert (told.voltage, told.percentage, told.present) == (None, None, False)
+    reported = power.sample(0).batteries[0]
+    assert (reported.voltage, reported.percentage, reported.present) == (None, None, False)
 
 
 def test_all_of_them_are_reported_as_one():
     states = {"a/battery_voltage": 24.0, "a/battery_charge": 10.0, "a/battery_power_supply_health": 1.0,
               "b/battery_voltage": 26.0, "b/battery_charge": 5.0, "b/battery_power_supply_health": 3.0}  # fmt: skip
-    wanted = {"battery_charge": True, "battery_power_supply_health": True}
+    expected = {"battery_charge": True, "battery_power_supply_health": True}
     _, _, power = robot_of_battery_broadcaster(
         states,
         batteries=["a", "b"],
-        interfaces={"a": wanted, "b": wanted},
+        interfaces={"a": expected, "b": expected},
         a={"capacity": 40.0, "power_supply_technology": 3, "location": "left"},
         b={"capacity": 20.0, "power_supply_technology": 3, "location": "right"},
     )

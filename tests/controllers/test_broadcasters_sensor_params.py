@@ -11,9 +11,9 @@ NAMED = {"frame_id": "link", "interface_names": {"force": {"z": "scale/load"}}}
 
 
 def read(cls, **params):
-    given = Params.of(params).read(cls)
-    refuse("b", given.mistakes())
-    return given
+    inputs = Params.of(params).read(cls)
+    refuse("b", inputs.mistakes())
+    return inputs
 
 
 def test_the_six_names_of_a_sensor_and_those_that_are_named_one_by_one():

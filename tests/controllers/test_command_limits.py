@@ -53,10 +53,10 @@ class LimitedCommandsBench:
         for command, value in zip(self.commands, wanted, strict=False):
             command.value, command.owner = value, "c" if owned else None
         self.clock += period
-        told = None
+        reported = None
         if self.in_full or not (period > 0.0 and self.limited.passes(period)):
-            told = self.limited.enforce(period, self.clock)
-        return told, [repr(command.value) for command in self.commands]
+            reported = self.limited.enforce(period, self.clock)
+        return reported, [repr(command.value) for command in self.commands]
 
 
 @pytest.mark.rest
@@ -69,9 +69,9 @@ class LimitedCommandsBench:
 def test_what_passes_is_what_judging_it_in_full_leaves_as_it_is(limits, names, measured, steps):
     quick = LimitedCommandsBench(limits, names, measured)
     in_full = LimitedCommandsBench(limits, names, measured, in_full=True)
-    for (position, velocity, wanted, owned), period in steps:
-        assert quick.cycle(position, velocity, wanted, owned, period) == in_full.cycle(
-            position, velocity, wanted, owned, period
+    for (position, velocity, expected, owned), period in steps:
+        assert quick.cycle(position, velocity, expected, owned, period) == in_full.cycle(
+            position, velocity, expected, owned, period
         )
 
 
@@ -83,10 +83,12 @@ def test_what_passes_is_what_judging_it_in_full_leaves_as_it_is(limits, names, m
 def test_small_steps_are_what_judging_them_in_full_leaves_as_they_are(limits, name, steps):
     quick = LimitedCommandsBench(limits, [name], ("position", "velocity"))
     in_full = LimitedCommandsBench(limits, [name], ("position", "velocity"), in_full=True)
-    wanted = 0.0
+    expected = 0.0
     for step, velocity in steps:
-        wanted += step
-        assert quick.cycle(0.1, velocity, [wanted], True, 0.01) == in_full.cycle(0.1, velocity, [wanted], True, 0.01)
+        expected += step
+        assert quick.cycle(0.1, velocity, [expected], True, 0.01) == in_full.cycle(
+            0.1, velocity, [expected], True, 0.01
+        )
 
 
 @pytest.mark.parametrize("name", QUANTITIES[:2])
@@ -121,7 +123,7 @@ def test_a_plain_command_is_kept_within_its_bounds_and_reported_once_a_second():
 CASES = limiter_cases("saturation")
 
 
-@pytest.mark.parametrize("case", CASES, ids=[each["name"] for each in CASES])
+@pytest.mark.parametrize("case", CASES, ids=[item["name"] for item in CASES])
 def test_commands_are_limited_as_by_ros2_control(case):
     expect_as_recorded(JointLimiter(hard(case["in"]["limits"])), case)
 
@@ -145,13 +147,13 @@ values = st.floats(-50, 50) | st.just(math.nan)
 def test_no_limit_is_exceeded_and_what_is_not_given_stays_so(steps):
     limits = HardLimits(-1.0, 2.0, 3.0, 4.0, max_jerk=7.0)
     limiter, before = JointLimiter(limits), math.nan
-    for position, velocity, wanted in steps:
-        desired = list(wanted)
+    for position, velocity, expected in steps:
+        desired = list(expected)
         limited = limiter.enforce([position, velocity, math.nan, math.nan, math.nan], desired, 0.01)
-        assert [math.isnan(each) for each in desired] == [math.isnan(each) for each in wanted]
-        assert limited == any(a != b for a, b in zip(desired, wanted, strict=True) if not math.isnan(b))
-        for found, most in ((desired[VEL], 3.0), (desired[EFF], 4.0), (desired[JERK], 7.0)):
-            assert not abs(found) > most + 1e-9
+        assert [math.isnan(item) for item in desired] == [math.isnan(item) for item in expected]
+        assert limited == any(a != b for a, b in zip(desired, expected, strict=True) if not math.isnan(b))
+        for result, most in ((desired[VEL], 3.0), (desired[EFF], 4.0), (desired[JERK], 7.0)):
+            assert not abs(result) > most + 1e-9
         if not math.isnan(desired[POS]):
             assert -1.0 <= desired[POS] <= 2.0
             assert not abs(desired[POS] - before) > 3.0 * 0.01 + 1e-9
@@ -177,7 +179,7 @@ class Bench:
         safety: str = "",
         states: tuple[str, ...] = ("position", "velocity"),
     ) -> None:
-        known = "".join(f'<state_interface name="{each}"/>' for each in states)
+        known = "".join(f'<state_interface name="{state}"/>' for state in states)
         description = parse_description(URDF.format(kind=kind, inside=inside, safety=safety, states=known))
         self.registry = InterfaceRegistry()
         mock = GenericSystem(description.hardware[0])
@@ -243,7 +245,7 @@ def test_what_is_limited_is_reported_once_with_the_value_asked_for_and_the_limit
 
 
 @pytest.mark.parametrize(
-    ("inside", "kind", "interface", "value", "told"),
+    ("inside", "kind", "interface", "value", "reported"),
     [
         (POSITION, "revolute", "position", 2.0, "j/position: 2 rad is limited to changes of 3 rad/s"),
         (POSITION, "prismatic", "position", 5.0, "j/position: 5 m is limited to 2 m and to changes of 3 m/s"),
@@ -258,11 +260,11 @@ def test_what_is_limited_is_reported_once_with_the_value_asked_for_and_the_limit
         ),
     ],
 )
-def test_the_limit_is_reported_in_the_units_of_the_description_not_of_a_cycle(inside, kind, interface, value, told):
+def test_the_limit_is_reported_in_the_units_of_the_description_not_of_a_cycle(inside, kind, interface, value, reported):
     bench = Bench(inside, kind)
     bench.at(0.0)
     bench.send(interface, value)
-    assert bench.told == told
+    assert bench.told == reported
 
 
 def test_the_end_of_a_joint_is_reported_as_such():
@@ -275,13 +277,13 @@ def test_the_end_of_a_joint_is_reported_as_such():
 def test_a_position_under_way_is_one_occasion_whatever_the_controllers_rate():
     bench = Bench(POSITION, "revolute")
     bench.at(0.0)
-    told = []
+    reports = []
     for cycle in range(30):  # a controller of a third of the rate writes its target now and then
         value = 5.0 if cycle % 3 == 0 else bench.registry.command("j/position").value
         bench.send("position", value, 0.02)
-        told.append(bench.told)
-    assert told[0] is not None
-    assert told[1:] == [None] * 29
+        reports.append(bench.told)
+    assert reports[0] is not None
+    assert reports[1:] == [None] * 29
 
 
 @pytest.mark.parametrize(
@@ -308,9 +310,9 @@ def test_no_command_stays_none_and_unclaimed_interfaces_are_left_unchanged():
 def test_no_limit_is_exceeded_whatever_is_commanded(commands, period):
     bench = Bench(VELOCITY + ACCELERATION, "revolute")
     position, before = 0.0, 0.0
-    for each in commands:
+    for command in commands:
         bench.at(position)
-        now = bench.send("velocity", each, period)
+        now = bench.send("velocity", command, period)
         assert abs(now) <= 3.0
         assert abs(now - before) <= 5.0 * period + 1e-9
         before = now

@@ -1,4 +1,4 @@
-"""How long a command counts, whoever it is for."""
+"""Timeout of commands, for every kind of controller."""
 
 from __future__ import annotations
 

@@ -63,8 +63,8 @@ def test_files_win_over_the_robots_own_and_the_last_over_those_before(control, f
     (folder / "last.yaml").write_text("forward:\n  ros__parameters:\n    command_timeout: 0.5\n")
     spawned = SpawnedControllers(control)
     spawned.set([texts("forward.params_file", str(folder / "more.yaml"), "last.yaml")])
-    found = control.controllers["forward"].params.flat.value
-    assert (found["joints"], found["command_timeout"], found["interface_name"]) == (["r"], 0.5, "velocity")
+    result = control.controllers["forward"].params.flat.value
+    assert (result["joints"], result["command_timeout"], result["interface_name"]) == (["r"], 0.5, "velocity")
     spawned.set([text("forward.params_file", "more.yaml")])
     assert control.controllers["forward"].params.flat.value["command_timeout"] == 0.25
 
@@ -78,7 +78,7 @@ def test_fallbacks_are_controllers_that_are_known(control):
 
 
 @pytest.mark.parametrize(
-    ("wanted", "error", "why"),
+    ("expected", "error", "why"),
     [
         (texts("new.params_file", "absent.yaml"), RobotConfigError, r"params_file: .*absent\.yaml"),
         (texts("other.params_file", "new.yaml"), RobotConfigError, r"new\.yaml has no parameters for other"),
@@ -92,10 +92,10 @@ def test_fallbacks_are_controllers_that_are_known(control):
         (texts("new.colour", "red"), ControlError, "a controller has the parameters: type, params_file"),
     ],
 )
-def test_what_is_wrong_is_refused_and_changes_nothing(control, wanted, error, why):
+def test_what_is_wrong_is_refused_and_changes_nothing(control, expected, error, why):
     spawned = SpawnedControllers(control)
     with pytest.raises(error, match=why):
-        spawned.set([text("new.type", KIND), wanted])
+        spawned.set([text("new.type", KIND), expected])
     assert (spawned.arguments, list(control.controllers)) == ({}, ["forward"])
 
 
@@ -190,7 +190,7 @@ def test_a_repeated_name_is_a_warning_and_the_last_one_wins_or_an_error_if_stric
     text = "c: {ros__parameters: {type: a/B,\n rate: 1,\n rate: 2, a.b: 1,\n a: {b: 2}}}"
     read = file(text)
     assert flat(read.controllers["c"]) == {"type": "a/B", "rate": 2, "a.b": 2}
-    assert [each.split(": ", 1)[0].rpartition("/")[2] for each in read.warnings] == ["c.yaml:3:2", "c.yaml:4:6"]
+    assert [warning.split(": ", 1)[0].rpartition("/")[2] for warning in read.warnings] == ["c.yaml:3:2", "c.yaml:4:6"]
     with pytest.raises(RobotConfigError, match="duplicate key 'rate'"):
         file(text, strict=True)
 
@@ -302,8 +302,8 @@ def test_fallbacks_are_controllers_of_the_file(file):
 
 def test_where_a_block_stands_is_kept(file):
     read = file("/ns/base: {ros__parameters: {type: a/B}}\nrobot: {arm: {type: a/B, k: 1}}\n")
-    assert [each.namespace for each in read.controllers.values()] == ["/ns", "/robot"]
-    assert [each.ros1 for each in read.controllers.values()] == [False, True]
+    assert [controller.namespace for controller in read.controllers.values()] == ["/ns", "/robot"]
+    assert [controller.ros1 for controller in read.controllers.values()] == [False, True]
     assert read.controllers["arm"].params.line("k") == 2
     assert read.controllers["arm"].params.line("none") == 0
 

@@ -30,7 +30,7 @@ def read_gripper(params):
 def base():
     params = Params.of(WHEELS)
     read_params(params)
-    return {each.name: each for each in declared_by(params.source, ("cmd_vel_timeout", "linear.x.*"))}
+    return {item.name: item for item in declared_by(params.source, ("cmd_vel_timeout", "linear.x.*"))}
 
 
 def test_names_types_values_and_bounds_are_those_of_the_class(base):
@@ -58,9 +58,9 @@ def test_what_no_pattern_names_is_read_only(base):
 
 
 def test_keys_of_other_names_choices_and_values_that_are_not_set():
-    rows = {each.name: each for each in declared_by(BroadcasterParams())}
+    rows = {item.name: item for item in declared_by(BroadcasterParams())}
     assert rows["map_interface_to_joint_state.effort"].value == "effort"
-    unset = {each.name: each for each in declared_by(GroupParams())}["command_timeout"]
+    unset = {item.name: item for item in declared_by(GroupParams())}["command_timeout"]
     assert (unset.kind, unset.plain) == ("double", None)
 
 
@@ -70,7 +70,7 @@ def test_the_gains_of_each_joint_have_its_name():
          "gains": {"a": {"p": 2.0}}}
     )  # fmt: skip
     read_trajectory_params(params, "arm")
-    rows = {each.name: each for each in declared_by(params.source, ("gains.*",))}
+    rows = {item.name: item for item in declared_by(params.source, ("gains.*",))}
     assert (rows["gains.a.p"].value, rows["gains.a.p"].read_only) == (2.0, False)
     assert rows["gains.a.i_clamp_max"].plain == math.inf
     assert "legacy" in rows["gains.a.antiwindup_strategy"].choices
@@ -78,17 +78,17 @@ def test_the_gains_of_each_joint_have_its_name():
 
 
 def test_a_controller_without_a_rate_has_the_managers():
-    rows = {each.name: each.value for each in declared_by(GroupParams(), update_rate=50)}
+    rows = {item.name: item.value for item in declared_by(GroupParams(), update_rate=50)}
     assert (rows["update_rate"], rows["use_sim_time"]) == (50, False)
 
 
 def test_before_they_are_read_they_are_those_of_the_file():
-    told = {
-        each.name: (each.kind, each.value, each.read_only) for each in given_in(Params.of({**WHEELS, "type": "x/Y"}))
+    reported = {
+        item.name: (item.kind, item.value, item.read_only) for item in given_in(Params.of({**WHEELS, "type": "x/Y"}))
     }
-    assert told["wheel_radius"] == ("double", 0.1, True)
-    assert told["left_wheel_names"] == ("string_array", ["l"], True)
-    assert "type" not in told
+    assert reported["wheel_radius"] == ("double", 0.1, True)
+    assert reported["left_wheel_names"] == ("string_array", ["l"], True)
+    assert "type" not in reported
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_what_cannot_be_set_is_refused_as_rclcpp_does(base, name, kind, value, w
 
 def test_a_section_whose_names_the_file_gives_is_one_parameter_for_each():
     outputs = {"gpios": ["io"], "command_interfaces": {"io": {"interfaces": ["lamp"]}}, "safe_values": {"io.lamp": 0.5}}
-    rows = {each.name: each for each in declared_by(Params.of(outputs).read(GpioParams))}
+    rows = {item.name: item for item in declared_by(Params.of(outputs).read(GpioParams))}
     lists = rows["command_interfaces.io.interfaces"]
     assert (lists.kind, lists.plain, lists.read_only) == ("string_array", ["lamp"], True)
     assert (rows["safe_values.io.lamp"].kind, rows["safe_values.io.lamp"].plain) == ("double", 0.5)
@@ -116,7 +116,7 @@ def test_a_section_whose_names_the_file_gives_is_one_parameter_for_each():
 
 
 @pytest.mark.parametrize(
-    ("read", "given", "name", "plain"),
+    ("read", "inputs", "name", "plain"),
     [
         (read_battery_params, {"batteries": ["a"], "a": {"capacity": 2.0}}, "a.capacity", 2.0),
         (read_battery_params, {"batteries": ["a"], "interfaces": {"a": {"battery_current": True}}},
@@ -124,8 +124,8 @@ def test_a_section_whose_names_the_file_gives_is_one_parameter_for_each():
         (read_gripper, {"joint": "finger", "gains": {"finger": {"p": 3.0}}}, "gains.finger.p", 3.0),
     ],
 )  # fmt: skip
-def test_sections_of_other_controllers_have_the_names_of_their_keys(read, given, name, plain):
-    params = Params.of(given)
+def test_sections_of_other_controllers_have_the_names_of_their_keys(read, inputs, name, plain):
+    params = Params.of(inputs)
     read(params)
-    rows = {each.name: each for each in declared_by(params.source)}
+    rows = {item.name: item for item in declared_by(params.source)}
     assert rows[name].plain == plain

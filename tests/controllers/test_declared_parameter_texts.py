@@ -1,4 +1,4 @@
-"""What each parameter means, and that ROS is told it of every parameter that any controller declares."""
+"""Descriptions of all parameters; ROS gets the description of each declared parameter."""
 
 import dataclasses
 
@@ -30,16 +30,16 @@ def test_a_type_declares_its_parameters_with_their_texts(type_name):
     cls = kind.reads
     needed = {field.name for field in dataclasses.fields(cls) if field.default is field.default_factory}
     readings = declared_by(cls(**dict.fromkeys(needed)))
-    assert [each.name for each in readings if not each.text] == []
+    assert [reading.name for reading in readings if not reading.text] == []
 
 
 def test_the_manager_has_its_texts():
-    assert [each.name for each in declared_by(ManagerParams()) if not each.text] == []
+    assert [item.name for item in declared_by(ManagerParams()) if not item.text] == []
 
 
 def test_names_that_the_file_gives_have_the_text_of_their_section():
-    given = GpioParams(gpios=("io",), safe_values={"io.lamp": 1.0})
-    texts = {each.name: each.text for each in declared_by(given)}
+    gpio_params = GpioParams(gpios=("io",), safe_values={"io.lamp": 1.0})
+    texts = {item.name: item.text for item in declared_by(gpio_params)}
     assert (
         texts["safe_values.io.lamp"]
         == "`.GPIO.INTERFACE`: value of the output after commands have expired; absent: 0.0"

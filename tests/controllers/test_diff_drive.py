@@ -31,9 +31,9 @@ def test_it_follows_the_wheels_as_upstream_does(case):
         now += round(dt * S)
         steps = {"vel": odometry.update_velocity, "pos": odometry.update_position, "open": odometry.update_open_loop}
         result = steps[verb](left, right, now)
-    for name, wanted in case["expect"].items():
-        found = result if name == "ret" else getattr(odometry, name)
-        assert found == wanted or same(found, wanted, 1e-5), name
+    for name, expected in case["expect"].items():
+        results = result if name == "ret" else getattr(odometry, name)
+        assert results == expected or same(results, expected, 1e-5), name
 
 
 def drive(odometry: Odometry, path: list[tuple[float, float, int]], dt: float = 0.02) -> None:
@@ -81,11 +81,11 @@ def test_after_a_stop_the_next_sample_is_where_it_continues_from():
 def test_velocities_are_means_over_the_window_fewer_until_it_is_full():
     odometry = Odometry(1.0, 1.0, 1.0, 2)
     odometry.begin(0.0, 0.0, 0)
-    found = []
+    results = []
     for step, speed in enumerate((1.0, 3.0, 5.0), 1):
         odometry.update_velocity(speed, speed, step * S)
-        found.append(odometry.linear)
-    assert found == [1.0, 2.0, 4.0]
+        results.append(odometry.linear)
+    assert results == [1.0, 2.0, 4.0]
     odometry.set_pose(1.0, 2.0, 3.0)
     odometry.update_velocity(7.0, 7.0, 4 * S)
     assert odometry.linear == 7.0
@@ -122,8 +122,8 @@ def robot(**params: Any):
     hardware = Hardware(
         "l/velocity", "r/velocity", states=("l/position", "r/position", "l/velocity", "r/velocity"), name="base"
     )
-    for each in hardware.state_interfaces:
-        each.value = 0.0
+    for interface in hardware.state_interfaces:
+        interface.value = 0.0
     control = manager(hardware)
     return hardware, control, add(control, "base", DIFF_DRIVE, **{**WHEELS, **params})
 
@@ -153,8 +153,8 @@ class Scenario:
 
     def activate(self) -> None:
         self.control.switch(["base"], now=self.now)
-        for each in self.hardware.command_interfaces:
-            each.value = each.value if self.now == 0 else 0.0
+        for interface in self.hardware.command_interfaces:
+            interface.value = interface.value if self.now == 0 else 0.0
         self.base.odometry.begin(*self.followed)
 
     def deactivate(self, now: int) -> None:
@@ -196,14 +196,14 @@ def test_it_behaves_as_upstream_does(name):
     case = CASES[name]
     play = Scenario(case["params"])
     for (verb, *values), expect in zip(case["steps"], case["expect"], strict=True):
-        found = getattr(play, verb)(*values)
+        result = getattr(play, verb)(*values)
         if expect is None:
             continue
         if "result" in expect:
-            assert found == expect["result"]
+            assert result == expect["result"]
         if "ret" in expect:
-            assert found[0].name == expect["ret"]
-            assert found[1] is expect["published"]
+            assert result[0].name == expect["ret"]
+            assert result[1] is expect["published"]
         for wheel, value in zip(("left", "right"), play.hardware.values(), strict=True):
             if wheel in expect:
                 assert math.isnan(value) if expect[wheel] is None else same(value, expect[wheel]), wheel
@@ -257,9 +257,9 @@ def test_a_timeout_is_reported_once_and_the_next_twist_drives_on():
     control.command("base", [0.35, 0.0], 0)
     for step in range(1, 100):
         control.update(step * S // 100, 0.01)
-    told = [each for each in control.events() if each.kind == "command_timeout"]
-    assert len(told) == 1
-    assert "no twist for 0.51 s" in told[0].text
+    reported = [event for event in control.events() if event.kind == "command_timeout"]
+    assert len(reported) == 1
+    assert "no twist for 0.51 s" in reported[0].text
     control.command("base", [0.35, 0.0], S)
     control.update(S, 0.01)
     assert hardware.values() == [pytest.approx(10.0), pytest.approx(10.0)]
@@ -339,7 +339,7 @@ def test_its_references_have_upstreams_names():
     case = vectors("diff_drive_lifecycle")[10]
     control = manager(Hardware("l/velocity", "r/velocity"))
     base = add(control, case["controller"], DIFF_DRIVE, **WHEELS)
-    assert [each.name for each in base.reference_interfaces()] == case["expect_reference"]
+    assert [interface.name for interface in base.reference_interfaces()] == case["expect_reference"]
 
 
 @pytest.mark.parametrize(
@@ -357,7 +357,7 @@ def test_a_deceleration_limit_of_zero_is_refused_since_the_base_would_never_brak
 
 def test_a_jerk_limit_of_zero_is_reported_to_freeze_the_robot():
     _, control, _ = robot(linear__x__max_jerk=0.0)
-    assert [each.text for each in control.events() if each.kind == "parameter"] == [
+    assert [event.text for event in control.events() if event.kind == "parameter"] == [
         "base: linear.x.max_jerk is 0, which keeps the speed constant; remove it"
     ]
 
@@ -373,7 +373,7 @@ def test_a_jerk_limit_of_zero_is_reported_to_freeze_the_robot():
 )
 def test_a_deceleration_limit_with_which_a_stop_takes_long_is_reported(limits, texts):
     _, control, _ = robot(**{f"linear__x__{key}": value for key, value in limits.items()})
-    assert [each.text for each in control.events() if each.kind == SLOW_STOP] == [
+    assert [event.text for event in control.events() if event.kind == SLOW_STOP] == [
         f"base: linear.x needs {seconds} s to stop from its velocity limit; raise the magnitude of "
         f"linear.x.max_deceleration{reverse}"
         for seconds, reverse in texts
@@ -401,12 +401,12 @@ def test_frames_carry_the_prefix_and_the_pose_can_be_set():
 def test_it_reports_what_it_assumes_of_its_wheels_before_the_calibration():
     jerk = {"linear__x__max_jerk": 0.0}
     _, _, base = robot(wheel_separation_multiplier=2.0, left_wheel_radius_multiplier=3.0, tf_frame_prefix="r1", **jerk)
-    given = base.params
+    inputs = base.params
     assert base.wheel_base() == DriveGeometry(
-        given.left,
-        given.right,
-        given.wheel_separation,
-        given.wheel_radius,
+        inputs.left,
+        inputs.right,
+        inputs.wheel_separation,
+        inputs.wheel_radius,
         "r1/odom",
         "r1/base_link",
         True,
@@ -419,13 +419,13 @@ def publications(rate, seconds=2.0):
     _, control, base = robot(publish_rate=rate, cmd_vel_timeout=0.0, publish_limited_velocity=True)
     control.switch(["base"], now=0)
     control.command("base", [0.5, 0.0], 0)
-    seen, other = [], []
+    observed, other = [], []
     for step in range(1, round(seconds * 100) + 1):
         control.update(step * S // 100, 0.01)
-        seen.append(control.running.samples(7 * S)["base"])
+        observed.append(control.running.samples(7 * S)["base"])
         if step % 3 == 0:
             other.append(base.sample(7 * S))
-    return seen, other
+    return observed, other
 
 
 def test_the_list_reports_how_often_it_publishes():
@@ -439,14 +439,14 @@ def test_the_list_reports_how_often_it_publishes():
 
 @pytest.mark.parametrize(("rate", "every"), [(100.0, 1), (50.0, 2), (20.0, 5), (1000.0, 1), (0.6, 167)])
 def test_its_sample_is_that_of_the_last_publication_at_publish_rate(rate, every):
-    seen, other = publications(rate)
-    stamps = list(dict.fromkeys(each.time for each in seen))
+    observed, other = publications(rate)
+    stamps = list(dict.fromkeys(item.time for item in observed))
     steps = [round((later - earlier) * 100) for earlier, later in pairwise(stamps)]
     assert set(steps) <= {every, every + 1}
     assert len(stamps) == pytest.approx(2.0 * min(rate, 100.0), abs=1)
-    assert (stamps[0], seen[0].limited) == (7.01, (0.5, 0.0))
-    by_stamp = {each.time: each for each in seen}
-    assert all(each == by_stamp[each.time] for each in (*seen, *other)), "a stamp has one content"
+    assert (stamps[0], observed[0].limited) == (7.01, (0.5, 0.0))
+    by_stamp = {item.time: item for item in observed}
+    assert all(item == by_stamp[item.time] for item in (*observed, *other)), "a stamp has one content"
 
 
 def test_limits_and_timeout_that_are_set_act_in_the_next_update():
@@ -462,7 +462,7 @@ def test_limits_and_timeout_that_are_set_act_in_the_next_update():
     with pytest.raises(RobotConfigError, match=r"linear\.x\.min_velocity: 1\.0 is out of range"):
         control.set_parameters("base", [_double("cmd_vel_timeout", 9.0), _double("linear.x.min_velocity", 1.0)])
     assert (base.params.cmd_vel_timeout, base.command_timeout.limit_ns) == (3.0, 3 * S)
-    assert [each.text for each in control.events() if "cmd_vel_timeout" in each.text] == [
+    assert [event.text for event in control.events() if "cmd_vel_timeout" in event.text] == [
         "base: cmd_vel_timeout is 3.0, linear.x.max_velocity is 0.07"
     ]
 
@@ -486,7 +486,9 @@ def test_multipliers_of_the_wheels_are_set_at_rest_and_the_pose_stays():
     assert base.odometry.heading - before[2] == pytest.approx(-0.035 * 0.9 / 0.48)
     control.command("base", [0.0, 0.5], 4 * S // 50)
     control.update(5 * S // 50, 0.02)
-    assert [each.value for each in hardware.command_interfaces] == pytest.approx([-0.12 / 0.0315, 0.12 / 0.035])
+    assert [interface.value for interface in hardware.command_interfaces] == pytest.approx(
+        [-0.12 / 0.0315, 0.12 / 0.035]
+    )
     with pytest.raises(RobotConfigError, match="base is moving; set the wheel multipliers at standstill"):
         control.set_parameters("base", [_double("wheel_separation_multiplier", 1.0)])
     control.set_parameters("base", [_double("cmd_vel_timeout", 1.0)])

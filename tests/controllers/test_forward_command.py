@@ -220,9 +220,9 @@ def test_it_behaves_as_upstream_does(name):
         else:
             before = hardware.values()
             control.switch(deactivate=["forward"], now=now)
-        wanted = expect[1] if isinstance(expect, list) and expect and expect[0] == "OK" else expect
-        if isinstance(wanted, list):
-            assert all(same(a, b) for a, b in zip(hardware.values(), wanted, strict=True))
+        expected = expect[1] if isinstance(expect, list) and expect and expect[0] == "OK" else expect
+        if isinstance(expected, list):
+            assert all(same(a, b) for a, b in zip(hardware.values(), expected, strict=True))
 
 
 @pytest.mark.parametrize("values", [[], [1.0], [1.0] * 4, [1.0, math.nan, 1.0], [math.inf, 1.0, 1.0], [1.0, True, 1.0]])
@@ -259,9 +259,9 @@ def test_a_position_target_is_held_by_a_timeout_and_by_a_deactivation():
     control.update(0, 0.01)
     control.update(S, 0.01)
     assert hardware.values() == [1.0, 2.0, 3.0]
-    told = [each.text for each in control.events() if each.kind == "command_timeout"]
-    assert len(told) == 1
-    assert "position targets are held" in told[0]
+    texts = [event.text for event in control.events() if event.kind == "command_timeout"]
+    assert len(texts) == 1
+    assert "position targets are held" in texts[0]
     control.switch(deactivate=["forward"])
     assert hardware.values() == [1.0, 2.0, 3.0]
 
@@ -273,8 +273,8 @@ def test_a_timeout_is_reported_once_and_the_next_command_takes_over():
     control.update(0, 0.01)
     for step in range(1, 300):
         control.update(step * S // 100, 0.01)
-    told = [each.text for each in control.events() if each.kind == "command_timeout"]
-    assert told == ["forward: no command for 2.01 s, targets are 0 until the next command"]
+    texts = [event.text for event in control.events() if event.kind == "command_timeout"]
+    assert texts == ["forward: no command for 2.01 s, targets are 0 until the next command"]
     assert hardware.values() == [0.0, 0.0, 0.0]
     control.command("forward", [4.0, 5.0, 6.0], 3 * S)
     control.update(3 * S, 0.01)
@@ -333,7 +333,7 @@ def test_ros_1s_controllers_of_one_joint_take_one_value(kind):
     control.command("one", [2.0], 0)
     control.update(0, 0.01)
     assert hardware.values()[0] == 2.0
-    assert sum("'pid." in each.text and "no effect" in each.text for each in control.events()) == 2
+    assert sum("'pid." in event.text and "no effect" in event.text for event in control.events()) == 2
     with pytest.raises(RobotConfigError, match="no 'joint'"):
         add(control, "none", type_name)
 

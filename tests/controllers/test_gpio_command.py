@@ -27,7 +27,7 @@ def robot(**params):
 
 
 def same(found, wanted):
-    return [repr(each) for each in found] == [repr(each) for each in wanted]
+    return [repr(item) for item in found] == [repr(item) for item in wanted]
 
 
 def test_a_command_by_name_changes_what_it_names_and_the_others_stay():
@@ -131,9 +131,9 @@ def test_the_safe_value_of_the_hardware_is_the_default_and_it_is_reported_with_w
     control.update(S, 0.01)
     control.running.forget(S, "stop was commanded")
     assert hardware.values() == [1.0, 0.5, 0.0]
-    assert [each.release_value for each in hardware.command_interfaces] == [None] * 3
+    assert [interface.release_value for interface in hardware.command_interfaces] == [None] * 3
     control.switch((), ["outputs"], now=S)
-    assert same([each.release_value for each in hardware.command_interfaces], [1.0, math.nan, 0.0])
+    assert same([interface.release_value for interface in hardware.command_interfaces], [1.0, math.nan, 0.0])
 
 
 def test_outputs_of_a_node_that_is_lost_end_alone():
@@ -242,16 +242,16 @@ def test_other_controllers_take_nothing_by_name():
 )
 def test_outputs_are_what_was_commanded_last_since_the_last_stop_else_safe(steps):
     hardware, control = robot()
-    wanted = dict.fromkeys(OUTPUTS, NAN)
+    expected = dict.fromkeys(OUTPUTS, NAN)
     for at, step in enumerate(steps, 1):
         if isinstance(step, dict):
             control.command("outputs", step, at)
-            wanted.update(step)
+            expected.update(step)
         elif step == "stop":
             control.running.forget(at, "stop")
-            wanted = {name: value if math.isnan(value) else 0.0 for name, value in wanted.items()}
+            expected = {name: value if math.isnan(value) else 0.0 for name, value in expected.items()}
         elif step == "bad":
             with pytest.raises(ControlError):
                 control.command("outputs", {"io/lamp": 1.5, "io/horn": NAN}, at)
         control.update(at, 0.01)
-        assert same(hardware.values(), wanted.values())
+        assert same(hardware.values(), expected.values())

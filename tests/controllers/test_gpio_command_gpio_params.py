@@ -17,16 +17,16 @@ def read(joints=(), **more):
 
 def test_outputs_and_inputs_are_in_the_order_of_the_parameters():
     both = {"valve": {"interfaces": ["open"]}, "io": {"interfaces": ["horn", "lamp"]}}
-    given = read(command_interfaces=both, state_interfaces={"io": {"interfaces": ["pressed"]}})
-    assert given.outputs == ["io/horn", "io/lamp", "valve/open"]
-    assert given.inputs == ["io/pressed"]
-    assert given.unnamed_gpios == ["valve"]
+    arguments = read(command_interfaces=both, state_interfaces={"io": {"interfaces": ["pressed"]}})
+    assert arguments.outputs == ["io/horn", "io/lamp", "valve/open"]
+    assert arguments.inputs == ["io/pressed"]
+    assert arguments.unnamed_gpios == ["valve"]
 
 
 def test_an_output_is_safe_at_zero_unless_another_value_is_written_or_it_is_kept():
-    given = read(safe_values={"io": {"horn": 0.5}}, kept_outputs=["io/lamp"])
-    assert given.safe_value("io/horn", 1.0) == 0.5
-    assert math.isnan(given.safe_value("io/lamp", 1.0))
+    inputs = read(safe_values={"io": {"horn": 0.5}}, kept_outputs=["io/lamp"])
+    assert inputs.safe_value("io/horn", 1.0) == 0.5
+    assert math.isnan(inputs.safe_value("io/lamp", 1.0))
     assert read().safe_value("io/lamp", None) == 0.0
     assert read().safe_value("io/lamp", 1.0) == 1.0
     assert math.isnan(read().safe_value("io/lamp", math.nan))

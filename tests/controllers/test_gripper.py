@@ -23,7 +23,7 @@ class Gripper:
 
     def __init__(self, type_name=POSITION, *extra, limits=None, **params):
         commanded = "effort" if type_name == EFFORT else "position"
-        states = tuple(f"finger/{each}" for each in ("position", "velocity", "effort"))
+        states = tuple(f"finger/{name}" for name in ("position", "velocity", "effort"))
         self.hardware = Hardware(f"finger/{commanded}", *extra, states=states)
         self.control, self.now = manager(self.hardware), 0
         if limits is not None:
@@ -48,11 +48,11 @@ class Gripper:
             if position is not None:
                 self.set(position, velocity)
             self.control.update(self.now, 0.01)
-        return [each.value for each in self.hardware.command_interfaces]
+        return [interface.value for interface in self.hardware.command_interfaces]
 
 
-def same(found, *wanted):
-    return [repr(each) for each in found] == [repr(each) for each in wanted]
+def same(found, *expected):
+    return [repr(item) for item in found] == [repr(item) for item in expected]
 
 
 def test_nothing_is_written_before_the_first_goal():
@@ -81,7 +81,7 @@ def test_a_stall_aborts_and_the_joint_is_held_where_it_is():
     assert same(gripper.step(), math.nan)
     assert (goal.state, goal.reached, goal.stalled, goal.at) == (ABORTED, False, True, 0.03)
     assert goal.text == "finger has stalled at 0.03, 0.02 before the goal; it is held there"
-    assert [each.kind for each in gripper.control.events()] == ["goal_aborted"]
+    assert [event.kind for event in gripper.control.events()] == ["goal_aborted"]
 
 
 def test_a_stall_that_is_allowed_succeeds_and_continues_gripping():
@@ -143,7 +143,7 @@ def test_an_effort_that_nothing_limits_is_reported_once():
     assert gripper.control.events() == ()
     gripper.send(0.05, 20.0)
     gripper.send(0.05, 20.0)
-    texts = [each.text for each in gripper.control.events() if each.kind == "max_effort"]
+    texts = [event.text for event in gripper.control.events() if event.kind == "max_effort"]
     assert texts == [
         "gripper: the max_effort of goals has no effect: set max_effort_interface, or limit the drive (0x6072)"
     ]

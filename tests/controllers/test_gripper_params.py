@@ -16,9 +16,9 @@ def read(cls=GripperParams, **params):
 
 
 def test_the_gains_of_the_joint_stand_below_its_name():
-    given = read(EffortGripperParams, gains={"finger": {"p": 20.0, "d": 0.5, "i_clamp_max": 3.0, "i_clamp_min": -3.0}})
-    assert (given.gains.p, given.gains.i, given.gains.d) == (20.0, 0.0, 0.5)
-    assert (given.gains.i_clamp_max, given.gains.i_clamp_min) == (3.0, -3.0)
+    inputs = read(EffortGripperParams, gains={"finger": {"p": 20.0, "d": 0.5, "i_clamp_max": 3.0, "i_clamp_min": -3.0}})
+    assert (inputs.gains.p, inputs.gains.i, inputs.gains.d) == (20.0, 0.0, 0.5)
+    assert (inputs.gains.i_clamp_max, inputs.gains.i_clamp_min) == (3.0, -3.0)
     assert read(EffortGripperParams).gains.p == 0.0
 
 

@@ -19,29 +19,29 @@ def step(base: OmniKinematics, before: int, verb: str, *values: Any) -> tuple[di
     if verb == "ik":
         base.command(*values)
         return {"wheels": base.wheels}, before
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     if verb == "reset":
         base.set_pose(0.0, 0.0, 0.0)
     else:
         now, dt = values[1], (values[1] - before) / NS
         if verb == "open":
-            found["updated"] = base.update_open_loop(*values[0], dt)
+            result["updated"] = base.update_open_loop(*values[0], dt)
         else:
             follow = base.update_position if verb == "pos" else base.update_velocity
-            found["updated"] = follow(values[0], dt)
-        before = now if found["updated"] else before
+            result["updated"] = follow(values[0], dt)
+        before = now if result["updated"] else before
     velocities = {"vx": base.forward, "vy": base.left, "wz": base.angular}
-    return found | velocities | {"x": base.x, "y": base.y, "heading": base.heading}, before
+    return result | velocities | {"x": base.x, "y": base.y, "heading": base.heading}, before
 
 
 @pytest.mark.parametrize("case", cases("omni_wheel"), ids=lambda case: f"{case['index']} {case['name']}")
 def test_it_drives_and_follows_as_upstream_does(case):
-    given = case["in"]
-    base = OmniKinematics(given["wheels"], given["robot_radius"], given["wheel_radius"], given["wheel_offset"])
+    inputs = case["in"]
+    base = OmniKinematics(inputs["wheels"], inputs["robot_radius"], inputs["wheel_radius"], inputs["wheel_offset"])
     now = 0
-    for (verb, *values), wanted in zip(given["steps"], case["expect"]["steps"], strict=True):
-        found, now = step(base, now, verb, *values)
-        assert not differences(found, wanted, case["tolerance"]), verb
+    for (verb, *values), expected in zip(inputs["steps"], case["expect"]["steps"], strict=True):
+        result, now = step(base, now, verb, *values)
+        assert not differences(result, expected, case["tolerance"]), verb
 
 
 speeds = st.floats(-2.0, 2.0)
@@ -71,34 +71,34 @@ STEP = S // 100
 
 
 def test_its_interfaces_are_upstreams():
-    _, _, made = base(OMNI)
-    assert made.command_interface_names() == ["a/velocity", "b/velocity", "c/velocity"]
-    assert made.state_interface_names() == ["a/position", "b/position", "c/position"]
-    _, _, made = base(OMNI, position_feedback=False)
-    assert made.state_interface_names() == ["a/velocity", "b/velocity", "c/velocity"]
-    _, _, made = base(OMNI, open_loop=True)
-    assert made.state_interface_names() == []
+    _, _, created = base(OMNI)
+    assert created.command_interface_names() == ["a/velocity", "b/velocity", "c/velocity"]
+    assert created.state_interface_names() == ["a/position", "b/position", "c/position"]
+    _, _, created = base(OMNI, position_feedback=False)
+    assert created.state_interface_names() == ["a/velocity", "b/velocity", "c/velocity"]
+    _, _, created = base(OMNI, open_loop=True)
+    assert created.state_interface_names() == []
 
 
 @pytest.mark.parametrize("how", [{}, {"position_feedback": False}, {"open_loop": True}])
 def test_where_it_drives_is_where_it_trusts_to_be(how):
-    hardware, control, made = base(OMNI, **how)
-    for each in hardware.state_interfaces:
-        each.value = 40.0 if each.interface == "position" else 0.0  # wherever the wheels stand at first
+    hardware, control, created = base(OMNI, **how)
+    for item in hardware.state_interfaces:
+        item.value = 40.0 if item.interface == "position" else 0.0  # wherever the wheels stand at first
     control.switch(["base"], now=1000 * S)
     for step in range(201):
         now = 1000 * S + step * STEP
         control.command("base", [0.1, 0.2, 0.0], now)
         control.update(now, 0.01)
-        for each in hardware.command_interfaces:
-            position = next(one for one in hardware.state_interfaces if one.name == f"{each.joint}/position")
-            position.value += each.value * 0.01
-            hardware.set(f"{each.joint}/velocity", each.value)
-    sample = made.sample(0)
+        for item in hardware.command_interfaces:
+            position = next(one for one in hardware.state_interfaces if one.name == f"{item.joint}/position")
+            position.value += item.value * 0.01
+            hardware.set(f"{item.joint}/velocity", item.value)
+    sample = created.sample(0)
     assert (sample.x, sample.y) == (pytest.approx(0.2, rel=0.01), pytest.approx(0.4, rel=0.01))
     assert (sample.linear, sample.lateral) == (pytest.approx(0.1), pytest.approx(0.2))
 
 
 def test_its_wheels_stand_on_no_two_sides():
-    _, _, made = base(OMNI)
-    assert (made.wheel_base().left, made.wheel_base().separation) == ((), 0.0)
+    _, _, created = base(OMNI)
+    assert (created.wheel_base().left, created.wheel_base().separation) == ((), 0.0)

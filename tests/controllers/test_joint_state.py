@@ -109,6 +109,6 @@ def test_the_list_reports_its_topics_once_it_is_configured():
     control.load("states", BROADCASTER, Params.of({"frame_id": "world"}))
     assert control.list()[0].publishes == ()
     control.configure("states")
-    (told,) = control.list()
-    assert told.publishes == ("joint_states", "dynamic_joint_states")
-    assert told.frame_id == "world"
+    (reported,) = control.list()
+    assert reported.publishes == ("joint_states", "dynamic_joint_states")
+    assert reported.frame_id == "world"

@@ -30,13 +30,13 @@ def limits(params: dict[str, float]) -> VelocityLimits:
 def test_it_limits_as_upstream_does(case):
     limiter = RateLaw(limits(case["params"]))
     v, v0, v1, dt = (case[key] for key in ("v", "v0", "v1", "dt"))
-    found = {
+    result = {
         "limit": lambda: limiter.limit(v, v0, v1, dt),
         "limit_value": lambda: limiter.limit_velocity(v),
         "limit_first_derivative": lambda: limiter.limit_acceleration(v, v0, dt),
         "limit_second_derivative": lambda: limiter.limit_jerk(v, v0, v1, dt),
     }[case["call"]]()
-    assert same(found, case["expect_v"], 1e-12)
+    assert same(result, case["expect_v"], 1e-12)
 
 
 @pytest.mark.parametrize("case", vectors("rate_limiter_ctor"))
@@ -90,7 +90,7 @@ def test_no_acceleration_limit_is_ever_exceeded(given_limits, commands, dt):
 
 @given(st.floats(0.0, 50.0), COMMANDS, st.floats(1e-4, 1.0))
 def test_no_jerk_limit_is_ever_exceeded_while_a_step_grows(jerk, commands, dt):
-    out = outputs(VelocityLimits(max_jerk=jerk), [each for each in commands if math.isfinite(each)], dt)
+    out = outputs(VelocityLimits(max_jerk=jerk), [command for command in commands if math.isfinite(command)], dt)
     for v1, v0, value in zip(out, out[1:], out[2:], strict=False):
         step, before = value - v0, v0 - v1
         if (step - before) * step > 0.0:
@@ -139,8 +139,8 @@ JERKY = [
 @pytest.mark.parametrize("case", IMPOSSIBLE)
 def test_a_limit_that_is_on_without_a_number_is_off_where_older_ones_refuse_to_start(case):
     params = case["params"]
-    given = VelocityLimits(max_velocity=params["max_velocity"], max_acceleration=params["max_acceleration"])
-    assert math.isfinite(RateLaw(given).limit(case["v"], case["v0"], case["v1"], case["dt"]))
+    velocity_limits = VelocityLimits(max_velocity=params["max_velocity"], max_acceleration=params["max_acceleration"])
+    assert math.isfinite(RateLaw(velocity_limits).limit(case["v"], case["v0"], case["v1"], case["dt"]))
 
 
 @pytest.mark.parametrize("case", JERKY)
@@ -150,8 +150,8 @@ def test_jerk_is_limited_at_least_as_gently_as_in_older_distributions(case):
     if math.isnan(params["max_jerk"]):
         return
     limiter = RateLaw(VelocityLimits(max_jerk=params["max_jerk"], min_jerk=params["min_jerk"]))
-    found = limiter.limit_jerk(case["v"], case["v0"], case["v1"], dt)
-    step, before = found - case["v0"], case["v0"] - case["v1"]
+    result = limiter.limit_jerk(case["v"], case["v0"], case["v1"], dt)
+    step, before = result - case["v0"], case["v0"] - case["v1"]
     if (case["v"] - case["v0"] - before) * (case["v"] - case["v0"]) > 0.0:
         low = params["min_jerk"] if not math.isnan(params["min_jerk"]) else -params["max_jerk"]
         assert 2 * low * dt * dt - 1e-9 <= step - before <= 2 * params["max_jerk"] * dt * dt + 1e-9
@@ -164,13 +164,16 @@ def test_a_limiter_of_several_numbers_begins_at_rest_or_where_they_are_and_keeps
     for _ in range(5):
         desired = [9.0, 9.0]
         assert limiter.enforce([7.0, 3.0], desired, 0.1)
-        wanted = [law.limit(9.0, *history, 0.1) for law, history in zip(laws, expected, strict=True)]
-        assert desired == wanted
+        expected_result = [law.limit(9.0, *history, 0.1) for law, history in zip(laws, expected, strict=True)]
+        assert desired == expected_result
         limiter.step([7.0, 3.0], desired)
-        assert limiter.last == wanted
+        assert limiter.last == expected_result
         # the first command of a number that began where it was is its whole history
         first = math.isnan(limiter._earlier[1])
-        expected = [(wanted[0], expected[0][0]), (wanted[1], wanted[1] if first else expected[1][0])]
+        expected = [
+            (expected_result[0], expected[0][0]),
+            (expected_result[1], expected_result[1] if first else expected[1][0]),
+        ]
     limiter.reset()
     assert limiter.last[0] == 0.0
     assert math.isnan(limiter.last[1])

@@ -17,13 +17,13 @@ KEYS = {"min_position": "lower", "max_position": "upper"}
 
 def soft(values: dict[str, float]) -> SoftLimits:
     """Return the soft limits of a case; a gain that it does not give is none."""
-    given = {"k_position": math.nan, "k_velocity": math.nan} | {
+    inputs = {"k_position": math.nan, "k_velocity": math.nan} | {
         KEYS.get(key, key): each for key, each in values.items()
     }
-    return SoftLimits(**given)
+    return SoftLimits(**inputs)
 
 
-@pytest.mark.parametrize("case", CASES, ids=[each["name"] for each in CASES])
+@pytest.mark.parametrize("case", CASES, ids=[item["name"] for item in CASES])
 def test_commands_are_limited_as_by_ros2_control(case):
     expect_as_recorded(SoftLimiter(hard(case["in"]["limits"]), soft(case["in"]["soft"])), case)
 

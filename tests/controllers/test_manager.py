@@ -29,7 +29,7 @@ def robot():
 
 
 def states(control: ControllerManager) -> dict[str, str]:
-    return {each.name: each.state for each in control.list()}
+    return {item.name: item.state for item in control.list()}
 
 
 def test_a_controller_is_loaded_configured_activated_deactivated_and_unloaded(robot):
@@ -70,7 +70,7 @@ def test_a_claimed_interface_refuses_the_whole_request_in_both_strictnesses(robo
         with pytest.raises(InterfaceConflict):
             control.switch(["both", "right"], ["left"], strict=strict)
     assert control.active == ("left",)
-    assert [each.owner for each in hardware.command_interfaces] == ["left", None]
+    assert [interface.owner for interface in hardware.command_interfaces] == ["left", None]
 
 
 def test_strict_refuses_what_is_impossible_and_best_effort_drops_it(robot):
@@ -92,7 +92,7 @@ def test_an_unknown_name_is_answered_with_the_nearest(robot):
     _, control = robot
     with pytest.raises(ControlError, match="did you mean 'right'"):
         control.switch(["rigth"])
-    with pytest.raises(ControlError, match="unknown type 'forward_command_controller/ForwardCommandControler', did"):
+    with pytest.raises(ControlError, match=r"unknown type '[\w/]+Controler' \(did you"):
         control.load("x", "forward_command_controller/ForwardCommandControler")
 
 
@@ -117,7 +117,7 @@ def test_a_controller_whose_update_fails_is_stopped_and_the_others_run_on(result
     assert control.active == ("good",)
     assert hardware.values() == [0.0, 5.0]
     assert hardware.calls[-1] == ("perform", (), ("l/velocity",))
-    assert [(each.kind, each.controller) for each in control.events()] == [("error", "bad")]
+    assert [(event.kind, event.controller) for event in control.events()] == [("error", "bad")]
     control.update(3 * S, 0.01)
     assert len(good.runs) == 3
 
@@ -135,7 +135,7 @@ def test_a_hardware_error_deactivates_its_controllers_and_names_the_cause():
     assert control.deactivate_using(left, "node 3 is gone") == ["l"]
     assert control.active == ("r", "states")
     assert left.values() == [0.0]
-    assert [each.text for each in control.events()] == ["l was deactivated: node 3 is gone"]
+    assert [event.text for event in control.events()] == ["l was deactivated: node 3 is gone"]
     assert control.deactivate_using(left, "again") == []
 
 
@@ -154,7 +154,7 @@ def test_a_controller_runs_at_its_own_rate(rate, runs):
 def test_a_rate_above_the_managers_is_reported():
     control = manager(wheels())
     put(control, Scripted("fast"), 1000)
-    assert [each.kind for each in control.events()] == ["update_rate"]
+    assert [event.kind for event in control.events()] == ["update_rate"]
 
 
 def test_the_list_reports_what_a_client_shows(robot):
@@ -221,16 +221,16 @@ def test_whatever_is_switched_every_interface_has_one_active_owner_or_none(reque
         add(control, name, FORWARD, joints=joints, interface_name="velocity")
     add(control, "states", BROADCASTER)
     for number, (activate, deactivate, strict) in enumerate(requests):
-        before = control.active, [each.owner for each in hardware.command_interfaces]
+        before = control.active, [interface.owner for interface in hardware.command_interfaces]
         try:
             control.switch(activate, deactivate, strict=strict, now=number * S)
         except (ControlError, UnknownInterface):
-            after = control.active, [each.owner for each in hardware.command_interfaces]
+            after = control.active, [interface.owner for interface in hardware.command_interfaces]
             assert after == before
         control.update(number * S, 0.01)
-        for each in hardware.command_interfaces:
-            owners = [name for name in control.active if each.name in control.get(name).command_interface_names()]
-            assert owners == ([each.owner] if each.owner else [])
+        for interface in hardware.command_interfaces:
+            owners = [name for name in control.active if interface.name in control.get(name).command_interface_names()]
+            assert owners == ([interface.owner] if interface.owner else [])
         for info in control.list():
             assert (info.state == ControllerState.ACTIVE.value) == (info.name in control.active)
 
@@ -253,7 +253,7 @@ def test_a_fallback_takes_over_from_a_controller_that_fails():
     control, bad, _ = fallen_back()
     assert control.active == ("safe",)
     assert bad.state is ControllerState.INACTIVE
-    assert "safe took over from bad" in [each.text for each in control.events() if each.kind == "fallback"]
+    assert "safe took over from bad" in [event.text for event in control.events() if event.kind == "fallback"]
     control.update(2 * S, 0.01)
     assert control.registry.command("l/velocity").value == 5.0
 
@@ -306,7 +306,7 @@ def test_a_controller_without_a_sample_has_none_and_one_that_raises_has_failed()
     assert control.running.samples(0) == {"silent": silent.told}
     control.update(S, 0.01)
     assert control.active == ("plain", "silent")
-    one, other = (each.text for each in control.events())
+    one, other = (event.text for event in control.events())
     assert "broken was deactivated: sample raised ZeroDivisionError: no" in one
     assert "wrong was deactivated: sample returned OdometrySample, not the class's `sample_type`" in other
 

@@ -1,4 +1,4 @@
-"""What all bases do alike: those that `PARAMS` has parameters for; the diff drive's own tests say more."""
+"""Common behaviour of all bases with parameters in `PARAMS`; the diff drive has its own tests."""
 
 from __future__ import annotations
 
@@ -23,19 +23,25 @@ MS = 1_000_000
 
 
 def test_after_a_pause_there_is_not_a_burst():
-    told = OdometryPublication(2)
-    told.set_rate(100.0)
-    assert [told.is_due(at * MS) for at in (0, 1000, 1001, 1002, 1011)] == [True, True, True, False, True]
+    odometry_publication = OdometryPublication(2)
+    odometry_publication.set_rate(100.0)
+    assert [odometry_publication.is_due(at * MS) for at in (0, 1000, 1001, 1002, 1011)] == [
+        True,
+        True,
+        True,
+        False,
+        True,
+    ]
 
 
 def test_it_stays_what_it_was_until_the_next_one():
-    told, pose = OdometryPublication(2), PlanarPose()
-    assert told.sample(1.0, BaseParams(), limited=False) is None
-    told.is_due(1)
+    reported, pose = OdometryPublication(2), PlanarPose()
+    assert reported.sample(1.0, BaseParams(), limited=False) is None
+    reported.is_due(1)
     pose.set_pose(1.0, 2.0, 3.0)
-    told.store(pose, (0.1, 0.2, 0.3), [0.4, 0.5])
+    reported.store(pose, (0.1, 0.2, 0.3), [0.4, 0.5])
     pose.set_pose(9.0, 9.0, 9.0)
-    sample = told.sample(1.0, BaseParams(odom_frame_id="map"), limited=True)
+    sample = reported.sample(1.0, BaseParams(odom_frame_id="map"), limited=True)
     assert (sample.x, sample.y, sample.heading, sample.frame_id) == (1.0, 2.0, 3.0, "map")
     assert (sample.linear, sample.lateral, sample.angular, sample.limited) == (0.1, 0.2, 0.3, (0.4, 0.5))
 
@@ -47,10 +53,10 @@ def test_each_axis_goes_from_where_it_was_and_from_standstill_after_it_was_forgo
     twist = LimitedTwist(AXES)
     twist.set_limits("base", [TwistAxisLimits(max_acceleration=1.0), TwistAxisLimits()])
     fill(twist.desired, 1.0)
-    for wanted in (0.1, 0.2):
+    for value in (0.1, 0.2):
         twist.limit(0.1)
         twist.step()
-        assert twist.limited == [pytest.approx(wanted), 1.0]
+        assert twist.limited == [pytest.approx(value), 1.0]
     twist.forget()
     assert all(map(math.isnan, twist.desired))
     fill(twist.desired, 1.0)
@@ -106,10 +112,10 @@ class Boat(Rudder):
 @pytest.mark.parametrize("kind", [MobileBase, Rudder])
 def test_a_base_without_a_method_that_moves_it_is_refused_when_it_is_loaded(kind, monkeypatch):
     monkeypatch.setitem(TYPES, "me/Boat", f"boats:{kind.__name__}")
-    made = SimpleNamespace(
+    simple_namespace = SimpleNamespace(
         MobileBase=lambda *names: MobileBase(*names, PlanarPose()), Rudder=lambda *names: Rudder(*names, PlanarPose())
     )
-    monkeypatch.setitem(sys.modules, "boats", made)
+    monkeypatch.setitem(sys.modules, "boats", simple_namespace)
     missing = "compute_commands" if kind is MobileBase else "advance or follow"
     with pytest.raises(
         ControlError, match=f"type 'me/Boat' cannot be loaded: {kind.__name__} does not define {missing}"
@@ -132,10 +138,10 @@ SOME = {True: [0.3, 0.2, 0.1], False: [0.3, 0.1]}
 
 
 def active(kind, **params):
-    hardware, control, made = base(kind, **params)
+    hardware, control, created = base(kind, **params)
     control.switch(["base"], now=0)
     control.events()
-    return hardware, control, made
+    return hardware, control, created
 
 
 def twist(made):
@@ -143,28 +149,28 @@ def twist(made):
 
 
 def velocities(hardware):
-    return [each.value for each in hardware.command_interfaces if each.interface == "velocity"]
+    return [item.value for item in hardware.command_interfaces if item.interface == "velocity"]
 
 
 def angles(hardware):
-    return [each.value for each in hardware.command_interfaces if each.interface == "position"]
+    return [item.value for item in hardware.command_interfaces if item.interface == "position"]
 
 
 @each_base
 def test_before_the_first_twist_wheels_stand_and_odometry_is_reported(kind):
-    hardware, control, made = active(kind)
+    hardware, control, created = active(kind)
     control.update(STEP, 0.01)
     assert set(velocities(hardware)) == {0.0}
     assert all(map(math.isnan, angles(hardware)))
-    sample = made.sample(0)
+    sample = created.sample(0)
     assert (sample.x, sample.linear, sample.lateral, sample.time) == (0.0, 0.0, 0.0, 0.01)
-    assert type(sample) is made.sample_type
+    assert type(sample) is created.sample_type
 
 
 @each_base
 def test_a_twist_that_is_not_renewed_ends_and_positions_stay(kind):
-    hardware, control, made = active(kind)
-    control.command("base", twist(made), 0)
+    hardware, control, created = active(kind)
+    control.command("base", twist(created), 0)
     control.update(STEP, 0.01)
     assert any(velocities(hardware))
     steered = angles(hardware)
@@ -172,7 +178,7 @@ def test_a_twist_that_is_not_renewed_ends_and_positions_stay(kind):
     control.update(51 * STEP, 0.01)
     assert set(velocities(hardware)) == {0.0}
     assert angles(hardware) == steered
-    assert [each.text for each in control.events() if each.kind == "command_timeout"] == [
+    assert [event.text for event in control.events() if event.kind == "command_timeout"] == [
         "base: no twist for 0.51 s, it brakes until the next one"
     ]
 
@@ -180,26 +186,26 @@ def test_a_twist_that_is_not_renewed_ends_and_positions_stay(kind):
 @pytest.mark.parametrize("kind", [TRICYCLE, MECANUM, OMNI])
 def test_a_timeout_of_0_limits_a_twist_to_one_update(kind):
     key = "cmd_vel_timeout" if kind == OMNI else "reference_timeout"
-    hardware, control, made = base(kind, **{key: 0.0})
-    told = [each.text for each in control.events()]
-    assert f"base: {key} is 0, so a twist is used for one update only; give a time in s" in told
+    hardware, control, created = base(kind, **{key: 0.0})
+    texts = [event.text for event in control.events()]
+    assert f"base: {key} is 0, so a twist is used for one update only; give a time in s" in texts
     control.switch(["base"], now=0)
-    control.command("base", twist(made), 3600 * S, 1)  # however old
+    control.command("base", twist(created), 3600 * S, 1)  # however old
     control.update(3600 * S, 0.01)
     assert any(velocities(hardware))
     control.update(3600 * S + STEP, 0.01)
     assert set(velocities(hardware)) == {0.0}
-    control.command("base", twist(made), 3600 * S + STEP)
+    control.command("base", twist(created), 3600 * S + STEP)
     control.update(3600 * S + 2 * STEP, 0.01)
     assert any(velocities(hardware))
 
 
 @each_base
 def test_what_is_not_a_twist_is_refused_with_the_axis(kind):
-    hardware, control, made = active(kind)
-    good = twist(made)
+    hardware, control, created = active(kind)
+    good = twist(created)
     control.command("base", good, 0)
-    for index, axis in enumerate(made.twist_axes):
+    for index, axis in enumerate(created.twist_axes):
         for bad in (math.nan, math.inf):
             with pytest.raises(ControlError, match=f"finite numbers, got {bad} for {axis}"):
                 control.command("base", [*good[:index], bad, *good[index + 1 :]], 40 * STEP)
@@ -207,20 +213,20 @@ def test_what_is_not_a_twist_is_refused_with_the_axis(kind):
         control.command("base", [*good, 0.0], 40 * STEP)
     control.update(51 * STEP, 0.01)  # none of them has put the timeout off
     assert set(velocities(hardware)) == {0.0}
-    assert made.rejected == 2 * len(good) + 1
+    assert created.rejected == 2 * len(good) + 1
 
 
 @each_base
 def test_a_twist_as_old_as_the_timeout_is_refused(kind):
-    _, control, made = active(kind)
+    _, control, created = active(kind)
     with pytest.raises(ControlError, match=r"0\.500 s old"):
-        control.command("base", twist(made), 10 * S, 10 * S - S // 2)
+        control.command("base", twist(created), 10 * S, 10 * S - S // 2)
 
 
 @each_base
 def test_it_stops_where_it_is_deactivated_and_its_twist_does_not_return(kind):
-    hardware, control, made = active(kind)
-    control.command("base", twist(made), 0)
+    hardware, control, created = active(kind)
+    control.command("base", twist(created), 0)
     control.update(STEP, 0.01)
     steered = angles(hardware)
     control.switch(deactivate=["base"], now=2 * STEP)
@@ -229,53 +235,53 @@ def test_it_stops_where_it_is_deactivated_and_its_twist_does_not_return(kind):
     control.switch(["base"], now=3 * STEP)
     control.update(4 * STEP, 0.01)
     assert set(velocities(hardware)) == {0.0}
-    assert made.state is ControllerState.ACTIVE
+    assert created.state is ControllerState.ACTIVE
 
 
 @each_base
 def test_a_drive_that_is_lost_ends_the_twist_and_is_waited_for(kind):
-    hardware, control, made = active(kind)
-    control.command("base", twist(made), 0)
+    hardware, control, created = active(kind)
+    control.command("base", twist(created), 0)
     control.update(STEP, 0.01)
-    for each in hardware.command_interfaces:
-        each.enabled = False
-    for each in hardware.state_interfaces:
-        each.value = math.nan
+    for interface in hardware.command_interfaces:
+        interface.enabled = False
+    for interface in hardware.state_interfaces:
+        interface.value = math.nan
     for step in range(2, 6):
         control.update(step * STEP, 0.01)
-    assert made.state is ControllerState.ACTIVE
+    assert created.state is ControllerState.ACTIVE
     assert set(velocities(hardware)) == {0.0}
     assert all(map(math.isnan, angles(hardware))), "the hardware holds where the joint is"
     with pytest.raises(ControlError, match="not enabled"):
-        control.command("base", twist(made), 6 * STEP)
-    for each in hardware.command_interfaces:
-        each.enabled = True
-    for each in hardware.state_interfaces:
-        each.value = 7.0  # wherever the wheels have got to: no way
-    before = (made.pose.x, made.pose.y, made.pose.heading)
+        control.command("base", twist(created), 6 * STEP)
+    for interface in hardware.command_interfaces:
+        interface.enabled = True
+    for interface in hardware.state_interfaces:
+        interface.value = 7.0  # wherever the wheels have got to: no way
+    before = (created.pose.x, created.pose.y, created.pose.heading)
     control.update(7 * STEP, 0.01)
-    assert (made.pose.x, made.pose.y, made.pose.heading) == before
+    assert (created.pose.x, created.pose.y, created.pose.heading) == before
     assert set(velocities(hardware)) == {0.0}, "nothing moves without a newer command"
-    for each in hardware.state_interfaces:
-        each.value = 0.0
-    control.command("base", twist(made), 7 * STEP)
+    for interface in hardware.state_interfaces:
+        interface.value = 0.0
+    control.command("base", twist(created), 7 * STEP)
     control.update(8 * STEP, 0.01)
     assert any(velocities(hardware))
 
 
 @each_base
 def test_drives_that_run_without_feedback_are_an_error(kind):
-    hardware, control, made = active(kind)
-    control.command("base", twist(made), 0)
+    hardware, control, created = active(kind)
+    control.command("base", twist(created), 0)
     hardware.state_interfaces[0].value = hardware.state_interfaces[1].value = math.nan
-    assert made.update(STEP, 0.01) is ReturnType.ERROR
+    assert created.update(STEP, 0.01) is ReturnType.ERROR
     assert "has no finite value" in control.events()[-1].text
 
 
 @each_base
 def test_another_controller_drives_it_by_its_references(kind):
-    hardware, control, made = base(kind)
-    names = [each.name.removesuffix("/velocity") for each in made.reference_interfaces()]
+    hardware, control, created = base(kind)
+    names = [interface.name.removesuffix("/velocity") for interface in created.reference_interfaces()]
     for index, joint in enumerate(names):
         add(control, f"axis{index}", FORWARD, joints=[joint], interface_name="velocity")
     others = [f"axis{index}" for index in range(len(names))]
@@ -283,8 +289,8 @@ def test_another_controller_drives_it_by_its_references(kind):
     control.update(STEP, 0.01)
     assert set(velocities(hardware)) == {0.0}
     with pytest.raises(ControlError, match="is commanded by axis0"):
-        control.command("base", twist(made), 0)
-    for other, value in zip(others, twist(made), strict=True):
+        control.command("base", twist(created), 0)
+    for other, value in zip(others, twist(created), strict=True):
         control.command(other, [value], STEP)
     control.update(2 * STEP, 0.01)
     assert any(velocities(hardware))
@@ -295,45 +301,45 @@ def test_another_controller_drives_it_by_its_references(kind):
 
 @each_base
 def test_a_wheel_that_cannot_turn_so_fast_refuses_the_twist(kind):
-    hardware, control, made = active(kind)
-    control.command("base", twist(made), 0)
+    hardware, control, created = active(kind)
+    control.command("base", twist(created), 0)
     control.update(STEP, 0.01)
     hardware.command_interfaces[0].highest = 1.0
     hardware.command_interfaces[0].lowest = -1.0
     with pytest.raises(ControlError, match="cannot send"):
-        control.command("base", [5.0 * each for each in twist(made)], STEP)
+        control.command("base", [5.0 * item for item in twist(created)], STEP)
     assert set(velocities(hardware)) == {0.0}
 
 
 @each_base
 def test_the_pose_can_be_set(kind):
-    _, control, made = active(kind)
-    made.set_odometry(1.0, 2.0, 0.5)
+    _, control, created = active(kind)
+    created.set_odometry(1.0, 2.0, 0.5)
     control.update(STEP, 0.01)
-    sample = made.sample(0)
+    sample = created.sample(0)
     assert (sample.x, sample.y, sample.heading) == (1.0, 2.0, 0.5)
 
 
 @each_base
 def test_it_reports_that_it_is_a_base(kind):
-    _, control, made = base(kind)
+    _, control, created = base(kind)
     reading = control.list()[0]
     assert reading.is_base
-    assert reading.twist_axes == made.twist_axes
-    assert reading.drives_sideways is ("linear.y" in made.twist_axes)
-    assert made.wheel_base().base_frame == "base_link"
+    assert reading.twist_axes == created.twist_axes
+    assert reading.drives_sideways is ("linear.y" in created.twist_axes)
+    assert created.wheel_base().base_frame == "base_link"
 
 
 @each_base
 def test_a_timeout_that_is_set_acts_in_the_next_update_and_one_that_is_wrong_never(kind):
-    hardware, control, made = active(kind)
-    key = made.timeout_key
+    hardware, control, created = active(kind)
+    key = created.timeout_key
     control.set_parameters("base", [ParameterValue(name=key, kind="double", value=2.0)])
-    control.command("base", twist(made), 0)
+    control.command("base", twist(created), 0)
     control.update(STEP, 0.01)
     control.update(101 * STEP, 1.0)
     assert any(velocities(hardware)), "1 s is not too old"
     with pytest.raises(RobotConfigError, match=rf"{key}: -1\.0 is out of range"):
         control.set_parameters("base", [ParameterValue(name=key, kind="double", value=-1.0)])
-    assert made.command_timeout.limit_ns == 2 * S
-    assert {each.name: each for each in control.parameters("base")}[key].value == 2.0
+    assert created.command_timeout.limit_ns == 2 * S
+    assert {parameter.name: parameter for parameter in control.parameters("base")}[key].value == 2.0

@@ -17,8 +17,8 @@ from canopen_control.yamlfile.convert import derived, setting
 
 
 def test_a_value_is_read_from_the_interface_that_the_map_names():
-    given = Params.of({"map_interface_to_joint_state": {"position": "kf_position"}}).read(BroadcasterParams)
-    assert (given.position, given.velocity, given.effort) == ("kf_position", "velocity", "effort")
+    inputs = Params.of({"map_interface_to_joint_state": {"position": "kf_position"}}).read(BroadcasterParams)
+    assert (inputs.position, inputs.velocity, inputs.effort) == ("kf_position", "velocity", "effort")
 
 
 def test_the_key_of_ros_1_is_the_rate():
@@ -26,7 +26,7 @@ def test_the_key_of_ros_1_is_the_rate():
 
 
 @pytest.mark.parametrize(
-    ("given", "text"),
+    ("inputs", "text"),
     [
         ({"i": 1.0, "antiwindup_strategy": "back_calculation"}, "give tracking_time_constant"),
         ({"p": 1.0, "i": 1.0, "d": -1.0, "antiwindup_strategy": "back_calculation"}, "give tracking_time_constant"),
@@ -34,9 +34,9 @@ def test_the_key_of_ros_1_is_the_rate():
         ({"u_clamp_max": -1.0, "u_clamp_min": 1.0}, "give u_min < u_max"),
     ],
 )
-def test_gains_that_make_a_command_of_no_number_are_refused(given, text):
+def test_gains_that_make_a_command_of_no_number_are_refused(inputs, text):
     with pytest.raises(RobotConfigError, match=text):
-        Params.of(given).read(LoopGains)
+        Params.of(inputs).read(LoopGains)
     assert Params.of({"p": 1.0, "i": 1.0, "antiwindup_strategy": "back_calculation"}).read(LoopGains).p == 1.0
 
 
@@ -90,7 +90,7 @@ class OfJoints:
 
 
 def test_sections_of_each_name_are_gathered_in_the_order_of_the_names():
-    given = Params.of({"joints": ["b", "a", "b"], "gains": {"a": {"p": 2.0}}})
-    assert given.names("joints", "others") == ("b", "a")
-    read = given.read_each(OfJoints, ("b", "a"), {"gains": ("gains.{}", Gain)}, {"joints": ""})
+    inputs = Params.of({"joints": ["b", "a", "b"], "gains": {"a": {"p": 2.0}}})
+    assert inputs.names("joints", "others") == ("b", "a")
+    read = inputs.read_each(OfJoints, ("b", "a"), {"gains": ("gains.{}", Gain)}, {"joints": ""})
     assert [gain.p for gain in read.gains] == [1.0, 2.0]

@@ -52,7 +52,7 @@ def test_what_cannot_be_is_refused_with_the_key(changes, text):
 def test_gains_of_a_stranger_are_reported():
     params = Params.of({**GIVEN, "gains.c.p": 1.0}, "pid")
     read_pid_params(params, "pid")
-    assert any("gains.c.p" in each for each in params.warnings)
+    assert any("gains.c.p" in warning for warning in params.warnings)
 
 
 def test_all_mistakes_are_reported_at_once_each_on_a_line():

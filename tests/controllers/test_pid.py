@@ -30,28 +30,28 @@ def step(pid: Pid, verb, *values) -> float | None:
 
 @pytest.mark.parametrize("case", cases("pid"), ids=lambda case: case["name"])
 def test_it_computes_as_control_toolbox_does(case):
-    given, expect = case["in"], case["expect"]
+    inputs, expect = case["in"], case["expect"]
     if expect["constructor"] != "ok":
         with pytest.raises(ValueError, match="u_min"):
-            gains(given["gains"])
+            gains(inputs["gains"])
         return
     try:
-        made = gains(given["gains"])
+        created = gains(inputs["gains"])
     except ValueError:
-        assert expect["antiwindup_used"] == "undefined" or not any("u" in each for each in expect["steps"])
+        assert expect["antiwindup_used"] == "undefined" or not any("u" in item for item in expect["steps"])
         return
-    pid = Pid(made)
-    assert same(made.tracking_time_used, expect["tracking_time_constant_used"], case["tolerance"])
-    for each, wanted in zip(given["steps"], expect["steps"], strict=True):
-        if "error" in wanted:
+    pid = Pid(created)
+    assert same(created.tracking_time_used, expect["tracking_time_constant_used"], case["tolerance"])
+    for each, expected in zip(inputs["steps"], expect["steps"], strict=True):
+        if "error" in expected:
             with pytest.raises(ValueError, match="is negative"):
                 step(pid, *each)
             continue
         command = step(pid, *each)
-        found = {"u": command, "p_error": pid.error, "i_term": pid.integral, "d_error": pid.error_rate}
-        for key, value in wanted.items():
-            if key in found:
-                assert same(found[key], value, case["tolerance"]), (each, key, found[key], value)
+        result = {"u": command, "p_error": pid.error, "i_term": pid.integral, "d_error": pid.error_rate}
+        for key, value in expected.items():
+            if key in result:
+                assert same(result[key], value, case["tolerance"]), (each, key, result[key], value)
 
 
 FINITE = st.floats(-1e3, 1e3)

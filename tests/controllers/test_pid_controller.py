@@ -22,12 +22,12 @@ class Robot:
     """Two joints that take one quantity and measure position and velocity, under PIDs."""
 
     def __init__(self, kind="velocity", interfaces=("position",), gains=None, **params):
-        states = tuple(f"{joint}/{each}" for each in ("position", "velocity") for joint in JOINTS)
+        states = tuple(f"{joint}/{name}" for name in ("position", "velocity") for joint in JOINTS)
         self.hardware = Hardware(*(f"{joint}/{kind}" for joint in JOINTS), states=states)
-        for each in self.hardware.state_interfaces:
-            each.value = 0.0
+        for interface in self.hardware.state_interfaces:
+            interface.value = 0.0
         self.manager = manager(self.hardware)
-        given = {f"gains__{joint}__{key}": value for joint in JOINTS for key, value in (gains or {"p": 2.0}).items()}
+        inputs = {f"gains__{joint}__{key}": value for joint in JOINTS for key, value in (gains or {"p": 2.0}).items()}
         self.pid = add(
             self.manager,
             "pid",
@@ -35,7 +35,7 @@ class Robot:
             dof_names=JOINTS,
             command_interface=kind,
             reference_and_state_interfaces=list(interfaces),
-            **given,
+            **inputs,
             **params,
         )
         self.now = S
@@ -53,20 +53,20 @@ class Robot:
         return self.hardware.values()
 
     def enable(self, joint, enabled=True):
-        next(each for each in self.hardware.command_interfaces if each.joint == joint).enabled = enabled
+        next(interface for interface in self.hardware.command_interfaces if interface.joint == joint).enabled = enabled
 
     def command(self, *values):
         self.manager.command("pid", values, self.now, source="a test")
 
     def state(self, name):
-        return next(each for each in self.hardware.state_interfaces if each.name == name)
+        return next(interface for interface in self.hardware.state_interfaces if interface.name == name)
 
 
 def test_the_first_reference_is_where_the_joints_are():
     robot = Robot()
     robot.state("a/position").value = 0.5
     assert robot.start().cycle() == [0.0, 0.0]
-    assert [each.reference for each in robot.pid.sample(0).dofs] == [0.5, 0.0]
+    assert [dof.reference for dof in robot.pid.sample(0).dofs] == [0.5, 0.0]
 
 
 def test_without_a_first_reference_the_targets_are_0_until_there_is_one():
@@ -82,13 +82,15 @@ def test_it_claims_reads_and_exports_as_upstream_does():
     robot = Robot("effort", ("position", "velocity"), reference_and_state_dof_names=["x", "y"])
     assert robot.pid.command_interface_names() == ["a/effort", "b/effort"]
     assert robot.pid.state_interface_names() == ["x/position", "y/position", "x/velocity", "y/velocity"]
-    names = [each.name for each in robot.pid.reference_interfaces()]
+    names = [interface.name for interface in robot.pid.reference_interfaces()]
     assert names == ["pid/x/position", "pid/y/position", "pid/x/velocity", "pid/y/velocity"]
 
 
 def test_it_is_listed_with_what_another_controller_may_command_once_it_is_configured():
     robot = Robot("effort", ("position", "velocity"), reference_and_state_dof_names=["x", "y"])
-    assert robot.manager.list()[0].reference_interfaces == tuple(each.name for each in robot.pid.reference_interfaces())
+    assert robot.manager.list()[0].reference_interfaces == tuple(
+        interface.name for interface in robot.pid.reference_interfaces()
+    )
     robot.pid.state = ControllerState.UNCONFIGURED
     assert robot.manager.list()[0].reference_interfaces == ()
 
@@ -127,7 +129,7 @@ def test_a_drive_that_does_not_follow_loses_its_reference_and_is_held_where_it_i
     robot.state("b/position").value = -0.4
     robot.enable("b")
     assert robot.cycle(10) == [0.0, 0.0]
-    assert [each.reference for each in robot.pid.sample(0).dofs] == [0.0, -0.4]
+    assert [dof.reference for dof in robot.pid.sample(0).dofs] == [0.0, -0.4]
 
 
 def test_a_state_that_is_unknown_makes_the_target_0():
@@ -165,7 +167,7 @@ def test_a_target_position_ends_with_its_client_even_if_it_is_0():
     assert robot.cycle()[0] == pytest.approx(-0.6)
     robot.manager.running.client_disconnected(robot)
     assert robot.cycle() == [0.0, 0.0]
-    assert [each.reference for each in robot.pid.sample(0).dofs] == [0.3, 0.0]
+    assert [dof.reference for dof in robot.pid.sample(0).dofs] == [0.3, 0.0]
 
 
 def test_a_reference_beyond_the_limits_of_the_joint_is_refused_with_its_name():
@@ -174,15 +176,15 @@ def test_a_reference_beyond_the_limits_of_the_joint_is_refused_with_its_name():
     robot.manager.configure("pid")
     robot.start().command(1.5, 9.0, -2.0, 9.0)
     robot.cycle()
-    for told, *values in (
+    for reported, *values in (
         ("-0.5 to 1.5 .* for a/position, got 1.6", 1.6, 0.0),
         ("for a/position, got -0.6", -0.6, 0.0),
         ("-2 to 2 .* for a/velocity, got 2.1", 0.0, 0.0, 2.1, 0.0),
         ("for a/velocity, got -2.1", 0.0, 0.0, -2.1, 0.0),
     ):
-        with pytest.raises(ControlError, match=told):
+        with pytest.raises(ControlError, match=reported):
             robot.command(*values)
-    assert [each.reference for each in robot.pid.sample(0).dofs] == [1.5, 9.0]
+    assert [dof.reference for dof in robot.pid.sample(0).dofs] == [1.5, 9.0]
 
 
 def test_it_commands_no_positions():
@@ -200,7 +202,7 @@ class Reader(Controller):
 
     def on_activate(self, commands, states, now):
         super().on_activate(commands, states, now)
-        self.first = [each.value for each in states]
+        self.first = [state.value for state in states]
 
 
 def read(robot):
@@ -216,21 +218,21 @@ def test_others_read_what_is_measured_under_the_names_of_the_references():
     robot.state("a/position").value, robot.state("a/velocity").value = 0.75, -1.0
     robot.enable("b", False)
     robot.cycle()
-    assert [each.value for each in robot.reader.states] == [0.75, 0.25, -1.0]
-    assert {*Reader.names} < {each.name for each in robot.pid.exported_states()}
+    assert [item.value for item in robot.reader.states] == [0.75, 0.25, -1.0]
+    assert {*Reader.names} < {item.name for item in robot.pid.exported_states()}
     assert robot.manager.list()[0].exported_state_interfaces[0] == "pid/a/position"
 
 
 def test_it_is_not_published_while_inactive():
     robot = read(Robot("effort", ("position", "velocity")))
-    told = "reader reads pid/a/position, whose controller would not be active; {} reader and pid together"
-    with pytest.raises(ControlError, match=told.format("activate")):
+    reported = "reader reads pid/a/position, whose controller would not be active; {} reader and pid together"
+    with pytest.raises(ControlError, match=reported.format("activate")):
         robot.start("reader")
     states = robot.start("pid", "reader").reader.states
-    with pytest.raises(ControlError, match=told.format("deactivate")):
+    with pytest.raises(ControlError, match=reported.format("deactivate")):
         robot.manager.switch((), ["pid"])
     robot.manager.switch((), ["reader", "pid"])
-    assert all(math.isnan(each.value) for each in states)
+    assert all(math.isnan(state.value) for state in states)
     robot.manager.unload("pid")
     with pytest.raises(UnknownInterface):
         robot.start("reader")
@@ -264,7 +266,7 @@ def test_the_chain_stops_as_one_and_what_is_above_is_reported_what_does_not_foll
     robot.cycle(5)
     robot.enable("b", False)
     robot.cycle(2)
-    assert [each.enabled for each in robot.pid.reference_interfaces()] == [True, False]
+    assert [interface.enabled for interface in robot.pid.reference_interfaces()] == [True, False]
     assert robot.hardware.values() == [0.0, 0.0]
     robot.state("b/position").value = 0.3
     robot.enable("b")
@@ -285,9 +287,9 @@ def test_whatever_appears_and_disappears_targets_are_finite_and_those_that_do_no
             robot.command(value, -value)
         except NotEnabled:
             assert not enabled
-        found = robot.cycle()
-        assert all(abs(each) <= 3.0 for each in found)
-        assert enabled or found[0] == 0.0
+        result = robot.cycle()
+        assert all(abs(item) <= 3.0 for item in result)
+        assert enabled or result[0] == 0.0
 
 
 def test_its_cycles_leave_no_object_behind():
@@ -329,7 +331,7 @@ def test_measured_states_come_by_messages_and_none_are_claimed():
     assert robot.cycle() == [0.0, 0.0]  # it holds where they are
     robot.command(1.0, 0.0)
     assert robot.cycle() == [1.0, 1.0]  # p: 2.0
-    assert [each.feedback for each in robot.pid.sample(0).dofs] == [0.5, -0.5]
+    assert [dof.feedback for dof in robot.pid.sample(0).dofs] == [0.5, -0.5]
 
 
 def test_without_a_measured_state_no_reference_is_taken_and_nothing_moves():
@@ -346,13 +348,13 @@ def test_measured_states_that_stay_away_end_the_reference_and_later_ones_move_no
     robot.command(1.0, 1.0)
     assert robot.cycle(4) == [2.0, 2.0]
     assert robot.cycle(2) == [0.0, 0.0]
-    assert [each.text for each in robot.manager.events() if each.kind == "measured_state_lost"] == [
+    assert [event.text for event in robot.manager.events() if event.kind == "measured_state_lost"] == [
         "pid: no measured state for 0.05 s, targets are 0; send references again"
     ]
-    assert [each.value for each in robot.pid.exported_states()] == pytest.approx([math.nan] * 2, nan_ok=True)
+    assert [state.value for state in robot.pid.exported_states()] == pytest.approx([math.nan] * 2, nan_ok=True)
     robot.pid.set_measured_states([0.3, 0.3], robot.now)
     assert robot.cycle() == [0.0, 0.0]
-    assert [each.reference for each in robot.pid.sample(0).dofs] == [0.3, 0.3]
+    assert [dof.reference for dof in robot.pid.sample(0).dofs] == [0.3, 0.3]
 
 
 @pytest.mark.parametrize(
@@ -364,7 +366,7 @@ def test_measured_states_that_are_not_whole_are_refused(values, text):
         robot.pid.set_measured_states(values, robot.now)
     robot.pid.set_measured_states([0.0, 0.0, 1.0, 2.0], robot.now)
     robot.cycle()
-    assert [each.feedback_dot for each in robot.pid.sample(0).dofs] == [1.0, 2.0]
+    assert [dof.feedback_dot for dof in robot.pid.sample(0).dofs] == [1.0, 2.0]
 
 
 def test_a_controller_measuring_by_interfaces_takes_no_messages():
@@ -375,12 +377,12 @@ def test_a_controller_measuring_by_interfaces_takes_no_messages():
 def test_a_controller_above_is_reported_when_measured_states_stay_away_and_holds_once_they_are_back():
     robot = chained("velocity", ("position",), ("position",), use_external_measured_states=True).start("pid", "arm")
     robot.cycle()
-    assert [each.enabled for each in robot.pid.reference_interfaces()] == [False, False]
+    assert [interface.enabled for interface in robot.pid.reference_interfaces()] == [False, False]
     for _ in range(5):
         robot.pid.set_measured_states([0.0, 0.2], robot.now)
         robot.cycle()
-    assert [each.enabled for each in robot.pid.reference_interfaces()] == [True, True]
+    assert [interface.enabled for interface in robot.pid.reference_interfaces()] == [True, True]
     assert robot.hardware.values() == [0.0, -0.4]  # above, the interfaces say 0 of b
     robot.cycle(30)
-    assert [each.enabled for each in robot.pid.reference_interfaces()] == [False, False]
+    assert [interface.enabled for interface in robot.pid.reference_interfaces()] == [False, False]
     assert robot.hardware.values() == [0.0, 0.0]

@@ -35,11 +35,11 @@ def test_a_mean_is_of_the_last_values():
 
 
 @pytest.mark.parametrize(
-    ("dividend", "divisor", "wanted"),
+    ("dividend", "divisor", "expected"),
     [(6.0, 2.0, 3.0), (1.0, 0.0, math.inf), (1.0, -0.0, -math.inf), (-1.0, 0.0, -math.inf)],
 )
-def test_a_quotient_is_that_of_the_standard(dividend, divisor, wanted):
-    assert quotient(dividend, divisor) == wanted
+def test_a_quotient_is_that_of_the_standard(dividend, divisor, expected):
+    assert quotient(dividend, divisor) == expected
 
 
 @pytest.mark.parametrize("dividend", [0.0, -0.0, math.nan])

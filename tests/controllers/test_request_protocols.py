@@ -1,4 +1,4 @@
-"""What a controller does not take is refused by the manager, each request with its sentence."""
+"""The manager refuses requests that a controller does not support, each with a sentence."""
 
 import pytest
 from support.control import FORWARD, three_on_two_wheels
@@ -37,7 +37,7 @@ TAKEN = {
 def test_a_kind_takes_what_it_has_the_methods_for(kind):
     assert kind in TYPES
     controller = make_controller("one", kind)
-    assert {each.__name__ for each in KINDS if isinstance(controller, each)} == TAKEN[kind]
+    assert {item.__name__ for item in KINDS if isinstance(controller, item)} == TAKEN[kind]
 
 
 GOAL = TrajectoryGoal(JointTrajectory(("l",), [Point([1.0], time=1)]))

@@ -12,12 +12,12 @@ MS = 1_000_000
 
 
 def test_only_the_first_end_counts_and_is_reported_once():
-    told = []
-    goal = GripperGoal(0.04, 20.0, ended_now=lambda: told.append(1))
+    reports = []
+    goal = GripperGoal(0.04, 20.0, ended_now=lambda: reports.append(1))
     goal.end(GoalState.SUCCEEDED, "reached", 0.039, 5.0, GripStatus.REACHED)
     goal.end(GoalState.ABORTED, "too late", 0.0, 0.0, GripStatus.STALLED)
     assert (goal.state, goal.text, goal.at, goal.effort) == (GoalState.SUCCEEDED, "reached", 0.039, 5.0)
-    assert (goal.reached, goal.stalled, told) == (True, False, [1])
+    assert (goal.reached, goal.stalled, reports) == (True, False, [1])
 
 
 def test_an_unknown_position_is_not_reported_as_reached():
@@ -33,9 +33,9 @@ def test_it_agrees_with_the_definition(steps):
     progress.begin(0)
     for number, (error, velocity) in enumerate(steps, 1):
         now = number * 10 * MS
-        found = progress.update(now, error, velocity)
+        result = progress.update(now, error, velocity)
         if abs(error) < 0.1:
-            assert found is GripStatus.REACHED
+            assert result is GripStatus.REACHED
             continue
         moved = now if abs(velocity) > 0.002 else moved
-        assert found is (GripStatus.STALLED if now - moved > 50 * MS else GripStatus.MOVING)
+        assert result is (GripStatus.STALLED if now - moved > 50 * MS else GripStatus.MOVING)

@@ -30,12 +30,12 @@ def made(given: dict[str, Any]) -> SteeringKinematics:
 
 def step(base: SteeringKinematics, verb: str, *values: Any) -> dict[str, Any]:
     """Do a step of a case and return what is so then."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     if verb in ("vel", "pos"):
         feedback, dt = values
         follow = base.update_velocity if verb == "vel" else base.update_position
         traction, steering = feedback[: base.traction_count], feedback[base.traction_count :]
-        found["updated"] = follow(traction, steering, dt)
+        result["updated"] = follow(traction, steering, dt)
     elif verb == "open":
         base.update_open_loop(*values)
     elif verb == "window":
@@ -45,14 +45,14 @@ def step(base: SteeringKinematics, verb: str, *values: Any) -> dict[str, Any]:
     else:
         base.command(*values)
     names = ("x", "y", "heading", "linear", "angular", "traction", "steering")
-    return found | {name: getattr(base, name) for name in names}
+    return result | {name: getattr(base, name) for name in names}
 
 
 @pytest.mark.parametrize("case", cases("steering_kinematics"), ids=lambda case: f"{case['index']} {case['name']}")
 def test_it_steers_and_follows_as_upstream_does(case):
     base = made(case["in"])
-    for (verb, *values), wanted in zip(case["in"]["steps"], case["expect"]["steps"], strict=True):
-        assert not differences(step(base, verb, *values), wanted, case["tolerance"]), verb
+    for (verb, *values), expected in zip(case["in"]["steps"], case["expect"]["steps"], strict=True):
+        assert not differences(step(base, verb, *values), expected, case["tolerance"]), verb
 
 
 @pytest.mark.parametrize("kind", list(KINDS.values()))

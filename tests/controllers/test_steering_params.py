@@ -46,8 +46,8 @@ def test_it_refuses_what_cannot_be(changes, text):
 
 
 def test_states_may_be_of_other_joints():
-    given = read(TRICYCLE, traction_joints_state_names=["mr", "ml"])
-    assert (given.traction_states, given.steering_states) == (("mr", "ml"), ("s",))
+    inputs = read(TRICYCLE, traction_joints_state_names=["mr", "ml"])
+    assert (inputs.traction_states, inputs.steering_states) == (("mr", "ml"), ("s",))
 
 
 def test_steered_wheels_are_as_far_apart_as_the_others_unless_that_is_given():
@@ -72,17 +72,17 @@ OLD = {
 )
 def test_names_by_front_and_rear_are_those_of_what_the_wheels_do(front, traction, steering, radius, tracks):
     params = Params.of({**OLD, "front_steering": front, "use_stamped_vel": False}, "base")
-    given = read_params(params, AckermannParams)
-    assert (given.traction_joints_names, given.steering_joints_names) == (traction, steering)
-    assert (given.radius, given.tracks) == (radius, tracks)
-    assert any("'rear_wheels_names' is read as" in each for each in params.warnings)
-    assert any("'use_stamped_vel' has no effect" in each for each in params.warnings)
+    inputs = read_params(params, AckermannParams)
+    assert (inputs.traction_joints_names, inputs.steering_joints_names) == (traction, steering)
+    assert (inputs.radius, inputs.tracks) == (radius, tracks)
+    assert any("'rear_wheels_names' is read as" in warning for warning in params.warnings)
+    assert any("'use_stamped_vel' has no effect" in warning for warning in params.warnings)
 
 
 def test_the_tricycle_and_the_bicycle_have_keys_of_their_own():
     old = {"front_wheels_names": ["s"], "rear_wheels_names": ["r", "l"], "wheelbase": 1.2, "wheel_track": 0.8}
-    given = read_params(Params.of({**old, "rear_wheels_radius": 0.3}, "base"), TricycleParams)
-    assert (given.radius, given.tracks) == (0.3, (0.8, 0.0))
+    params = read_params(Params.of({**old, "rear_wheels_radius": 0.3}, "base"), TricycleParams)
+    assert (params.radius, params.tracks) == (0.3, (0.8, 0.0))
     old = {"front_wheels_names": ["s"], "rear_wheels_names": ["w"], "wheelbase": 1.2, "rear_wheel_radius": 0.3}
     assert read_params(Params.of(old, "base"), BicycleParams).radius == 0.3
 

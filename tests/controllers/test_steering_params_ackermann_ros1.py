@@ -28,8 +28,8 @@ NOETIC = {
 
 
 def read(**params):
-    given = Params.of({**NOETIC, **params}, "base")
-    return given, read_ros1(given)
+    inputs = Params.of({**NOETIC, **params}, "base")
+    return inputs, read_ros1(inputs)
 
 
 def test_its_keys_report_it_from_the_controller_of_ros_2():
@@ -39,13 +39,16 @@ def test_its_keys_report_it_from_the_controller_of_ros_2():
 
 
 def test_it_is_a_bicycle_of_its_two_joints_and_sizes():
-    params, given = read()
-    assert (given.traction_joints_names, given.steering_joints_names) == (("rear_wheel_joint",), ("front_steer_joint",))
-    assert given.wheelbase == pytest.approx(0.6)
-    assert (given.radius, given.reference_timeout, given.position_feedback) == (0.11, 20.0, True)
-    assert given.limits[0].limits().max_velocity == 0.5
-    assert math.isnan(given.limits[1].limits().max_velocity)
-    assert params.source is given
+    params, inputs = read()
+    assert (inputs.traction_joints_names, inputs.steering_joints_names) == (
+        ("rear_wheel_joint",),
+        ("front_steer_joint",),
+    )
+    assert inputs.wheelbase == pytest.approx(0.6)
+    assert (inputs.radius, inputs.reference_timeout, inputs.position_feedback) == (0.11, 20.0, True)
+    assert inputs.limits[0].limits().max_velocity == 0.5
+    assert math.isnan(inputs.limits[1].limits().max_velocity)
+    assert params.source is inputs
 
 
 @pytest.mark.parametrize(
@@ -59,7 +62,7 @@ def test_it_is_a_bicycle_of_its_two_joints_and_sizes():
 )
 def test_what_is_read_otherwise_is_reported(words):
     params, _ = read()
-    assert any(words in each for each in params.warnings)
+    assert any(words in warning for warning in params.warnings)
 
 
 def base(**params):
@@ -67,8 +70,8 @@ def base(**params):
         "rear_wheel_joint/velocity", "front_steer_joint/position",
         states=tuple(f"{joint}_joint/position" for joint in ("rear_wheel", "front_steer")),
     )  # fmt: skip
-    for each in hardware.state_interfaces:
-        each.value = 0.0
+    for interface in hardware.state_interfaces:
+        interface.value = 0.0
     control = manager(hardware)
     return hardware, control, add(control, "base", ACKERMANN, **{**NOETIC, "cmd_vel_timeout": 0.5, **params})
 
@@ -109,13 +112,13 @@ class Geometry:
 
 
 def test_sizes_that_are_not_given_are_the_descriptions_and_reported():
-    told = []
-    given = read_ros1(Params.of({"front_steer": "front_steer_joint"}, "base"), Geometry(), told.append)
-    assert (given.wheelbase, given.radius) == (0.5, 0.2)
-    assert [text.partition(" is not")[0] for text in told] == ["wheel_separation_h", "wheel_radius"]
-    given = read_ros1(Params.of(NOETIC, "base"), Geometry(), told.append)
-    assert (given.radius, len(told)) == (0.11, 2)
-    assert read_ros1(Params.of({"front_steer": "other"}, "base"), Geometry(), told.append).wheelbase == 0.0
+    reports = []
+    ros1 = read_ros1(Params.of({"front_steer": "front_steer_joint"}, "base"), Geometry(), reports.append)
+    assert (ros1.wheelbase, ros1.radius) == (0.5, 0.2)
+    assert [text.partition(" is not")[0] for text in reports] == ["wheel_separation_h", "wheel_radius"]
+    ros1 = read_ros1(Params.of(NOETIC, "base"), Geometry(), reports.append)
+    assert (ros1.radius, len(reports)) == (0.11, 2)
+    assert read_ros1(Params.of({"front_steer": "other"}, "base"), Geometry(), reports.append).wheelbase == 0.0
 
 
 def test_sizes_of_the_description_are_reported_once_and_not_again_when_a_parameter_is_set():
@@ -128,4 +131,4 @@ def test_sizes_of_the_description_are_reported_once_and_not_again_when_a_paramet
     base_controller.geometry = Geometry()
     control.configure("base")
     control.set_parameters("base", [ParameterValue(name="reference_timeout", kind="double", value=1.0)])
-    assert sum("the value of the description is used" in each.text for each in control.events()) == 2
+    assert sum("the value of the description is used" in event.text for event in control.events()) == 2

@@ -26,8 +26,8 @@ from canopen_control.hardware.interfaces import CommandInterface, ReturnType, St
 
 def steps(rate, period_ms, cycles=100, start=1):
     """Return (ms, elapsed) of the steps that a rate takes in cycles of `period_ms`."""
-    found = ((ms, rate.step(ms * S // 1000, period_ms / 1000)) for ms in range(start, cycles * period_ms, period_ms))
-    return [(ms, elapsed) for ms, elapsed in found if elapsed != NOT_DUE]
+    result = ((ms, rate.step(ms * S // 1000, period_ms / 1000)) for ms in range(start, cycles * period_ms, period_ms))
+    return [(ms, elapsed) for ms, elapsed in result if elapsed != NOT_DUE]
 
 
 def test_without_a_rate_every_cycle_is_a_step_of_its_period():
@@ -164,13 +164,13 @@ def test_a_joint_state_is_of_its_update_and_not_of_the_cycle():
     control = manager(hardware, rate=10, cycle=0.02)
     add(control, "states", BROADCASTER)
     control.switch(["states"], now=0)
-    seen = []
+    observed = []
     for cycle in range(1, 12):
         hardware.set("a/position", float(cycle))
         control.broadcast(cycle * 20 * S // 1000, 0.02)
         sample = control.running.samples(0)["states"]
-        seen.append((round(sample.time * 1000), sample.joints["a"]["position"]))
-    assert list(dict.fromkeys(seen)) == [(20, 1.0), (120, 6.0), (220, 11.0)]
+        observed.append((round(sample.time * 1000), sample.joints["a"]["position"]))
+    assert list(dict.fromkeys(observed)) == [(20, 1.0), (120, 6.0), (220, 11.0)]
 
 
 def test_the_end_of_a_client_ends_what_it_commands_and_no_more():
@@ -214,7 +214,7 @@ def test_a_plan_changes_nothing():
 class Link(Controller):
     def __init__(self, name: str, *commands: str) -> None:
         super().__init__(name)
-        self.wanted, self.own = [f"{each}/velocity" for each in commands], [CommandInterface(name, "velocity")]
+        self.wanted, self.own = [f"{command}/velocity" for command in commands], [CommandInterface(name, "velocity")]
 
     def command_interface_names(self) -> list[str]:
         return self.wanted
@@ -224,7 +224,7 @@ class Link(Controller):
 
 
 def names(controllers) -> list[str]:
-    return [each.name for each in controllers]
+    return [controller.name for controller in controllers]
 
 
 def test_a_controller_runs_before_the_controllers_it_commands():
@@ -256,7 +256,7 @@ def test_the_joints_of_a_controller_are_found_through_those_it_commands():
         Link("top", "base"),
     )
     everybody = [left, right, base, top]
-    assert [joints_of(each, everybody) for each in (left, base, top)] == [
+    assert [joints_of(item, everybody) for item in (left, base, top)] == [
         ["wheel_1"],
         ["wheel_1", "wheel_2"],
         ["wheel_1", "wheel_2"],
@@ -265,13 +265,13 @@ def test_the_joints_of_a_controller_are_found_through_those_it_commands():
 
 @given(st.dictionaries(st.integers(0, 6), st.sets(st.integers(0, 6), max_size=2), max_size=7))
 def test_any_wiring_even_a_ring_gives_each_controller_once(wiring):
-    links = [Link(str(name), *(str(each) for each in sorted(below))) for name, below in wiring.items()]
+    links = [Link(str(name), *(str(item) for item in sorted(below))) for name, below in wiring.items()]
     order = names(in_order(links))
     assert sorted(order) == sorted(names(links))
-    downhill = all(each < name for name, below in wiring.items() for each in below)
+    downhill = all(item < name for name, below in wiring.items() for item in below)
     if downhill:
         for name, below in wiring.items():
-            assert all(order.index(str(name)) < order.index(str(each)) for each in below if each in wiring)
+            assert all(order.index(str(name)) < order.index(str(item)) for item in below if item in wiring)
 
 
 @pytest.fixture
@@ -286,7 +286,7 @@ def test_a_controller_that_fails_to_start_takes_its_whole_request_back(robot):
     with pytest.raises(ControlError, match="bad could not be activated: no"):
         control.switch(["left", "bad"], now=0)
     assert control.active == ()
-    assert [each.owner for each in hardware.command_interfaces] == [None, None]
+    assert [interface.owner for interface in hardware.command_interfaces] == [None, None]
     assert hardware.calls[-1][0] == "perform"
     assert set(hardware.calls[-1][2]) == {"l/velocity", "r/velocity"}
 
@@ -312,7 +312,7 @@ def test_a_swap_is_one_request(robot):
     assert (done.activated, done.deactivated) == (("both",), ("left", "right"))
     names = ("l/velocity", "r/velocity")
     assert hardware.calls == [("prepare", names, names), ("perform", names, names)]
-    assert [each.owner for each in hardware.command_interfaces] == ["both", "both"]
+    assert [interface.owner for interface in hardware.command_interfaces] == ["both", "both"]
 
 
 def test_what_hardware_refuses_changes_nothing(robot):
@@ -325,7 +325,7 @@ def test_what_hardware_refuses_changes_nothing(robot):
     assert [verb for verb, _, _ in hardware.calls] == ["prepare"]
     assert control.active == ("left",)
     assert control.states["left"] == "active"
-    assert [each.owner for each in hardware.command_interfaces] == ["left", None]
+    assert [interface.owner for interface in hardware.command_interfaces] == ["left", None]
 
 
 def test_a_restart_of_an_active_controller_is_one_request(robot):
@@ -338,9 +338,9 @@ def test_a_restart_of_an_active_controller_is_one_request(robot):
 
 def test_others_are_notified_of_every_switch_and_of_every_failure(robot):
     _, control = robot
-    seen = []
-    control.observe(SimpleNamespace(controllers_switched=lambda: seen.append(control.active)))
+    observed = []
+    control.observe(SimpleNamespace(controllers_switched=lambda: observed.append(control.active)))
     control.switch(["left"], now=0)
     control.switch(["right"], ["left"])
     control.deactivate_using(robot[0], "gone")
-    assert seen == [("left",), ("right",), ()]
+    assert observed == [("left",), ("right",), ()]

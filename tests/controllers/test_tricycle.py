@@ -20,8 +20,8 @@ class Robot:
 
     def __init__(self, **params):
         self.hardware = Hardware("t/velocity", "s/position", states=("t/velocity", "s/position"))
-        for each in self.hardware.state_interfaces:
-            each.value = 0.0
+        for interface in self.hardware.state_interfaces:
+            interface.value = 0.0
         self.control = manager(self.hardware)
         self.base = add(self.control, "base", "tricycle_controller/TricycleController", **GIVEN | params)
         self.now = 1000 * S
@@ -143,7 +143,7 @@ def test_limits_can_be_set_while_it_runs():
 def test_every_error_is_named_at_once():
     wrong = {"wheelbase": 0.0, "wheel_radius": 0.0, "steering_joint_name": "t"}
     limits = {"steering.min_position": 1.0, "steering.max_position": -1.0}
-    with pytest.raises(ConfigError) as told:
+    with pytest.raises(ConfigError) as reported:
         Robot(**wrong, **limits)
     for part in (
         "t is both traction and steering joint",
@@ -151,7 +151,7 @@ def test_every_error_is_named_at_once():
         "wheel_radius is missing",
         "min_position 1 is above",
     ):
-        assert part in str(told.value)
+        assert part in str(reported.value)
 
 
 def test_what_would_keep_it_moving_has_no_effect():

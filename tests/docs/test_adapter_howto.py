@@ -1,4 +1,4 @@
-"""The adapter of the how-to page, installed as a package of its own, carries a virtual drive's answers."""
+"""The adapter of the how-to page, installed as a separate package, transfers the answers of a virtual drive."""
 
 import socket
 

@@ -1,4 +1,4 @@
-"""The controller of the how-to page, installed as a package of its own, runs on robby."""
+"""The controller of the how-to page, installed as a separate package, runs on robby."""
 
 import importlib
 import sys

@@ -1,4 +1,4 @@
-"""The page on the way of a command, compared with the calls that are made."""
+"""The page on the path of a command, compared with the actual calls."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""The programs of docs/examples run and print what they say, are short, typed, and use what is public."""
+"""The programs in docs/examples run with the documented output, are short and typed, and use only public names."""
 
 import ast
 import importlib
@@ -80,9 +80,9 @@ def test_every_program_is_run():
 @pytest.mark.process
 @pytest.mark.parametrize("name", RUNS)
 def test_a_program_prints_what_it_reports(stage, name):
-    arguments, wanted = RUNS[name]
-    said = run_python(EXAMPLES / f"{name}.py", *arguments, folder=stage.place)
-    assert re.fullmatch("\n".join(f"(?:{each})" for each in wanted), said.strip()), said
+    arguments, expected = RUNS[name]
+    python = run_python(EXAMPLES / f"{name}.py", *arguments, folder=stage.place)
+    assert re.fullmatch("\n".join(f"(?:{item})" for item in expected), python.strip()), python
 
 
 @pytest.mark.process

@@ -20,5 +20,5 @@ def test_the_row_and_its_test_run(monkeypatch):
         turning = bench.turning()
         bench.bus.clear_history()
         shown(turning)
-        heard = sum(frame.can_id == 0x700 + LEFT for _, frame in bench.bus.history)
-    assert heard == 15, "3 s with a heartbeat of 100 ms, halved"
+        received = sum(frame.can_id == 0x700 + LEFT for _, frame in bench.bus.history)
+    assert received == 15, "3 s with a heartbeat of 100 ms, halved"

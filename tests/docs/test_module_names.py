@@ -32,25 +32,25 @@ def missing_files(text, files):
 
 def missing_modules(text, package):
     """Return the dotted names in a text whose second part is neither a module nor a name of its subpackage."""
-    found = []
+    results = []
     for name in DOTTED.findall(text):
         folder, second = name.split(".")[:2]
         if second in ENDINGS or (package / folder / second).is_dir() or (package / folder / f"{second}.py").exists():
             continue
         if not re.search(rf"\b{second}\b", (package / folder / "__init__.py").read_text(encoding="utf-8")):
-            found.append(name)
-    return found
+            results.append(name)
+    return results
 
 
 def test_every_python_file_that_is_named_exists():
     files = [path.relative_to(ROOT).as_posix() for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
-    found = {path: names for path, text in read_all(PAGES + MODULES) if (names := missing_files(text, files))}
-    assert found == {}
+    result = {path: names for path, text in read_all(PAGES + MODULES) if (names := missing_files(text, files))}
+    assert result == {}
 
 
 def test_every_module_that_is_named_with_its_subpackage_exists():
-    found = {path: names for path, text in read_all(PAGES + MODULES) if (names := missing_modules(text, PACKAGE))}
-    assert found == {}
+    result = {path: names for path, text in read_all(PAGES + MODULES) if (names := missing_modules(text, PACKAGE))}
+    assert result == {}
 
 
 def test_every_name_in_backticks_of_a_docstring_is_one_of_the_code():
@@ -59,8 +59,8 @@ def test_every_name_in_backticks_of_a_docstring_is_one_of_the_code():
     known = FOREIGN_NAMES | {path.stem for path in MODULES}
     for _, text in texts:
         known.update(SNAKE.findall(re.sub(r"`[^`\n]*`", "", text)))
-    found = {path: names - known for path, names in named.items() if names - known}
-    assert found == {}, "name what exists: a module, a function, a field"
+    result = {path: names - known for path, names in named.items() if names - known}
+    assert result == {}, "name what exists: a module, a function, a field"
 
 
 def test_stale_names_are_found():

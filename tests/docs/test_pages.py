@@ -1,4 +1,4 @@
-"""What the pages name exists: files, links, verbs, and pictures."""
+"""Files, links, verbs and pictures named on the pages exist."""
 
 import re
 import shlex
@@ -38,15 +38,15 @@ def links(text):
 def test_every_file_that_a_page_names_exists(path):
     text = path.read_text(encoding="utf-8")
     own = {"tests/cli/test_where.py"}  # of the reader's own verb
-    wanted = {name for name in named_files(text) if not name.startswith(MADE)}
-    assert {name for name in wanted if not any(ROOT.glob(name))} - own == set()
+    expected = {name for name in named_files(text) if not name.startswith(MADE)}
+    assert {name for name in expected if not any(ROOT.glob(name))} - own == set()
 
 
 @pytest.mark.parametrize("path", PAGES)
 def test_every_link_of_a_page_leads_somewhere(path):
     places = {target: (path.parent / target).resolve() for target in links(path.read_text(encoding="utf-8"))}
-    made = DOCS / "generated"  # when the documentation is built, where a link that leads nowhere is an error
-    assert [target for target, place in places.items() if place.parent != made and not place.exists()] == []
+    created = DOCS / "generated"  # when the documentation is built, where a link that leads nowhere is an error
+    assert [target for target, place in places.items() if place.parent != created and not place.exists()] == []
 
 
 def test_every_page_is_in_a_table_of_contents_and_each_entry_is_a_page():
@@ -84,7 +84,7 @@ def test_every_command_in_a_sentence_is_understood(path, capsys):
     """Those in blocks are run: tests/integration/test_examples.py."""
     text = re.sub(r"^`.*`$", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)  # quoted messages hold some
     commands = re.findall(r"`canopen-control ([^`]+)`", text)
-    assert [(command, said) for command in commands if (said := complaint(command, capsys))] == []
+    assert [(command, message) for command in commands if (message := complaint(command, capsys))] == []
 
 
 def test_the_answers_of_contributing_are_where_it_reports():

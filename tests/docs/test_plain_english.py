@@ -55,8 +55,8 @@ def helps(parser):
     yield parser.format_help()
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            for each in action.choices.values():
-                yield from helps(each)
+            for choice in action.choices.values():
+                yield from helps(choice)
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -1,4 +1,4 @@
-"""The generated reference tells every key, parameter, fault and verb, and has words for each."""
+"""The generated reference contains every key, parameter, fault and verb, each with a description."""
 
 import dataclasses
 import re
@@ -58,14 +58,19 @@ def test_every_key_of_bus_yml_has_its_words_and_no_words_are_left_over(generate)
 
 def test_every_parameter_is_reported_with_its_words(generate):
     text = generate.controllers()
-    modules = [import_module(each.name) for each in walk_packages(controllers.__path__, f"{controllers.__name__}.")]
+    modules = [
+        import_module(package.name) for package in walk_packages(controllers.__path__, f"{controllers.__name__}.")
+    ]
     classes = {
-        each
+        var
         for module in modules
-        for each in vars(module).values()
-        if isinstance(each, type) and dataclasses.is_dataclass(each)
+        for var in vars(module).values()
+        if isinstance(var, type) and dataclasses.is_dataclass(var)
     }
-    texts = {field.metadata.get("help") for each in classes for field in dataclasses.fields(each)} - {"", None}
+    texts = {field.metadata.get("help") for class_name in classes for field in dataclasses.fields(class_name)} - {
+        "",
+        None,
+    }
     assert len(texts) > 150
     assert [word for word in texts if f"| {word} |" not in text] == []
     assert [name for name in TYPES if text.count(f"- `{name}`\n") != 1] == []

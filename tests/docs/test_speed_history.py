@@ -39,17 +39,17 @@ def test_the_drawing_is_an_svg_whose_highest_point_is_at_the_top(tmp_path):
     path = tmp_path / "history.json"
     path.write_text(json.dumps({"history": [row(1, compiled=65.0), row(2, compiled=130.0)]}))
     root = ElementTree.fromstring(drawn(path, "simulate"))
-    first, second = ([float(each.get(key)) for key in ("cx", "cy")] for each in root.iter(f"{SVG}circle"))
+    first, second = ([float(item.get(key)) for key in ("cx", "cy")] for item in root.iter(f"{SVG}circle"))
     assert (second[1], first[1] - second[1]) == (34.0, 45.0)
     assert first[0] < second[0]
-    assert "130" in [each.text for each in root.iter(f"{SVG}text")]
+    assert "130" in [item.text for item in root.iter(f"{SVG}text")]
 
 
 def test_runs_on_a_busy_machine_are_rings(tmp_path):
     path = tmp_path / "history.json"
     path.write_text(json.dumps({"history": [row(1, compiled=1.0) | {"idle": 0.2}, row(2, compiled=1.0) | {"idle": 1}]}))
     root = ElementTree.fromstring(drawn(path, "simulate"))
-    busy, idle = (each.get("fill") for each in root.iter(f"{SVG}circle"))
+    busy, idle = (item.get("fill") for item in root.iter(f"{SVG}circle"))
     assert (busy, idle) == ("#fff", "#1f77b4")
 
 
@@ -57,7 +57,7 @@ def test_a_run_reports_which_commit_it_measured(tmp_path):
     path = tmp_path / "history.json"
     path.write_text(json.dumps({"history": [row(1, compiled=1.5) | {"commit": "abc123"}, row(2, compiled=2.0)]}))
     root = ElementTree.fromstring(drawn(path, "simulate"))
-    assert [each.findtext(f"{SVG}title") for each in root.iter(f"{SVG}circle")] == [
+    assert [item.findtext(f"{SVG}title") for item in root.iter(f"{SVG}circle")] == [
         "2026-11-01 abc123 1.5",
         "2026-11-02 2",
     ]
@@ -65,13 +65,13 @@ def test_a_run_reports_which_commit_it_measured(tmp_path):
 
 def test_the_page_of_this_repository_shows_a_drawing_of_each_family_and_is_written_once(tmp_path):
     write_history(tmp_path)
-    made = {each.name: each.stat().st_mtime_ns for each in tmp_path.iterdir()}
+    created = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     page = (tmp_path / "speed_history.md").read_text(encoding="utf-8")
-    drawings = set(made) - {"speed_history.md"}
+    drawings = set(created) - {"speed_history.md"}
     assert "speed_history_simulate.svg" in drawings
     assert all(f"({name})" in page for name in drawings)
     write_history(tmp_path)
-    assert {each.name: each.stat().st_mtime_ns for each in tmp_path.iterdir()} == made
+    assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == created
 
 
 def test_the_history_of_this_repository_has_both_robots_and_the_boot():

@@ -26,20 +26,20 @@ def text_of(node):
 @cache
 def sayings():
     """Return every part of a sentence in the strings of the package: two words at least, between two values."""
-    found = set()
+    result = set()
     for path in (ROOT / "canopen_control").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            found.update(re.split(rf"{FIELD}|{{\w*}}", text_of(node) or ""))
-    return {part for each in found if len(part := each.strip(" :;,.")) >= 7 and " " in part}
+            result.update(re.split(rf"{FIELD}|{{\w*}}", text_of(node) or ""))
+    return {part for item in result if len(part := item.strip(" :;,.")) >= 7 and " " in part}
 
 
 def uncovered(message):
     """Return what of a message is in no string of the code; a message that ends early may end within one."""
     left = list(message)
-    for each in sayings():
-        at = message.find(each[:7])
-        if at >= 0 and (message.startswith(each, at) or each.startswith(message[at:])):
-            left[at : at + len(each)] = " " * min(len(each), len(message) - at)
+    for saying in sayings():
+        at = message.find(saying[:7])
+        if at >= 0 and (message.startswith(saying, at) or saying.startswith(message[at:])):
+            left[at : at + len(saying)] = " " * min(len(saying), len(message) - at)
     return "".join(left)
 
 

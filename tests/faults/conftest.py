@@ -12,12 +12,12 @@ def bench(request):
     with contextlib.ExitStack() as stack:
 
         def make(**how):
-            name = f"fault{abs(hash(request.node.nodeid)) % 10**9}x{len(made)}"
-            made.append(FaultBench(name, **how))
-            stack.callback(made[-1].close)
-            return made[-1]
+            name = f"fault{abs(hash(request.node.nodeid)) % 10**9}x{len(created)}"
+            created.append(FaultBench(name, **how))
+            stack.callback(created[-1].close)
+            return created[-1]
 
-        made = []
+        created = []
         yield make
 
 

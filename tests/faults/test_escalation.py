@@ -1,4 +1,4 @@
-"""A drive that hears nothing of what it is told: what its stop goes on to, and what is said at the end."""
+"""A drive that ignores commands: escalation of its stop, and the reports at the end."""
 
 import pytest
 from support.faultbench import LEFT, RIGHT, FaultBench
@@ -13,15 +13,15 @@ DEVICE = '<param name="device_name">${side}_drive</param>'
 
 @pytest.fixture
 def turning(request, tmp_path):
-    made = []
+    created = []
 
     def make(**edits):
         name = f"escalation{abs(hash(request.node.nodeid)) % 10**9}"
-        made.append(FaultBench(name, config=copy_robby(tmp_path, **edits)))
-        return made[-1].turning()
+        created.append(FaultBench(name, config=copy_robby(tmp_path, **edits)))
+        return created[-1].turning()
 
     yield make
-    for bench in made:
+    for bench in created:
         bench.close()
 
 

@@ -1,4 +1,4 @@
-"""A process that is late blames no drive for it: what waits at the port has come. Drives have a clock of their own."""
+"""A late process reports no drive for its own delay: frames waiting at the port count. Drives have their own clock."""
 
 import itertools
 
@@ -25,7 +25,7 @@ class LateBench(FaultBench):
 
     def power_on(self, node_id, faults=()):
         self.apart = self.apart or Reactor(ManualClock(self.reactor.now()))
-        node = next(each for each in self.setup.bus.nodes.values() if each.node_id == node_id)
+        node = next(item for item in self.setup.bus.nodes.values() if item.node_id == node_id)
         port = open_port(self.channel, label=f"drive {node_id}")
         device = make_device(self.setup.bus.eds_paths[node.name], node_id, faults)
         self.drives[node_id], self.ports[node_id] = device, port
@@ -48,14 +48,14 @@ class LateBench(FaultBench):
 
 @pytest.fixture
 def late(request, tmp_path):
-    made = []
+    created = []
 
     def make(bus=DEFAULT):
-        made.append(LateBench(f"late{abs(hash(request.node.nodeid)) % 10**9}", config=copy_robby(tmp_path, bus=bus)))
-        return made[-1].turning()
+        created.append(LateBench(f"late{abs(hash(request.node.nodeid)) % 10**9}", config=copy_robby(tmp_path, bus=bus)))
+        return created[-1].turning()
 
     yield make
-    for bench in made:
+    for bench in created:
         bench.close()
 
 

@@ -1,4 +1,4 @@
-"""The faults of program areas, as a whole robot meets them; what `firmware` meets is in tests/cli/test_firmware.py."""
+"""Faults of program areas in a whole robot; those of `firmware` are in tests/cli/test_firmware.py."""
 
 import contextlib
 
@@ -44,7 +44,9 @@ def state(bench, node):
 def test_a_drive_that_lost_its_program_stops_all_and_is_reported_by_its_boot_loader(enabled):
     assert (state(enabled, 2), state(enabled, 3)) == ("OPERATION_ENABLED", "OPERATION_ENABLED")
     enabled.switch("program_lost")
-    enabled.until(lambda: any("it may be in its boot-loader without a program" in each.text for each in enabled.events))
+    enabled.until(
+        lambda: any("it may be in its boot-loader without a program" in event.text for event in enabled.events)
+    )
     enabled.until(lambda: state(enabled, 3) != "OPERATION_ENABLED")
     assert not enabled.robot.nodes["lift"].ready
     enabled.switch("program_lost", False)

@@ -1,4 +1,4 @@
-"""A whole robot with each quirk and each personality of its drives: it works, or stops safely and says why.
+"""A whole robot with each quirk and each personality of its drives: it works, or stops safely and reports why.
 
 What a robot without further keys in bus.yml does is in `REFUSED`, by quirk: a word of the reason that it gives.
 """
@@ -57,7 +57,7 @@ def setup_of(folder, mode, keys="", without=""):
     others = "\n".join(key for key in keys.splitlines() if not key.startswith("sdo:") and "_mode:" not in key)
     makers.folder(folder, mode, keys=others)
     path = folder / "bus.yml"
-    text = path.read_text().replace("  sdo:\n", "  sdo:\n" + "".join(f"    - {each}\n" for each in sdo))
+    text = path.read_text().replace("  sdo:\n", "  sdo:\n" + "".join(f"    - {item}\n" for item in sdo))
     lines = [line for line in text.splitlines() if not (without and line.startswith(f"  {without}: "))]
     path.write_text("\n".join(lines) + "\n")
     return read_robot(find_robot(str(folder)))
@@ -179,15 +179,17 @@ def unconfigured():
 @pytest.mark.parametrize(("name", "key"), list(unconfigured()))
 def test_without_one_of_the_keys_of_its_drives_a_robot_works_or_stops_and_names_the_key(name, key, tmp_path):
     personality = read_personality(name)
-    others = "\n".join(each.text for each in personality.bus_keys if each is not key)
+    others = "\n".join(item.text for item in personality.bus_keys if item is not key)
     robot = Patient(
         setup_of(tmp_path, "csp", others, key.key if key.key.endswith("_mode") else ""),
         quirks={"all": [line.quirk for line in personality.quirks]},
     )
     try:
         works = robot.state == "running" and moves(robot, "csp")
-        said = "; ".join(makers.sentences(robot))
-        assert works or (robot.stopped_within(1.0) and (NAMES_OF_KEYS.get(key.key) or key.key) in said), said[-1500:]
+        message = "; ".join(makers.sentences(robot))
+        assert works or (robot.stopped_within(1.0) and (NAMES_OF_KEYS.get(key.key) or key.key) in message), message[
+            -1500:
+        ]
         assert robot.breaches == []
     finally:
         robot.close()

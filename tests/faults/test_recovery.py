@@ -1,4 +1,4 @@
-"""What bus.yml may say about the way back, and about who stops with whom."""
+"""Settings of bus.yml for the recovery, and for the joints that stop together."""
 
 import pytest
 from support.faultbench import CYCLE_MS, LEFT, RAMP_MS, RIGHT
@@ -67,19 +67,19 @@ def test_controllers_stay_loaded_and_active_through_it_all(turning):
 
 
 def test_drives_stop_and_are_disabled_in_the_same_cycle(turning):
-    seen = []
+    observed = []
     turning.robot.observers.append(
         Observer(
-            after_cycle=lambda _now: seen.append(
-                tuple(each.axis.controlword.value for each in turning.robot.joints.values())
+            after_cycle=lambda _now: observed.append(
+                tuple(joint.axis.controlword.value for joint in turning.robot.joints.values())
             )
         )
     )
     turning.robot.stop(lambda _error: None)
     turning.disabled_after()
-    assert all(left == right for left, right in seen)
-    assert (0x0F, 0x0F) in seen
-    assert (0x07, 0x07) in seen
+    assert all(left == right for left, right in observed)
+    assert (0x0F, 0x0F) in observed
+    assert (0x07, 0x07) in observed
 
 
 def test_drives_are_enabled_in_the_same_cycle_however_long_each_takes(bench):
@@ -88,16 +88,16 @@ def test_drives_are_enabled_in_the_same_cycle_however_long_each_takes(bench):
     assert robby.axis(Action.DISABLE) is None
     robby.run(200)
     robby.drives[LEFT].drives[0].power.transition_delay_ns.inject(300_000_000)
-    seen = []
+    observed = []
     robby.robot.observers.append(
         Observer(
-            after_cycle=lambda _now: seen.append(
-                tuple(each.axis.controlword.value for each in robby.robot.joints.values())
+            after_cycle=lambda _now: observed.append(
+                tuple(joint.axis.controlword.value for joint in robby.robot.joints.values())
             )
         )
     )
     assert robby.axis(Action.ENABLE) is None
-    assert all(left == right for left, right in seen if 0x0F in (left, right))
+    assert all(left == right for left, right in observed if 0x0F in (left, right))
 
 
 def test_a_group_of_its_own_does_not_stop_the_others(bench, tmp_path):
@@ -131,8 +131,8 @@ def test_a_following_error_leads_to_what_bus_yml_specifies(bench, tmp_path, acti
     robby.drives[2].drives[0].readings.statusword.forced.inject(1 << 13)
     robby.hosts[2].wake(robby.drives[2])
     robby.run(200)
-    told = robby.found("following_error")
-    assert bool(told) is (action != "ignore")
+    reported = robby.found("following_error")
+    assert bool(reported) is (action != "ignore")
     assert bool(robby.found("stop")) is stops
 
 

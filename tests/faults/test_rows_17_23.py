@@ -130,10 +130,10 @@ def test_row_21_a_flood_of_emergencies_neither_fills_the_log_nor_slows_the_cycle
     begin = time.process_time()
     turning.hold(10.0, 10.0, ms=3000)
     flooded = time.process_time() - begin
-    told = turning.found("emcy")
-    assert 2 <= len(told) <= 4, "the first, and sums"
-    assert told[0].details is not None
-    assert told[-1].count >= 10, "ten a second"
+    reported = turning.found("emcy")
+    assert 2 <= len(reported) <= 4, "the first, and sums"
+    assert reported[0].details is not None
+    assert reported[-1].count >= 10, "ten a second"
     assert turning.found("emcy_flood")
     assert "EMCY within a second" in turning.found("emcy_flood")[0].text
     assert len(turning.robot.events.recent) <= 256

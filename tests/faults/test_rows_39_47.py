@@ -68,10 +68,10 @@ def test_row_39_frames_that_do_not_fit_are_reported_once_and_then_in_sum(turning
     for _ in range(50):
         port.stats.lost += 3
         turning.hold(10.0, 10.0, ms=100)
-    told = turning.found("bus_queue_full")
-    assert "a frame was lost" in told[0].sentence
-    assert 2 <= len(told) <= 3
-    assert told[-1].count > 50
+    reported = turning.found("bus_queue_full")
+    assert "a frame was lost" in reported[0].sentence
+    assert 2 <= len(reported) <= 3
+    assert reported[-1].count > 50
 
 
 def test_row_39_a_drive_that_is_off_the_bus_is_lost_by_name(turning):

@@ -44,17 +44,17 @@ class BaseBench(FaultBench):
 
 @pytest.fixture
 def rolling(request):
-    made = []
+    created = []
 
     def make(base=True, **how):
         which = {"controllers": ["joint_state_broadcaster", BASE]} if base else {}
-        bench = BaseBench(f"together{abs(hash(request.node.nodeid)) % 10**9}x{len(made)}", **which, **how)
+        bench = BaseBench(f"together{abs(hash(request.node.nodeid)) % 10**9}x{len(created)}", **which, **how)
         bench.base = base
-        made.append(bench)
+        created.append(bench)
         return bench.rolling()
 
     yield make
-    for bench in made:
+    for bench in created:
         bench.close()
 
 
@@ -127,11 +127,11 @@ def test_a_verb_for_one_wheel_is_for_the_base_while_its_controller_holds_it(roll
     bench = rolling()
     bench.bus.clear_history()
     answers = []
-    told = bench.robot.axis(action, "left_drive", answers.append)
-    assert told == (
+    reported = bench.robot.axis(action, "left_drive", answers.append)
+    assert reported == (
         f"robby_base_controller moves left_drive and right_drive together: {action.value} applies to all of them"
     )
-    assert bench.texts("together") == [told]
+    assert bench.texts("together") == [reported]
     bench.until(lambda: answers, ms=8000)
     assert answers == [None]
     assert bench.standing()

@@ -43,7 +43,7 @@ class Watched(FaultBench):
     def expect_made(self, *numbers, ms=3000):
         """Wait until these transitions were made, in this order, and forget them."""
         self.until(lambda: set(numbers) <= set(self.seen), ms)
-        order = [each for each in self.seen if each in numbers]
+        order = [item for item in self.seen if item in numbers]
         assert order == list(numbers), self.seen
         self.seen.clear()
 

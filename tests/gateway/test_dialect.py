@@ -1,4 +1,4 @@
-"""The dialect of CANopenNode, row by row as it was measured: what is sent, and what is asked or answered."""
+"""The dialect of CANopenNode, row by row as measured: requests, and the resulting frames and answers."""
 
 import pytest
 
@@ -201,10 +201,10 @@ def test_bytes_that_are_not_text_are_an_error_outside_of_a_comment():
 def test_a_line_that_is_too_long_is_one_error_and_the_next_is_served():
     dialect = GatewayDialect()
     pieces = [b"[5] 4 start\n[6] ", *[b"x" * 10_000] * 8, b"\n[7] 4 stop\n"]
-    found = [event for piece in pieces for event in events(piece, dialect)]
+    result = [event for piece in pieces for event in events(piece, dialect)]
     limits = b"65536 bytes, 16777216 to write a text, hex or base64 value"
     error = b"[5] ERROR:101 #Syntax error. The line is longer than %s.\r\n" % limits
-    assert found == [NmtOrder(4, NmtCommand.START), error, NmtOrder(4, NmtCommand.STOP)]
+    assert result == [NmtOrder(4, NmtCommand.START), error, NmtOrder(4, NmtCommand.STOP)]
 
 
 def test_the_value_of_a_domain_may_be_longer_than_a_line():

@@ -333,7 +333,7 @@ def test_a_client_that_dies_in_a_line_or_sends_no_text_harms_no_other(served):
             client.sendall(nonsense)
     with connected(path) as client:
         assert cocomm(client, 1, "4 r 0x1000 0 u32") == (b"4294902162", 0)
-    assert not any(len(each) == 6 for each in network.asked)  # nothing was written
+    assert not any(len(item) == 6 for item in network.asked)  # nothing was written
 
 
 def test_a_page_in_a_browser_cannot_send_commands(served):

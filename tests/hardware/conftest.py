@@ -1,4 +1,4 @@
-"""What tests of several modules of the hardware share."""
+"""Fixtures shared by several test modules of the hardware."""
 
 import pytest
 from support import makers
@@ -30,5 +30,5 @@ def robot(tmp_path):
         return robots[-1]
 
     yield make
-    for each in robots:
-        each.close()
+    for item in robots:
+        item.close()

@@ -1,4 +1,4 @@
-"""What a drive says of itself after its boot."""
+"""Parameters read from a drive after its boot."""
 
 import math
 
@@ -57,10 +57,10 @@ def test_the_offsets_of_bus_yml_count_without_a_scale(servo):
 
 def test_it_asks_only_for_what_the_eds_lists_and_nothing_is_enabled_before_it_is_answered(servo):
     bench = servo("params4")
-    seen = []
+    observed = []
     bench.robot.observers.append(
         Observer(
-            after_cycle=lambda _now: seen.extend(
+            after_cycle=lambda _now: observed.extend(
                 joint.parameters.loaded
                 for joint in bench.robot.joints.values()
                 if joint.machine.state and joint.enabled
@@ -68,8 +68,8 @@ def test_it_asks_only_for_what_the_eds_lists_and_nothing_is_enabled_before_it_is
         )
     )
     bench.start()
-    assert seen
-    assert all(seen)
+    assert observed
+    assert all(observed)
     parameters = bench.joint(2).parameters
     assert parameters.get(0x6502) == 0x3EF
     assert parameters.get(0x607B, 1) is None
@@ -114,25 +114,25 @@ def test_the_largest_speed_of_the_motor_is_one_of_the_joint_in_the_unit_of_its_v
     assert axis.limits.velocity == pytest.approx(3000 / 50)
 
 
-@pytest.mark.parametrize(("slope", "told"), [(255, True), (655_360, False), (0, False)])
+@pytest.mark.parametrize(("slope", "reported"), [(255, True), (655_360, False), (0, False)])
 @pytest.mark.parametrize("index", [0x6084, 0x6085])
-def test_a_ramp_in_the_drive_that_would_take_minutes_is_reported(servo, index, slope, told):
+def test_a_ramp_in_the_drive_that_would_take_minutes_is_reported(servo, index, slope, reported):
     sdo = f"- {{index: 0x{index:04X}, sub_index: 0, value: {slope}}}"
     bench = servo("ramps", sdo=sdo, velocity=10.0)
     bench.start()
     texts = [text for text in bench.texts("parameters") if "node 2" in text and "takes" in text]
     words = f"0x{index:04X} is 255, so that braking from the velocity limit of the description takes 409 s"
-    assert [words in text for text in texts] == ([True] if told else [])
+    assert [words in text for text in texts] == ([True] if reported else [])
 
 
-@pytest.mark.parametrize(("code", "told"), [(-1, True), (9, True), (2, False), (0, False), (8, False)])
-def test_a_reaction_to_a_quick_stop_that_cia_402_does_not_define_is_reported(servo, code, told):
+@pytest.mark.parametrize(("code", "reported"), [(-1, True), (9, True), (2, False), (0, False), (8, False)])
+def test_a_reaction_to_a_quick_stop_that_cia_402_does_not_define_is_reported(servo, code, reported):
     bench = servo("quick")
     bench.start()
     bench.drives[2].store.set(0x605A, 0, code)
     bench.joint(2).parameters.load()
     bench.run(500)
-    assert any(f"0x605A is {code}, which" in text for text in bench.texts("parameters")) is told
+    assert any(f"0x605A is {code}, which" in text for text in bench.texts("parameters")) is reported
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Which mode serves a command interface: what bus.yml says, what the drive lists, what an RPDO carries."""
+"""Choice of the mode for a command interface, by bus.yml, the modes of the drive, and its RPDOs."""
 
 from dataclasses import replace
 
@@ -35,16 +35,16 @@ def interfaces(description):
 
 
 def test_a_joint_without_any_has_those_that_an_rpdo_carries_and_a_note(files):
-    found = completed(files)
-    assert interfaces(found) == {"joint1": ["position"], "joint2": ["position"]}
-    assert any("joint1 lists no command interface" in each and "x.urdf:26" in each for each in found.notes)
+    result = completed(files)
+    assert interfaces(result) == {"joint1": ["position"], "joint2": ["position"]}
+    assert any("joint1 lists no command interface" in note and "x.urdf:26" in note for note in result.notes)
 
 
 def test_a_joint_that_lists_some_has_those(files):
     own = '<command_interface name="velocity"/><state_interface name="position"/>'
-    found = completed(files, ('<state_interface name="position"/>', own))
-    assert interfaces(found) == {"joint1": ["velocity"], "joint2": ["velocity"]}
-    assert found.notes == ()
+    result = completed(files, ('<state_interface name="position"/>', own))
+    assert interfaces(result) == {"joint1": ["velocity"], "joint2": ["velocity"]}
+    assert result.notes == ()
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_another_plugin_an_unknown_node_and_an_unmapped_axis_are_left_as_they_ar
 
 
 def test_every_plugin_is_one_that_runs_here():
-    assert {KNOWN[each] for each in PLUGINS} == {PluginKind.CANOPEN}
+    assert {KNOWN[plugin] for plugin in PLUGINS} == {PluginKind.CANOPEN}
 
 
 @pytest.fixture
@@ -72,8 +72,8 @@ def bench(tmp_path):
         return benches[-1]
 
     yield make
-    for each in benches:
-        each.close()
+    for benche in benches:
+        benche.close()
 
 
 def chosen(joint, interface):

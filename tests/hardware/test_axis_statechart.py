@@ -1,4 +1,4 @@
-"""The statechart of an axis: what its table must never say, walked alone and with a stop group."""
+"""The statechart of an axis: forbidden entries of the table, and runs alone and with a stop group."""
 
 import pytest
 from hypothesis import given
@@ -41,14 +41,14 @@ def make(*triggers, holds_load=False):
 
 
 def test_the_actions_are_those_of_the_command_line():
-    assert [each.value for each in Action] == ["enable", "disable", "halt", "quick-stop", "fault-reset", "home", "mode"]
+    assert [item.value for item in Action] == ["enable", "disable", "halt", "quick-stop", "fault-reset", "home", "mode"]
 
 
 def test_every_state_has_its_rows_and_can_be_reached():
     assert set(TABLE) == set(AxisPhase)
-    reached, seen = {AxisPhase.DISABLED}, set()
-    while reached - seen:
-        seen |= (new := reached - seen)
+    reached, observed = {AxisPhase.DISABLED}, set()
+    while reached - observed:
+        observed |= (new := reached - observed)
         reached |= {row.state for state in new for row in TABLE[state].values()}
     assert reached == set(AxisPhase)
     assert {trigger for rows in TABLE.values() for trigger in rows} == set(PhaseTrigger)
@@ -180,26 +180,26 @@ def test_the_joints_of_a_group_are_enabled_together_and_stop_together(cycles):
         for number, what in cycle:
             joint = group.joints[number]
             if what == "stop":
-                moved = [each for each in group.joints if each.enable_requested]
+                moved = [item for item in group.joints if item.enable_requested]
                 assert group.stop(now) == moved
-                assert not any(each.enable_requested for each in group.joints)
+                assert not any(item.enable_requested for item in group.joints)
             elif isinstance(what, PhaseTrigger):
                 joint.statechart.fire(what, now)
             else:
                 setattr(joint, what, not getattr(joint, what))
-        waiting = [each for each in group.joints if each.statechart.state is AxisPhase.SWITCHING_ON]
-        braking = [each for each in group.joints if each.statechart.falling]
+        waiting = [item for item in group.joints if item.statechart.state is AxisPhase.SWITCHING_ON]
+        braking = [item for item in group.joints if item.statechart.falling]
         group.coordinate(now)
-        states = [each.statechart.state for each in group.joints]
+        states = [item.statechart.state for item in group.joints]
         if AxisPhase.SWITCHING_ON in states or AxisPhase.ENABLING in states:
             assert AxisPhase.FOLLOWING not in states, "none moves while another one is on its way up"
-        let = [each for each in waiting if each.statechart.state is not AxisPhase.SWITCHING_ON]
+        let = [item for item in waiting if item.statechart.state is not AxisPhase.SWITCHING_ON]
         assert let in ([], waiting), "all of them or none"
-        assert not let or all(each.is_enabled_or_ready for each in waiting)
-        down = [each for each in braking if each.statechart.state is AxisPhase.DISABLING]
+        assert not let or all(item.is_enabled_or_ready for item in waiting)
+        down = [item for item in braking if item.statechart.state is AxisPhase.DISABLING]
         assert down in ([], braking)
-        assert not down or all(each.at_rest for each in braking)
-        assert group.busy is any(each.statechart.rising or each.statechart.falling for each in group.joints)
+        assert not down or all(item.at_rest for item in braking)
+        assert group.busy is any(item.statechart.rising or item.statechart.falling for item in group.joints)
 
 
 def test_stopped_is_reported_of_states_in_which_nothing_is_on_its_way():

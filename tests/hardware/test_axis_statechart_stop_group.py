@@ -105,13 +105,13 @@ def test_a_joint_that_did_not_stop_in_time_no_longer_blocks_the_others():
 
 def named(**groups):
     """Return a joint for each name, in the stop groups that are given."""
-    made = {group: StopGroup(group) for group in groups.values()}
+    created = {group: StopGroup(group) for group in groups.values()}
     joints = {}
     for name, group in groups.items():
         joint = Joint()
         joint.joint, joint.base = name, None
-        joint.stop_group = joint.group = made[group]
-        made[group].joints.append(joint)
+        joint.stop_group = joint.group = created[group]
+        created[group].joints.append(joint)
         joints[name] = joint
     return joints
 
@@ -120,7 +120,7 @@ def test_the_joints_of_a_base_are_one_group_with_whatever_theirs_were():
     joints = named(left="a", right="b", arm="b", lamp="c")
     merge_base_groups(joints.values(), {"base": ("left", "right")}, 0)
     left = joints["left"].group
-    assert [joints[each].group is left for each in ("right", "arm", "lamp")] == [True, True, False]
+    assert [joints[item].group is left for item in ("right", "arm", "lamp")] == [True, True, False]
     assert left.joints == [joints["left"], joints["right"], joints["arm"]]
     assert left.busy
     assert [joint.base and joint.base.name for joint in joints.values()] == ["base", "base", None, None]
@@ -146,9 +146,9 @@ def test_a_base_of_which_a_part_is_enabled_is_stopped():
     assert not joints["right"].stopped
 
 
-@pytest.mark.parametrize("wanted", [True, False])
-def test_a_stop_is_for_all_and_names_those_that_were_to_move(wanted):
-    joints = [Joint(*(UP if wanted else ())), Joint()]
+@pytest.mark.parametrize("expected", [True, False])
+def test_a_stop_is_for_all_and_names_those_that_were_to_move(expected):
+    joints = [Joint(*(UP if expected else ())), Joint()]
     group = group_of(*joints)
-    assert group.stop(0) == ([joints[0]] if wanted else [])
+    assert group.stop(0) == ([joints[0]] if expected else [])
     assert all(joint.stopped for joint in joints)

@@ -126,12 +126,12 @@ def test_released_it_takes_its_safe_value_unless_it_keeps_what_it_has():
     assert keeping.object.value == 18
 
 
-@pytest.mark.parametrize(("told", "raw"), [(None, 4), (5.0, 8), (math.nan, 20)])
-def test_a_released_output_takes_the_value_of_its_controller_or_its_safe_value(told, raw):
+@pytest.mark.parametrize(("reported", "raw"), [(None, 4), (5.0, 8), (math.nan, 20)])
+def test_a_released_output_takes_the_value_of_its_controller_or_its_safe_value(reported, raw):
     line = Line(VALVE, T.INTEGER16)
     assert line.command.safe == 3.0
     line.sends(11.0)
-    line.command.release_value = told
+    line.command.release_value = reported
     line.output.release()
     assert line.object.value == raw
     assert line.command.release_value is None
@@ -336,7 +336,7 @@ def test_an_encoder_that_is_silent_is_unknown(robot):
     robot.start()
     robot.power_off(robot.device_id)
     robot.run(200)  # before the heartbeat is missed
-    assert all(math.isnan(each) for each in states(robot, *STATES_OF_DERIVED_SIGNALS[406]))
+    assert all(math.isnan(state) for state in states(robot, *STATES_OF_DERIVED_SIGNALS[406]))
 
 
 @pytest.mark.parametrize("robot", [410], indirect=True)
@@ -383,8 +383,8 @@ def test_an_encoder_that_jumps_is_reported_once_and_has_neither_position_nor_vel
         bench.run(100)
         assert math.isnan(bench.state("io/position"))
         assert math.isnan(bench.state("io/velocity"))
-        (told,) = bench.texts("input_jumped")
-        assert told.startswith("node 5 (io): io/position jumped from")
+        (reported,) = bench.texts("input_jumped")
+        assert reported.startswith("node 5 (io): io/position jumped from")
     finally:
         bench.close()
 
@@ -548,9 +548,9 @@ def test_all_errors_of_a_part_are_reported_at_once(tmp_path):
     config = with_device(tmp_path, EDS, ("di99", "ai0"), commands=("di0", "do0"))
     with pytest.raises(RobotConfigError) as caught:
         DeviceBench("device-wrong", config)
-    said = str(caught.value)
-    assert "no signal 'di99' of I/O module (CiA 401) io (did you mean 'di9'?)" in said
-    assert "'di0' of I/O module (CiA 401) io is an input; make it a state_interface" in said
+    message = str(caught.value)
+    assert "no signal 'di99' of I/O module (CiA 401) io (did you mean 'di9'?)" in message
+    assert "'di0' of I/O module (CiA 401) io is an input; make it a state_interface" in message
 
 
 def test_outputs_of_one_object_without_an_rpdo_share_a_sentence(tmp_path):
@@ -567,16 +567,16 @@ def test_outputs_of_one_object_without_an_rpdo_share_a_sentence(tmp_path):
 
 def test_an_output_that_cannot_be_mapped_is_not_to_be_mapped(tmp_path):
     text = data_path("eds", EDS).read_text()
-    head, found, tail = text.partition("[6411sub2]")
-    assert found
-    (tmp_path / "sdo_only.eds").write_text(head + found + tail.replace("PDOMapping=1", "PDOMapping=0", 1))
+    head, result, tail = text.partition("[6411sub2]")
+    assert result
+    (tmp_path / "sdo_only.eds").write_text(head + result + tail.replace("PDOMapping=1", "PDOMapping=0", 1))
     off = {"rpdo": {2: {"enabled": False}}}
     config = with_device(tmp_path, str(tmp_path / "sdo_only.eds"), (), commands=("ao0", "ao1"), keys=off)
     with pytest.raises(RobotConfigError) as caught:
         DeviceBench("device-sdo-only", config)
-    said = str(caught.value)
-    assert "'ao0' of I/O module (CiA 401) io is in no RPDO; map 0x6411:01 in bus.yml" in said
-    assert "'ao1' of I/O module (CiA 401) io is in no RPDO; 0x6411:02 cannot be mapped: remove it" in said
+    message = str(caught.value)
+    assert "'ao0' of I/O module (CiA 401) io is in no RPDO; map 0x6411:01 in bus.yml" in message
+    assert "'ao1' of I/O module (CiA 401) io is in no RPDO; 0x6411:02 cannot be mapped: remove it" in message
 
 
 def test_a_part_of_another_name_specifies_which_node_it_is(tmp_path):

@@ -20,11 +20,11 @@ def world():
 
 
 def values(world):
-    return {each.name: each.value for each in world.state_interfaces}
+    return {interface.name: interface.value for interface in world.state_interfaces}
 
 
 def test_nothing_is_known_until_the_world_reports_it(world):
-    assert all(math.isnan(each) for each in values(world).values())
+    assert all(math.isnan(value) for value in values(world).values())
     world.take({"imu/orientation.w": 0.5, "other/range": 1.0})
     assert values(world)["imu/orientation.w"] == 0.5
     assert math.isnan(values(world)["imu/orientation.x"])

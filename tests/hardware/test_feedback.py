@@ -246,7 +246,7 @@ def test_a_velocity_has_the_sign_of_the_motion(raw):
 
 def in_rpm(feedback, *, rpm, factor, cycles=40):
     """Turn at `rpm`; the drive tells `rpm * factor` as its velocity. Return whether that was told, and jumps."""
-    told, jumps, position = [], [], 0.0
+    reported, jumps, position = [], [], 0.0
     for cycle in range(1, cycles + 1):
         now = cycle * CYCLE
         position += rpm / 60.0 * COUNTS * math.tau * CYCLE / 1e9
@@ -254,16 +254,16 @@ def in_rpm(feedback, *, rpm, factor, cycles=40):
         if feedback.read(now):
             jumps.append(feedback.unit_mismatch_of_jump())
         if cycle % 5 == 0:
-            told.append(feedback.velocity_unit_mismatch(now))
-    return [[None if each is None else each.text for each in found] for found in (told, jumps)]
+            reported.append(feedback.velocity_unit_mismatch(now))
+    return [[None if item is None else item.text for item in result] for result in (reported, jumps)]
 
 
 @pytest.mark.parametrize("rpm", [80, -80, 1000])
 def test_a_drive_whose_velocities_are_in_rpm_is_recognised_by_its_motion(rpm):
     feedback, _ = make()
-    told, jumps = in_rpm(feedback, rpm=rpm, factor=1)
-    assert sum(map(bool, told)) == 1 or jumps
-    assert all("in rpm" in text for text in filter(None, [*told, *jumps]))
+    reported, jumps = in_rpm(feedback, rpm=rpm, factor=1)
+    assert sum(map(bool, reported)) == 1 or jumps
+    assert all("in rpm" in text for text in filter(None, [*reported, *jumps]))
     assert all(jumps)
 
 
@@ -278,8 +278,8 @@ def test_a_drive_whose_velocities_are_in_rpm_is_recognised_by_its_motion(rpm):
 )
 def test_a_unit_is_named_with_its_scale(unit, per_turn, scale):
     feedback, _ = make()
-    told, jumps = in_rpm(feedback, rpm=80, factor=per_turn / 60)
-    (text,) = filter(None, told)
+    reported, jumps = in_rpm(feedback, rpm=80, factor=per_turn / 60)
+    (text,) = filter(None, reported)
     assert not jumps
     assert text.startswith("it turns much faster than its velocity (0x606C) shows, as if its ")
     assert f"velocities were in {unit} instead of counts per second" in text
@@ -290,8 +290,8 @@ def test_a_unit_is_named_with_its_scale(unit, per_turn, scale):
 def test_counts_that_are_taken_for_rpm_are_named_by_a_motion_that_is_too_slow():
     feedback, axis = make()
     axis.scale = Scale(COUNTS, 1 / COUNTS, 9.549297, 0.1047198)
-    told, _ = in_rpm(feedback, rpm=80, factor=COUNTS * math.tau / 60.0)
-    (text,) = filter(None, told)
+    reported, _ = in_rpm(feedback, rpm=80, factor=COUNTS * math.tau / 60.0)
+    (text,) = filter(None, reported)
     assert "turns much slower than its velocity" in text
     assert not unit_mismatch(axis, 8000.0, 8000, rising=False).faster  # a warning: nothing is faster than it was to be
     assert "velocities were in counts per second instead of another unit" in text
@@ -301,8 +301,8 @@ def test_counts_that_are_taken_for_rpm_are_named_by_a_motion_that_is_too_slow():
 def test_a_motor_behind_a_gear_is_recognised_by_its_own_turns():
     feedback, axis = make()
     axis.turn = COUNTS * math.tau / 5  # the motor makes five turns for one of the joint
-    told, _ = in_rpm(feedback, rpm=80, factor=5)
-    (text,) = filter(None, told)
+    reported, _ = in_rpm(feedback, rpm=80, factor=5)
+    (text,) = filter(None, reported)
     assert "velocities were in rpm" in text
     assert "scale_vel_to_dev: 47.74648, " in text
 
@@ -310,8 +310,8 @@ def test_a_motor_behind_a_gear_is_recognised_by_its_own_turns():
 @pytest.mark.parametrize("factor", [COUNTS * math.tau / 60.0, COUNTS * math.tau / 60.0 / 2, 30.0])
 def test_other_velocities_are_not_unit(factor):
     feedback, _ = make()
-    told, jumps = in_rpm(feedback, rpm=80, factor=factor)
-    assert not any(told)
+    reported, jumps = in_rpm(feedback, rpm=80, factor=factor)
+    assert not any(reported)
     assert not any(jumps)
 
 
@@ -357,8 +357,8 @@ def _ranged(text, low, high):
     ],
 )
 def test_the_range_of_positions_is_that_of_0x607b_if_it_is_one(robot, low, high, span):
-    made = robot("pv", edit=lambda text: _ranged(text, low, high))
-    assert made.simulated.core.joints["pan"].axis.unwrap.span == span
+    created = robot("pv", edit=lambda text: _ranged(text, low, high))
+    assert created.simulated.core.joints["pan"].axis.unwrap.span == span
 
 
 def test_a_wheel_whose_drive_wraps_its_position_at_0x607b_continues(robot, monkeypatch):
@@ -371,9 +371,9 @@ def test_a_wheel_whose_drive_wraps_its_position_at_0x607b_continues(robot, monke
         self._store.on_read(0x6064, 0, lambda: source() % 655_360)
 
     monkeypatch.setattr(VirtualDrive, "_attach", wrapped)
-    made = robot("pv", edit=lambda text: _ranged(text, 0, 655_359))
-    made.command("vel", 1.0, 1.0, seconds=4)
-    made.run(4.0)
-    assert made.position("pan") == pytest.approx(drive(made, 2).mover.plant.position / makers.COUNTS, abs=0.03)
-    assert made.position("pan") > 3.0
-    assert made.state == "running"
+    created = robot("pv", edit=lambda text: _ranged(text, 0, 655_359))
+    created.command("vel", 1.0, 1.0, seconds=4)
+    created.run(4.0)
+    assert created.position("pan") == pytest.approx(drive(created, 2).mover.plant.position / makers.COUNTS, abs=0.03)
+    assert created.position("pan") > 3.0
+    assert created.state == "running"

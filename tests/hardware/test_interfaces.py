@@ -71,10 +71,10 @@ def test_it_starts_unconfigured():
 
 @pytest.fixture
 def registry() -> InterfaceRegistry:
-    made = InterfaceRegistry()
-    made.register(Hardware("l/velocity", "r/velocity", states=("l/position",), name="base"))
-    made.register(Hardware("arm/position", name="arm"))
-    return made
+    interface_registry = InterfaceRegistry()
+    interface_registry.register(Hardware("l/velocity", "r/velocity", states=("l/position",), name="base"))
+    interface_registry.register(Hardware("arm/position", name="arm"))
+    return interface_registry
 
 
 def test_interfaces_begin_with_no_value_and_no_owner():
@@ -101,7 +101,7 @@ def test_a_claim_is_for_all_or_none(registry):
         with pytest.raises(ControlError):
             registry.claim(names, "two")
     assert registry.command("r/velocity").owner is None
-    assert [each.name for each in registry.claim(["l/velocity", "r/velocity"], "one")] == ["l/velocity", "r/velocity"]
+    assert [item.name for item in registry.claim(["l/velocity", "r/velocity"], "one")] == ["l/velocity", "r/velocity"]
     with pytest.raises(InterfaceConflict, match="claimed by one; deactivate that controller first"):
         registry.claim(["l/velocity"], "two")
     assert registry.release("one") == ["l/velocity", "r/velocity"]
@@ -170,4 +170,6 @@ def test_whatever_is_claimed_and_released_an_owner_changes_only_by_a_claim_or_a_
         else:
             assert possible
             owners.update(dict.fromkeys(names, owner))
-        assert {each.name: each.owner for each in registry.command_interfaces if each.owner} == owners
+        assert {
+            interface.name: interface.owner for interface in registry.command_interfaces if interface.owner
+        } == owners

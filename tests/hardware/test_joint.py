@@ -1,4 +1,4 @@
-"""A joint and its drive axis: what reaches the drive, and when."""
+"""A joint and its drive axis: values sent to the drive, and their time."""
 
 import math
 
@@ -47,13 +47,13 @@ def targets(bench, node_id):
 def test_before_it_is_enabled_the_target_is_standstill_whatever_is_commanded(robby):
     robby.robot.start()
     joint = robby.joint(LEFT)
-    seen = []
+    observed = []
     while not joint.enabled:
         joint.commands["velocity"].value = 10.0
         robby.run(20)
         if not joint.enabled:
-            seen.append(targets(robby, LEFT)["velocity"])
-    assert set(seen) == {0}
+            observed.append(targets(robby, LEFT)["velocity"])
+    assert set(observed) == {0}
 
 
 def test_the_idle_position_target_is_where_the_drive_is(robby):

@@ -1,4 +1,4 @@
-"""What a joint reports: its drive's events, bits of the statusword, a wrong direction, the code of a fault."""
+"""Events of a joint: events of its drive, statusword bits, a wrong direction, the code of a fault."""
 
 from types import SimpleNamespace
 
@@ -31,18 +31,18 @@ def make(action="stop", *, inputs=None):
 
 def test_each_is_reported_when_it_begins_and_not_while_it_lasts():
     watch, *_ = make()
-    assert [each.kind for each in watch.check(WARNING, PV, None)] == ["warning"]
+    assert [item.kind for item in watch.check(WARNING, PV, None)] == ["warning"]
     assert watch.check(WARNING | 0x27, PV, None) == []
     assert watch.check(0x27, PV, None) == []
-    assert [each.kind for each in watch.check(WARNING, PV, None)] == ["warning"]
+    assert [item.kind for item in watch.check(WARNING, PV, None)] == ["warning"]
 
 
-@pytest.mark.parametrize(("action", "told", "stops"), [("stop", 1, True), ("warn", 1, False), ("ignore", 0, None)])
-def test_a_following_error_leads_to_the_action_that_was_chosen(action, told, stops):
+@pytest.mark.parametrize(("action", "reported", "stops"), [("stop", 1, True), ("warn", 1, False), ("ignore", 0, None)])
+def test_a_following_error_leads_to_the_action_that_was_chosen(action, reported, stops):
     watch, *_ = make(action)
-    found = watch.check(FOLLOWING, CSP, None)
-    assert len(found) == told
-    assert all(each.stops is stops for each in found)
+    result = watch.check(FOLLOWING, CSP, None)
+    assert len(result) == reported
+    assert all(item.stops is stops for item in result)
     assert make(action)[0].check(FOLLOWING, PV, None) == [], "bit 13 means something else there"
 
 
@@ -93,9 +93,9 @@ def test_the_limit_at_the_other_end_of_a_short_way_closes_the_other_side(speed, 
 def test_an_axis_that_turns_against_its_command_is_reported_once():
     watch, axis, velocity, _ = make()
     velocity.value, axis.velocity.value = 1000, -900
-    seen = [watch.turns_the_wrong_way(enabled=True) for _ in range(3 * WRONG_CHECKS)]
-    assert seen.index(True) == WRONG_CHECKS, "the first look only learns the target"
-    assert sum(seen) == 1
+    observed = [watch.turns_the_wrong_way(enabled=True) for _ in range(3 * WRONG_CHECKS)]
+    assert observed.index(True) == WRONG_CHECKS, "the first look only learns the target"
+    assert sum(observed) == 1
 
 
 @pytest.mark.parametrize(
@@ -134,9 +134,9 @@ EVENTS = [
 
 @pytest.mark.parametrize(("event", "kind", "stops"), EVENTS)
 def test_every_event_has_its_name_and_reports_whether_it_stops(event, kind, stops):
-    told = joint_event_of(event)
-    assert (told.kind, told.stops) == (kind, stops)
-    assert told.text == event.text
+    reported = joint_event_of(event)
+    assert (reported.kind, reported.stops) == (kind, stops)
+    assert reported.text == event.text
 
 
 def test_control_that_returns_is_reported_as_good():
@@ -154,19 +154,19 @@ def test_an_event_of_a_fault_has_its_statusword_for_programs():
 
 
 def make_watch(*, has=True):
-    asked, happened = [], []
-    node = SimpleNamespace(read=lambda index, subindex, done: asked.append(done))
+    requested, happened = [], []
+    node = SimpleNamespace(read=lambda index, subindex, done: requested.append(done))
     axis = SimpleNamespace(node=node, has=lambda _index: has, index=lambda index: index)
-    return FaultWatch(axis, happened), asked, happened
+    return FaultWatch(axis, happened), requested, happened
 
 
 def test_the_code_is_read_once_and_reported_in_words():
-    watch, asked, happened = make_watch()
+    watch, requested, happened = make_watch()
     watch.enter(FAULT)
     watch.enter(FAULT)
-    assert len(asked) == 1
+    assert len(requested) == 1
     assert watch.asking
-    asked[0](SimpleNamespace(error=None, data=b"\x10\x43"))
+    requested[0](SimpleNamespace(error=None, data=b"\x10\x43"))
     assert not watch.asking
     assert watch.fault == FaultEvent(error_code=0x4310, statusword=0x0238)
     (event,) = happened
@@ -175,11 +175,11 @@ def test_the_code_is_read_once_and_reported_in_words():
 
 
 def test_a_drive_without_one_is_not_asked_and_a_failed_answer_is_not_a_code():
-    watch, asked, happened = make_watch(has=False)
+    watch, requested, happened = make_watch(has=False)
     watch.enter(FAULT)
-    assert asked == []
-    watch, asked, happened = make_watch()
+    assert requested == []
+    watch, requested, happened = make_watch()
     watch.enter(FAULT)
-    asked[0](SimpleNamespace(error="timeout", data=b""))
+    requested[0](SimpleNamespace(error="timeout", data=b""))
     assert watch.fault == FAULT
     assert happened == []

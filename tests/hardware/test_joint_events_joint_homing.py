@@ -93,8 +93,8 @@ def test_the_speeds_of_homing_are_lowered_to_the_velocity_limit(slow):
     most = int(LIMIT * 65536 / math.tau)
     assert slow.axis(Action.HOME, "2", method=17) is None
     assert [slow.drives[2].get(0x6099, sub) for sub in (1, 2)] == [most, 8000]
-    (told,) = slow.texts("parameters")
-    assert f"0x6099:01 was reduced from 65536 to {most}, the velocity limit of the description" in told
+    (reported,) = slow.texts("parameters")
+    assert f"0x6099:01 was reduced from 65536 to {most}, the velocity limit of the description" in reported
 
 
 def test_a_homing_that_does_not_move_leaves_the_speeds_alone(slow):
@@ -125,14 +125,14 @@ def test_a_lost_node_ends_it(servo):
 @pytest.mark.sources  # a property is replaced
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_drive_without_bit_10_is_homed_once_it_is_at_standstill(robot, monkeypatch, moving):
-    made = robot("csp")
+    created = robot("csp")
     for node in (2, 3):
-        made.drives[node].quirk("homing_without_bit_10")
+        created.drives[node].quirk("homing_without_bit_10")
     if moving:  # a drive that still backs off from its switch
         monkeypatch.setattr(JointDrive, "at_standstill", property(lambda _self: False))
-    made.do("axis", name="home")
-    made.run(3.0)
-    assert made.simulated.core.joints["pan"].homed is not moving
+    created.do("axis", name="home")
+    created.run(3.0)
+    assert created.simulated.core.joints["pan"].homed is not moving
 
 
 def _home(made, method=37):
@@ -148,56 +148,56 @@ def test_an_axis_in_csp_stays_where_it_was_homed_when_the_new_zero_arrives_late(
     bus = folder(tmp_path, "csp") / "bus.yml"
     position = "transmission: {}, mapping: [{{index: 0x6064}}"
     bus.write_text(bus.read_text().replace(position.format(1), position.format(syncs)))
-    made = TestedRobot(read_robot(find_robot(str(tmp_path))), quirks={"all": quirks})
+    tested_robot = TestedRobot(read_robot(find_robot(str(tmp_path))), quirks={"all": quirks})
     try:
-        made.run(0.5)
+        tested_robot.run(0.5)
         for step in range(50):
-            made.command("pos", 0.01 * step, 0.01 * step)
-            made.run(0.02)
-        made.run(0.5)
-        before = drive(made, 2).mover.plant.position
-        assert _home(made) is None
-        made.run(1)
-        assert drive(made, 2).mover.plant.position == pytest.approx(before, abs=10)
-        assert made.position("pan") == pytest.approx(0.0, abs=0.001)
-        assert made.state == "running"
+            tested_robot.command("pos", 0.01 * step, 0.01 * step)
+            tested_robot.run(0.02)
+        tested_robot.run(0.5)
+        before = drive(tested_robot, 2).mover.plant.position
+        assert _home(tested_robot) is None
+        tested_robot.run(1)
+        assert drive(tested_robot, 2).mover.plant.position == pytest.approx(before, abs=10)
+        assert tested_robot.position("pan") == pytest.approx(0.0, abs=0.001)
+        assert tested_robot.state == "running"
     finally:
-        made.close()
+        tested_robot.close()
 
 
 def test_an_axis_that_is_homed_far_from_its_old_zero_has_made_no_jump(robot):
-    made = robot("pv")
-    made.command("vel", 1.5, 1.5, seconds=6)
-    made.run(9)
-    assert made.position("pan") > 8.0
-    assert _home(made) is None
-    made.run(0.1)
-    assert made.position("pan") == pytest.approx(0.0, abs=0.001)
-    assert made.state == "running"
-    assert not any("jumped" in each or "stopping" in each for each in sentences(made))
+    created = robot("pv")
+    created.command("vel", 1.5, 1.5, seconds=6)
+    created.run(9)
+    assert created.position("pan") > 8.0
+    assert _home(created) is None
+    created.run(0.1)
+    assert created.position("pan") == pytest.approx(0.0, abs=0.001)
+    assert created.state == "running"
+    assert not any("jumped" in sentence or "stopping" in sentence for sentence in sentences(created))
 
 
 @pytest.mark.parametrize("end", ["stop", "halt", "quick-stop", "timeout", "error"])
 def test_a_homing_that_ends_on_its_way_stops_by_the_ramp_of_homing_and_never_reverses(robot, end):
     """In CSP a drive that still turns would reverse towards the target at its last position."""
-    made = robot("csp", keys="homing_timeout_seconds: 2")
+    created = robot("csp", keys="homing_timeout_seconds: 2")
     for node_id in (2, 3):
-        store = made.simulated.drives[node_id].device.store
+        store = created.simulated.drives[node_id].device.store
         for index, subindex, value in ((0x6099, 1, 400_000), (0x6099, 2, 40_000), (0x609A, 0, 400_000)):
             store.set(index, subindex, value)
-    axis, answers, speeds = drive(made, 2), [], []
+    axis, answers, speeds = drive(created, 2), [], []
     axis.mover.switches.negative = -1e9
-    made.simulated.core.axis(Action.HOME, "pan_drive", answers.append, method=17)
-    made.run(1.6)
+    created.simulated.core.axis(Action.HOME, "pan_drive", answers.append, method=17)
+    created.run(1.6)
     assert axis.mover.plant.velocity < -390_000
     if end == "stop":
-        made.stop()
+        created.stop()
     elif end == "error":
         axis.readings.statusword.forced.inject(0x2000)
     elif end != "timeout":
-        made.do("axis", name=end)
+        created.do("axis", name=end)
     for _ in range(250):
-        made.run(0.01)
+        created.run(0.01)
         speeds.append(axis.mover.plant.velocity)
     assert max(speeds) < 1000
     assert speeds[-1] == 0.0

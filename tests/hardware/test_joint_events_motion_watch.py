@@ -1,4 +1,4 @@
-"""What the master does about drives that differ from the textbook, one deviation in a test."""
+"""Reactions of the master to drives that deviate from the standard, one deviation per test."""
 
 import itertools
 import re
@@ -39,49 +39,51 @@ def standing(monkeypatch):
 @pytest.mark.parametrize(("mode", "controller"), [("csp", "pos"), ("csv", "vel")])
 @pytest.mark.usefixtures("standing")
 def test_an_enabled_axis_that_ignores_its_set_points_is_named_within_two_seconds(robot, mode, controller):
-    made = robot(mode)
-    made.command(controller, 0.5, 0.5, seconds=3)
-    made.run(2.0)
-    assert any("pan_drive" in each and "does not follow its set-points" in each for each in sentences(made))
+    created = robot(mode)
+    created.command(controller, 0.5, 0.5, seconds=3)
+    created.run(2.0)
+    assert any(
+        "pan_drive" in sentence and "does not follow its set-points" in sentence for sentence in sentences(created)
+    )
 
 
 @pytest.mark.parametrize("mode", ["csp", "pp", pytest.param("ip", marks=pytest.mark.rest)])
 def test_an_axis_whose_feedback_is_mirrored_stops_in_every_mode_of_positions(robot, mode):
-    made = robot(mode)
+    created = robot(mode)
     for node_id in (2, 3):
-        drive(made, node_id).readings.inverted.inject(True)
+        drive(created, node_id).readings.inverted.inject(True)
     for step in range(80):
-        made.command("pos", 0.6 if mode == "pp" else 0.01 * (step + 1), 0.0)
-        made.run(0.02)
-    assert any("pan_drive" in each and "turns against its command" in each for each in sentences(made))
-    assert made.state != "running"
+        created.command("pos", 0.6 if mode == "pp" else 0.01 * (step + 1), 0.0)
+        created.run(0.02)
+    assert any("pan_drive" in sentence and "turns against its command" in sentence for sentence in sentences(created))
+    assert created.state != "running"
 
 
 @pytest.mark.parametrize("mode", ["pp", pytest.param("csp", marks=pytest.mark.rest)])
 def test_an_axis_whose_feedback_is_mirrored_stops_after_a_motion_of_a_third_of_a_second(robot, mode):
-    made = robot(mode)
+    created = robot(mode)
     for node_id in (2, 3):
-        drive(made, node_id).readings.inverted.inject(True)
+        drive(created, node_id).readings.inverted.inject(True)
         for index, value in ((0x6081, 2_000_000), (0x6083, 9_000_000), (0x6084, 9_000_000)):
-            made.simulated.drives[node_id].device.store.set(index, 0, value)
+            created.simulated.drives[node_id].device.store.set(index, 0, value)
     for step in range(60):
-        made.command("pos", 0.5 if mode == "pp" else min(0.3, 0.04 * (step + 1)), 0.0)
-        made.run(0.02)
-    assert any("pan_drive" in each and "turns against its command" in each for each in sentences(made))
-    assert made.state != "running"
+        created.command("pos", 0.5 if mode == "pp" else min(0.3, 0.04 * (step + 1)), 0.0)
+        created.run(0.02)
+    assert any("pan_drive" in sentence and "turns against its command" in sentence for sentence in sentences(created))
+    assert created.state != "running"
 
 
 @pytest.mark.rest
 @pytest.mark.parametrize("mode", ["csp", "pp", "ip", "pv", "csv"])
 def test_a_motion_and_its_way_back_are_not_deviation(robot, mode):
-    made = robot(mode)
+    created = robot(mode)
     controller = "vel" if mode in ("pv", "csv") else "pos"
     for step in range(150):
         value = 0.5 if step < 75 else -0.5
-        made.command(controller, value if mode in ("pp", "pv", "csv") else 0.006 * min(step, 150 - step), 0.0)
-        made.run(0.02)
-    assert not [each for each in sentences(made) if "against" in each or "does not follow" in each]
-    assert made.state == "running"
+        created.command(controller, value if mode in ("pp", "pv", "csv") else 0.006 * min(step, 150 - step), 0.0)
+        created.run(0.02)
+    assert not [sentence for sentence in sentences(created) if "against" in sentence or "does not follow" in sentence]
+    assert created.state == "running"
 
 
 def _peak_speed(made):
@@ -112,9 +114,9 @@ def test_a_mode_of_bus_yml_that_0x6502_does_not_list_is_tried_and_named(robot, m
         self._store.preset(0x6502, 0, 0x001F0065)  # as Technosoft's iPOS shows it
 
     monkeypatch.setattr(VirtualDrive, "_attach", without_csp)
-    made = robot("csp")
-    assert made.state == "running"
-    assert any("not CSP, which bus.yml selects" in each for each in sentences(made))
+    created = robot("csp")
+    assert created.state == "running"
+    assert any("not CSP, which bus.yml selects" in sentence for sentence in sentences(created))
 
 
 def _slow_display(monkeypatch, ms):
@@ -139,9 +141,9 @@ def _slow_display(monkeypatch, ms):
 
 def test_a_mode_that_is_shown_late_has_its_own_time(robot, monkeypatch):
     _slow_display(monkeypatch, 4000)
-    made = robot("ip", keys="mode_timeout_ms: 6000")
-    assert made.state == "running"
-    assert not [each for each in sentences(made) if "not confirmed" in each]
+    created = robot("ip", keys="mode_timeout_ms: 6000")
+    assert created.state == "running"
+    assert not [sentence for sentence in sentences(created) if "not confirmed" in sentence]
 
 
 @pytest.mark.parametrize(
@@ -162,11 +164,11 @@ def test_a_mode_that_cannot_serve_its_interface_is_refused_with_its_line(tmp_pat
 def test_a_bit_10_that_flickers_on_the_way_is_not_an_arrival(robot, monkeypatch):
     value, count = Statusword.value, itertools.count()
     monkeypatch.setattr(Statusword, "value", lambda self: value(self) ^ (0x400 if next(count) % 5 == 0 else 0))
-    made = robot("pp")
-    made.command("pos", 0.5, 0.5, seconds=1)
-    while not any("pan_drive" in each and "reached" in each for each in sentences(made)):
-        made.run(0.01)
-    assert made.position("pan") == pytest.approx(0.5, abs=0.01)
+    created = robot("pp")
+    created.command("pos", 0.5, 0.5, seconds=1)
+    while not any("pan_drive" in sentence and "reached" in sentence for sentence in sentences(created)):
+        created.run(0.01)
+    assert created.position("pan") == pytest.approx(0.5, abs=0.01)
 
 
 @pytest.mark.rest
@@ -178,14 +180,14 @@ def test_a_set_point_that_a_drive_ignores_on_its_way_is_given_again(robot, monke
             control(self, word, previous, now)
 
     monkeypatch.setattr(ProfilePosition, "control", single)
-    made = robot("pp")
-    made.command("pos", 0.5, 0.5, seconds=0.4)
-    made.run(0.4)
-    made.command("pos", -0.3, -0.3, seconds=8)
-    made.run(9)
-    assert made.position("pan") == pytest.approx(-0.3, abs=0.01)
-    assert any("sent again when the motion has ended" in each for each in sentences(made))
-    assert not any("given up" in each for each in sentences(made))
+    created = robot("pp")
+    created.command("pos", 0.5, 0.5, seconds=0.4)
+    created.run(0.4)
+    created.command("pos", -0.3, -0.3, seconds=8)
+    created.run(9)
+    assert created.position("pan") == pytest.approx(-0.3, abs=0.01)
+    assert any("sent again when the motion has ended" in sentence for sentence in sentences(created))
+    assert not any("given up" in sentence for sentence in sentences(created))
 
 
 def test_an_axis_whose_position_is_sent_on_one_of_many_syncs_is_not_a_standing_one(tmp_path):
@@ -193,15 +195,15 @@ def test_an_axis_whose_position_is_sent_on_one_of_many_syncs_is_not_a_standing_o
     path = folder(tmp_path, "pv")
     bus = path / "bus.yml"
     bus.write_text(re.sub(r"(?m)^(    2: .*transmission: )1(, mapping: .*0x6064)", r"\g<1>240\2", bus.read_text()))
-    made = TestedRobot(read_robot(find_robot(str(path))))
+    tested_robot = TestedRobot(read_robot(find_robot(str(path))))
     try:
-        made.run(3.0)
-        made.command("vel", 0.1, 0.1, seconds=8)
-        made.run(8.0)
-        assert drive(made, 2).mover.plant.position > 0
-        assert not [each for each in sentences(made) if "does not follow" in each]
+        tested_robot.run(3.0)
+        tested_robot.command("vel", 0.1, 0.1, seconds=8)
+        tested_robot.run(8.0)
+        assert drive(tested_robot, 2).mover.plant.position > 0
+        assert not [sentence for sentence in sentences(tested_robot) if "does not follow" in sentence]
     finally:
-        made.close()
+        tested_robot.close()
 
 
 def _lead(made, mode, cycles):
@@ -219,43 +221,46 @@ def _lead(made, mode, cycles):
 
 @pytest.mark.parametrize("mode", ["csp", "pp", pytest.param("pv", marks=pytest.mark.rest)])
 def test_an_enabled_drive_that_loses_its_supply_stops_the_robot_and_does_not_move_when_it_returns(robot, mode):
-    made = robot(mode)
-    for each in made.drives:
-        each.quirk("supply_loss_unseen")
-    _lead(made, mode, 40)
-    made.drives[2].fault("power_stage_off")
-    _lead(made, mode, 40)
-    assert made.state != "running"
-    assert any("pan_drive" in each and "STO is active" in each for each in sentences(made))
-    made.drives[2].clear_fault("power_stage_off")
-    position = made.position("pan")
-    made.run(1)
-    made.enable()
-    made.until(lambda: made.state == "running", 3)
-    made.run(0.5)
-    assert made.position("pan") == pytest.approx(position, abs=0.001)
-    assert made.breaches == []
+    created = robot(mode)
+    for item in created.drives:
+        item.quirk("supply_loss_unseen")
+    _lead(created, mode, 40)
+    created.drives[2].fault("power_stage_off")
+    _lead(created, mode, 40)
+    assert created.state != "running"
+    assert any("pan_drive" in sentence and "STO is active" in sentence for sentence in sentences(created))
+    created.drives[2].clear_fault("power_stage_off")
+    position = created.position("pan")
+    created.run(1)
+    created.enable()
+    created.until(lambda: created.state == "running", 3)
+    created.run(0.5)
+    assert created.position("pan") == pytest.approx(position, abs=0.001)
+    assert created.breaches == []
 
 
 def test_an_axis_that_stops_following_in_csp_is_stopped_before_it_jumps_to_its_set_points(robot):
     """STO of a drive that does not show it at all."""
-    made = robot("csp")
-    made.disable()
-    made.run(1)
-    for each in made.drives:
-        each.quirk("supply_loss_unseen")
-        each.quirk("voltage_never")
-    made.enable()
-    made.until(lambda: made.state == "running", 3)
-    _lead(made, "csp", 40)
-    made.drives[2].fault("power_stage_off")
-    _lead(made, "csp", 50)
-    assert made.state != "running"
-    assert any("pan_drive" in each and "does not follow its set-points any more" in each for each in sentences(made))
-    made.drives[2].clear_fault("power_stage_off")
-    made.run(0.5)
-    assert made.stopped_within(0.0)
-    assert made.breaches == []
+    created = robot("csp")
+    created.disable()
+    created.run(1)
+    for item in created.drives:
+        item.quirk("supply_loss_unseen")
+        item.quirk("voltage_never")
+    created.enable()
+    created.until(lambda: created.state == "running", 3)
+    _lead(created, "csp", 40)
+    created.drives[2].fault("power_stage_off")
+    _lead(created, "csp", 50)
+    assert created.state != "running"
+    assert any(
+        "pan_drive" in sentence and "does not follow its set-points any more" in sentence
+        for sentence in sentences(created)
+    )
+    created.drives[2].clear_fault("power_stage_off")
+    created.run(0.5)
+    assert created.stopped_within(0.0)
+    assert created.breaches == []
 
 
 @pytest.mark.parametrize("sync", [True, False])
@@ -269,14 +274,14 @@ def test_event_driven_feedback_that_is_lost_stops_the_robot_by_its_event_timer(t
         text if sync else text.replace("  sync_period: 10000\n", "").replace("transmission: 1,", "transmission: 255,")
     )
     bus.write_text(text)
-    made = TestedRobot(read_robot(find_robot(str(path))))
+    tested_robot = TestedRobot(read_robot(find_robot(str(path))))
     try:
-        made.command("vel", 0.5, 0.5, seconds=5)
-        made.run(1.0)
-        assert made.state == "running"
-        made.drives[2].fault("tpdo_missing")
-        assert made.until(lambda: made.state == "fault", 2) < 0.25
-        assert made.stopped_within(0.5)
-        assert any("0.15 s, three times its event timer" in each for each in sentences(made))
+        tested_robot.command("vel", 0.5, 0.5, seconds=5)
+        tested_robot.run(1.0)
+        assert tested_robot.state == "running"
+        tested_robot.drives[2].fault("tpdo_missing")
+        assert tested_robot.until(lambda: tested_robot.state == "fault", 2) < 0.25
+        assert tested_robot.stopped_within(0.5)
+        assert any("0.15 s, three times its event timer" in sentence for sentence in sentences(tested_robot))
     finally:
-        made.close()
+        tested_robot.close()

@@ -1,4 +1,4 @@
-"""What a drive that is slow, or stays where it is, is said to need: the key of bus.yml and the state."""
+"""Events of a drive that is slow or does not move name the key of bus.yml and the state."""
 
 import pytest
 from support.conversation import Device, plan
@@ -26,14 +26,14 @@ def test_a_fault_that_goes_late_has_a_key(robot, monkeypatch):
         self._mover.at("reset", now + 3_000_000_000, lambda then: reset(self, transition, then))
 
     monkeypatch.setattr(PowerMachine, "_reset_fault", late)
-    made = robot("pv", keys="fault_reset_timeout_ms: 4000")
-    axis = _broken(made)
+    created = robot("pv", keys="fault_reset_timeout_ms: 4000")
+    axis = _broken(created)
     answers = []
-    made.simulated.core.axis(Action.FAULT_RESET, "all", answers.append)
-    made.run(4)
+    created.simulated.core.axis(Action.FAULT_RESET, "all", answers.append)
+    created.run(4)
     assert axis.state is State.SWITCH_ON_DISABLED
     assert answers in ([None], [""])
-    assert not [each for each in sentences(made) if "had no effect" in each]
+    assert not [sentence for sentence in sentences(created) if "had no effect" in sentence]
 
 
 @pytest.mark.sources
@@ -42,26 +42,30 @@ def test_a_fault_reaction_that_does_not_end_is_named(robot, monkeypatch):
     monkeypatch.setattr(
         PowerMachine, "finish", lambda self, target, now: target is State.FAULT or finish(self, target, now)
     )
-    made = robot("pv")
-    made.command("vel", 0.5, 0.0, seconds=0.5)
-    made.run(0.4)
-    axis = _broken(made)
+    created = robot("pv")
+    created.command("vel", 0.5, 0.0, seconds=0.5)
+    created.run(0.4)
+    axis = _broken(created)
     assert axis.state is State.FAULT_REACTION_ACTIVE
-    made.reset_faults()
-    made.run(3)
-    assert any("still in FAULT_REACTION_ACTIVE" in each and "none was sent" in each for each in sentences(made))
+    created.reset_faults()
+    created.run(3)
+    assert any(
+        "still in FAULT_REACTION_ACTIVE" in sentence and "none was sent" in sentence for sentence in sentences(created)
+    )
 
 
 @pytest.mark.sources
 def test_a_quick_stop_that_is_switched_off_is_named_with_its_object(robot, monkeypatch):
     monkeypatch.setattr(PowerMachine, "_quick_stop", lambda _self, _transition, _now: None)
-    made = robot("pv")
-    made.command("vel", 0.5, 0.0, seconds=0.5)
-    made.run(0.4)
-    made.simulated.core.axis(Action.QUICK_STOP, "all", lambda _error: None)
-    made.run(1.5)
-    assert any("did not leave OPERATION_ENABLED" in each and "0x605A" in each for each in sentences(made))
-    assert not made.drives[2].moving
+    created = robot("pv")
+    created.command("vel", 0.5, 0.0, seconds=0.5)
+    created.run(0.4)
+    created.simulated.core.axis(Action.QUICK_STOP, "all", lambda _error: None)
+    created.run(1.5)
+    assert any(
+        "did not leave OPERATION_ENABLED" in sentence and "0x605A" in sentence for sentence in sentences(created)
+    )
+    assert not created.drives[2].moving
 
 
 def test_a_node_that_answers_late_is_reported_boot_time():

@@ -1,4 +1,4 @@
-"""The claimed interface, its mode and its target; every mode under a controller, and how it comes to rest."""
+"""The claimed interface, its mode and its target; every mode under a controller, and its stop."""
 
 import itertools
 import math
@@ -273,9 +273,9 @@ class Mode(ModeTarget):
 
 
 @pytest.mark.sources
-@pytest.mark.parametrize(("told", "slope"), [(4000.0, 4000.0), (math.inf, 200.0), (0.0, 200.0), (math.nan, 200.0)])
-def test_a_drive_that_reports_no_deceleration_is_stopped_in_half_a_second(told, slope):
-    assert stop_slope(axis(told), 100) == slope
+@pytest.mark.parametrize(("reported", "slope"), [(4000.0, 4000.0), (math.inf, 200.0), (0.0, 200.0), (math.nan, 200.0)])
+def test_a_drive_that_reports_no_deceleration_is_stopped_in_half_a_second(reported, slope):
+    assert stop_slope(axis(reported), 100) == slope
 
 
 @pytest.mark.sources  # compiled classes have no interpreted subclasses
@@ -345,21 +345,21 @@ def test_the_velocity_limit_of_the_description_holds_in_every_mode(servo, interf
 @pytest.mark.parametrize("end", ["halt", "stop"])
 def test_an_enable_after_a_halt_or_a_stop_does_not_resume_the_old_set_point(robot, end, after):
     """A drive in PP keeps its set-point while the halt bit is set, and continues to it afterwards."""
-    made = robot("pp")
-    made.command("pos", 2.5, 2.5, seconds=1)
-    made.run(1)
+    created = robot("pp")
+    created.command("pos", 2.5, 2.5, seconds=1)
+    created.run(1)
     if end == "halt":
-        made.do("axis", name="halt")
+        created.do("axis", name="halt")
     else:
-        made.stop()
-    made.run(after)
-    made.enable()
-    made.until(lambda: made.state == "running", 5)
-    assert made.stopped_within(0.1)
-    position = made.position("pan")
-    made.run(2)
-    assert made.position("pan") == position < 1.5
-    made.command("pos", 1.6, 1.6, seconds=3)
-    made.run(3)
-    assert made.position("pan") == pytest.approx(1.6, abs=0.01)
-    assert made.breaches == []
+        created.stop()
+    created.run(after)
+    created.enable()
+    created.until(lambda: created.state == "running", 5)
+    assert created.stopped_within(0.1)
+    position = created.position("pan")
+    created.run(2)
+    assert created.position("pan") == position < 1.5
+    created.command("pos", 1.6, 1.6, seconds=3)
+    created.run(3)
+    assert created.position("pan") == pytest.approx(1.6, abs=0.01)
+    assert created.breaches == []

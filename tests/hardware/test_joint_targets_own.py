@@ -38,18 +38,18 @@ def _without_limits(text):
 @pytest.mark.sources
 @pytest.mark.usefixtures("immediate_velocity")
 def test_a_mode_of_the_manufacturer_with_its_target_moves_the_axis(robot):
-    made = robot("v-3", keys="velocity_target: 0x60FF", edit=_without_limits)
-    assert any("mode -3 (manufacturer) confirmed" in each for each in sentences(made))
-    made.command("vel", 0.5, 0.0, seconds=1)
-    made.run(0.9)
-    assert drive(made, 2).mover.plant.velocity / COUNTS == pytest.approx(0.5, rel=0.02)
-    made.disable()
-    made.run(1)
-    assert not made.drives[2].moving
-    made.enable()
-    made.simulated.core.axis(Action.MODE, "pan_drive", lambda _error: None, mode="-3")
-    made.run(1)
-    assert made.state == "running"
+    created = robot("v-3", keys="velocity_target: 0x60FF", edit=_without_limits)
+    assert any("mode -3 (manufacturer) confirmed" in sentence for sentence in sentences(created))
+    created.command("vel", 0.5, 0.0, seconds=1)
+    created.run(0.9)
+    assert drive(created, 2).mover.plant.velocity / COUNTS == pytest.approx(0.5, rel=0.02)
+    created.disable()
+    created.run(1)
+    assert not created.drives[2].moving
+    created.enable()
+    created.simulated.core.axis(Action.MODE, "pan_drive", lambda _error: None, mode="-3")
+    created.run(1)
+    assert created.state == "running"
 
 
 def _with_target_torque(text):
@@ -64,12 +64,12 @@ def _with_target_torque(text):
 
 
 def test_a_target_object_of_the_manufacturer_takes_the_target(robot):
-    made = robot("tq", keys="effort_target: 0x60F6:08", edit=_with_target_torque)
-    made.command("eff", 15.0, -5.0, seconds=0.3)
-    made.run(0.2)
-    assert [drive(made, node)._store.number(0x60F6, 8) for node in (2, 3)] == [15, -5]
-    made.run(2.5)
-    assert drive(made, 2)._store.number(0x60F6, 8) == 0
+    created = robot("tq", keys="effort_target: 0x60F6:08", edit=_with_target_torque)
+    created.command("eff", 15.0, -5.0, seconds=0.3)
+    created.run(0.2)
+    assert [drive(created, node)._store.number(0x60F6, 8) for node in (2, 3)] == [15, -5]
+    created.run(2.5)
+    assert drive(created, 2)._store.number(0x60F6, 8) == 0
 
 
 @pytest.mark.parametrize(
@@ -90,5 +90,5 @@ def test_what_is_wrong_with_them_is_reported_with_its_line(tmp_path, keys, messa
 def test_check_names_a_target_that_no_rpdo_carries(tmp_path):
     bus = folder(tmp_path, "v-3", keys="velocity_target: 0x60B1") / "bus.yml"
     bus.write_text(bus.read_text().replace("mapping: [{index: 0x60FF}]", "mapping: [{index: 0x607A}]"))
-    found = [str(each) for each in check_robot(find_robot(str(tmp_path)), CheckOptions()).findings]
-    assert any("error" in each and "no RPDO carries 0x60B1:00" in each for each in found)
+    result = [str(finding) for finding in check_robot(find_robot(str(tmp_path)), CheckOptions()).findings]
+    assert any("error" in item and "no RPDO carries 0x60B1:00" in item for item in result)

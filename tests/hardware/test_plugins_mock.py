@@ -22,7 +22,7 @@ def joint(commands, states, name="j", mimic=None) -> ControlJoint:
     return ControlJoint(
         name,
         {},
-        {each: InterfaceInfo(each) for each in commands},
+        {item: InterfaceInfo(item) for item in commands},
         {each: InterfaceInfo(each, initial_value=value) for each, value in states.items()},
         mimic,
     )
@@ -30,20 +30,20 @@ def joint(commands, states, name="j", mimic=None) -> ControlJoint:
 
 def system(*joints, sensors=(), gpios=(), **parameters) -> GenericSystem:
     text = {key: str(value).lower() for key, value in parameters.items()}
-    made = GenericSystem(
+    generic_system = GenericSystem(
         Ros2ControlSystem("mock", "system", PLUGINS[0], text, tuple(joints), tuple(sensors), tuple(gpios))
     )
-    made.configure()
-    made.activate()
-    return made
+    generic_system.configure()
+    generic_system.activate()
+    return generic_system
 
 
 def values(made: GenericSystem) -> dict[str, float]:
-    return {each.interface: each.value for each in made.state_interfaces}
+    return {item.interface: item.value for item in made.state_interfaces}
 
 
 def command(made: GenericSystem, name: str, value: float) -> None:
-    next(each for each in made.command_interfaces if each.name == name).value = value
+    next(interface for interface in made.command_interfaces if interface.name == name).value = value
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"])
@@ -52,38 +52,38 @@ def test_it_behaves_as_upstream_does(case):
     states = dict(given_joint["state"])
     if case["params"].get("calculate_dynamics"):
         states = {**dict.fromkeys(("position", "velocity", "acceleration"), 0.0), **states}
-    made = system(joint(given_joint["cmd"], states), **case["params"])
+    created = system(joint(given_joint["cmd"], states), **case["params"])
     if "mode" in case:
-        made.prepare_command_mode_switch([f"j/{case['mode']}"], [])
-        made.perform_command_mode_switch([f"j/{case['mode']}"], [])
+        created.prepare_command_mode_switch([f"j/{case['mode']}"], [])
+        created.perform_command_mode_switch([f"j/{case['mode']}"], [])
     for index, (_, period, targets) in enumerate(case["steps"]):
         for name, value in targets.items():
-            command(made, f"j/{name}", value)
-        result = made.read(0, period)
+            command(created, f"j/{name}", value)
+        result = created.read(0, period)
         if case["expect"] == "ERROR":
             assert result is ReturnType.ERROR
             continue
         assert result is ReturnType.OK
         for name, value in case["expect"][index].items():
-            assert same(values(made)[name], value, 1e-4), name
+            assert same(values(created)[name], value, 1e-4), name
 
 
 def test_states_without_an_initial_value_start_at_zero_and_positions_at_the_offset():
-    made = system(joint(["position"], {"position": math.nan, "velocity": math.nan}), state_following_offset=2.5)
-    assert values(made) == {"position": 2.5, "velocity": 0.0}
+    created = system(joint(["position"], {"position": math.nan, "velocity": math.nan}), state_following_offset=2.5)
+    assert values(created) == {"position": 2.5, "velocity": 0.0}
     with pytest.raises(ControlError, match="position_state_following_offset is 'x'"):
         system(position_state_following_offset="x")
 
 
 def test_what_is_released_is_at_standstill():
-    made = system(joint(["velocity"], {"position": 0.0, "velocity": 0.0}), calculate_dynamics=True)
-    made.perform_command_mode_switch(["j/velocity"], [])
-    command(made, "j/velocity", 3.0)
-    made.read(0, 0.5)
-    made.perform_command_mode_switch([], ["j/velocity"])
-    command(made, "j/velocity", math.nan)
-    made.read(0, 0.5)
-    assert values(made) == {"position": 1.5, "velocity": 0.0}
+    created = system(joint(["velocity"], {"position": 0.0, "velocity": 0.0}), calculate_dynamics=True)
+    created.perform_command_mode_switch(["j/velocity"], [])
+    command(created, "j/velocity", 3.0)
+    created.read(0, 0.5)
+    created.perform_command_mode_switch([], ["j/velocity"])
+    command(created, "j/velocity", math.nan)
+    created.read(0, 0.5)
+    assert values(created) == {"position": 1.5, "velocity": 0.0}
 
 
 def test_with_dynamics_two_kinds_of_motion_of_one_joint_are_refused_and_without_they_are_not():
@@ -104,19 +104,19 @@ def test_with_dynamics_two_kinds_of_motion_of_one_joint_are_refused_and_without_
 def test_a_mimic_joint_follows():
     leader = joint(["velocity"], {"position": 0.0, "velocity": 0.0})
     follower = joint([], {"position": 0.0, "velocity": 0.0}, "f", Mimic("j", -2.0, 0.5))
-    made = system(leader, follower, calculate_dynamics=True)
-    made.perform_command_mode_switch(["j/velocity"], [])
-    command(made, "j/velocity", 1.0)
-    made.read(0, 0.5)
-    assert [each.value for each in made.state_interfaces] == [0.5, 1.0, -0.5, -2.0]
+    created = system(leader, follower, calculate_dynamics=True)
+    created.perform_command_mode_switch(["j/velocity"], [])
+    command(created, "j/velocity", 1.0)
+    created.read(0, 0.5)
+    assert [interface.value for interface in created.state_interfaces] == [0.5, 1.0, -0.5, -2.0]
 
 
 def test_sensors_and_gpios_can_be_commanded_if_asked_for():
     sensor, gpio = joint([], {"force": 0.0}, "s"), joint(["out"], {"out": 0.0, "in": 0.0}, "g")
     plain = system(sensors=[sensor], gpios=[gpio])
-    assert [each.name for each in plain.command_interfaces] == ["g/out"]
+    assert [interface.name for interface in plain.command_interfaces] == ["g/out"]
     mocked = system(sensors=[sensor], gpios=[gpio], mock_sensor_commands=True, mock_gpio_commands=True)
-    assert [each.name for each in mocked.command_interfaces] == ["s/force", "g/out", "g/in"]
+    assert [interface.name for interface in mocked.command_interfaces] == ["s/force", "g/out", "g/in"]
     command(mocked, "s/force", 4.0)
     command(mocked, "g/out", 1.0)
     mocked.read(0, 0.1)
@@ -124,30 +124,30 @@ def test_sensors_and_gpios_can_be_commanded_if_asked_for():
 
 
 def test_the_lifecycle_goes_its_ways_and_reached_states_are_not_errors():
-    made = GenericSystem(Ros2ControlSystem("mock", "system", PLUGINS[0]))
-    made.activate()
-    assert made.state is LifecycleState.UNCONFIGURED
+    generic_system = GenericSystem(Ros2ControlSystem("mock", "system", PLUGINS[0]))
+    generic_system.activate()
+    assert generic_system.state is LifecycleState.UNCONFIGURED
     for _ in range(2):
-        made.configure()
-        assert made.state is LifecycleState.INACTIVE
+        generic_system.configure()
+        assert generic_system.state is LifecycleState.INACTIVE
     for _ in range(2):
-        made.activate()
-        assert made.state is LifecycleState.ACTIVE
-    made.cleanup()
-    assert made.state is LifecycleState.UNCONFIGURED
-    made.shutdown()
-    assert made.state is LifecycleState.FINALIZED
-    assert made.write(0, 0.1) is ReturnType.OK
+        generic_system.activate()
+        assert generic_system.state is LifecycleState.ACTIVE
+    generic_system.cleanup()
+    assert generic_system.state is LifecycleState.UNCONFIGURED
+    generic_system.shutdown()
+    assert generic_system.state is LifecycleState.FINALIZED
+    assert generic_system.write(0, 0.1) is ReturnType.OK
 
 
 def test_robby_without_hardware_drives_where_it_is_reported(config_folder):
     description = read_description(config_folder / "robby.urdf.xacro", mappings={"use_mock_hardware": "true"})
-    made = GenericSystem(description.hardware[0])
+    generic_system = GenericSystem(description.hardware[0])
     assert description.hardware[0].plugin in PLUGINS
     registry = InterfaceRegistry()
-    registry.register(made)
-    made.configure()
-    made.activate()
+    registry.register(generic_system)
+    generic_system.configure()
+    generic_system.activate()
     control = ControllerManager(registry, 50, joints=description.movable_joints)
     base = add(
         control,
@@ -162,9 +162,9 @@ def test_robby_without_hardware_drives_where_it_is_reported(config_folder):
     control.switch(["base"], now=0)
     control.command("base", [0.2, math.pi / 2], 0)
     for step in range(1, 4 * 50 + 2):
-        made.read(step * S // 50, 0.02)
+        generic_system.read(step * S // 50, 0.02)
         control.update(step * S // 50, 0.02)
-        made.write(step * S // 50, 0.02)
+        generic_system.write(step * S // 50, 0.02)
     assert math.hypot(base.odometry.x, base.odometry.y) < 1e-9
     assert same(base.odometry.heading, 2 * math.pi)
 
@@ -178,11 +178,11 @@ def config_folder():
 
 @given(st.lists(st.tuples(st.floats(-1e3, 1e3) | st.just(math.nan), st.floats(1e-3, 1.0)), max_size=30))
 def test_a_velocity_is_integrated_whatever_comes(steps):
-    made = system(joint(["velocity"], {"position": 1.0, "velocity": 0.0}), calculate_dynamics=True)
-    made.perform_command_mode_switch(["j/velocity"], [])
+    created = system(joint(["velocity"], {"position": 1.0, "velocity": 0.0}), calculate_dynamics=True)
+    created.perform_command_mode_switch(["j/velocity"], [])
     expected = 1.0
     for value, period in steps:
-        command(made, "j/velocity", value)
-        assert made.read(0, period) is ReturnType.OK
+        command(created, "j/velocity", value)
+        assert created.read(0, period) is ReturnType.OK
         expected += 0.0 if math.isnan(value) else value * period
-        assert same(values(made)["position"], expected)
+        assert same(values(created)["position"], expected)

@@ -29,11 +29,11 @@ def test_the_motor_turns_reduction_times_as_far_as_the_joint(reduction, offset, 
     for name, value in (("j/position", angle), ("j/velocity", angle), ("j/effort", effort), ("k/position", angle)):
         inner.set(name, value)
     assert outer.read(0, 0.01) is ReturnType.OK
-    found = {each.name: each.value for each in outer.state_interfaces}
-    assert same(found["j/position"], angle / reduction + offset)
-    assert same(found["j/velocity"], angle / reduction)
-    assert same(found["j/effort"], effort * reduction)
-    assert found["k/position"] == angle
+    result = {interface.name: interface.value for interface in outer.state_interfaces}
+    assert same(result["j/position"], angle / reduction + offset)
+    assert same(result["j/velocity"], angle / reduction)
+    assert same(result["j/effort"], effort * reduction)
+    assert result["k/position"] == angle
     for command in outer.command_interfaces:
         command.value = angle
     outer.write(0, 0.01)
@@ -45,7 +45,7 @@ def test_the_motor_turns_reduction_times_as_far_as_the_joint(reduction, offset, 
 def test_no_command_stays_none_and_the_lifecycle_is_the_components():
     inner, outer = system(Transmission("t", "j", "m", 2.0))
     outer.write(0, 0.01)
-    assert all(math.isnan(each.value) for each in inner.command_interfaces)
+    assert all(math.isnan(interface.value) for interface in inner.command_interfaces)
     outer.deactivate()
     assert outer.state is inner.state
     outer.cleanup()
@@ -63,12 +63,12 @@ def test_no_command_stays_none_and_the_lifecycle_is_the_components():
 
 def test_bounds_are_those_of_the_joint_on_its_side_and_are_turned_for_the_motor():
     inner = Hardware("j/velocity", "j/position", "k/velocity")
-    for each in inner.command_interfaces:
-        each.minimum, each.maximum = -1.0, 2.0
+    for interface in inner.command_interfaces:
+        interface.minimum, interface.maximum = -1.0, 2.0
     outer = TransmittedSystem(inner, [Transmission("t", "j", "m", -10.0, 0.5)])
-    assert [(each.minimum, each.maximum) for each in outer.command_interfaces] == [(-1.0, 2.0)] * 3
-    found = [(each.minimum, each.maximum) for each in inner.command_interfaces]
-    assert found == [(-20.0, 10.0), (-15.0, 15.0), (-1.0, 2.0)]
+    assert [(interface.minimum, interface.maximum) for interface in outer.command_interfaces] == [(-1.0, 2.0)] * 3
+    result = [(interface.minimum, interface.maximum) for interface in inner.command_interfaces]
+    assert result == [(-20.0, 10.0), (-15.0, 15.0), (-1.0, 2.0)]
 
 
 def test_what_no_transmission_turns_is_the_components_own():

@@ -1,4 +1,4 @@
-"""The component: who may claim what, and what one joint's trouble means for the others."""
+"""The hardware component: claims of interfaces, and the effect of a failed joint on the others."""
 
 from types import SimpleNamespace
 
@@ -126,8 +126,8 @@ def robby():
 
 def test_the_interfaces_are_those_of_the_description_and_the_pdos(robby):
     system = robby.robot.systems[0]
-    assert [each.name for each in system.command_interfaces] == VELOCITIES
-    assert {each.name for each in system.state_interfaces} == {
+    assert [interface.name for interface in system.command_interfaces] == VELOCITIES
+    assert {interface.name for interface in system.state_interfaces} == {
         f"{side}_wheel_joint/{what}" for side in ("left", "right") for what in ("position", "velocity")
     }
 

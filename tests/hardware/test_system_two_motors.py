@@ -16,15 +16,15 @@ from canopen_control.runtime.setup import read_robot
 
 @pytest.fixture
 def robot(tmp_path):
-    made = []
+    created = []
 
     def make(**options):
-        made.append(make_robot(tmp_path, **options))
-        return made[-1]
+        created.append(make_robot(tmp_path, **options))
+        return created[-1]
 
     yield make
-    for each in made:
-        each.close()
+    for item in created:
+        item.close()
 
 
 def states(robot):
@@ -40,18 +40,18 @@ def act(robot, action, joint):
 
 @pytest.mark.parametrize("together", [False, True])
 def test_both_wheels_turn_at_their_own_speeds(robot, together):
-    made = robot(together=together)
-    assert states(made) == {State.OPERATION_ENABLED}
-    made.command("vel", 2.0, -3.0, seconds=1)
-    made.run(0.9)
-    assert speeds(made) == pytest.approx([2.0, -3.0], rel=0.01)
-    assert [made.velocity("left"), made.velocity("right")] == pytest.approx([2.0, -3.0], rel=0.01)
-    assert made.position("left") == pytest.approx(-made.position("right") * 2 / 3, rel=0.05)
-    assert made.breaches == []
-    made.stop()
-    made.until(lambda: not made.moving)
-    made.run(0.2)
-    assert State.OPERATION_ENABLED not in states(made)
+    created = robot(together=together)
+    assert states(created) == {State.OPERATION_ENABLED}
+    created.command("vel", 2.0, -3.0, seconds=1)
+    created.run(0.9)
+    assert speeds(created) == pytest.approx([2.0, -3.0], rel=0.01)
+    assert [created.velocity("left"), created.velocity("right")] == pytest.approx([2.0, -3.0], rel=0.01)
+    assert created.position("left") == pytest.approx(-created.position("right") * 2 / 3, rel=0.05)
+    assert created.breaches == []
+    created.stop()
+    created.until(lambda: not created.moving)
+    created.run(0.2)
+    assert State.OPERATION_ENABLED not in states(created)
 
 
 def test_the_mapping_in_the_drive_is_that_of_its_own_objects(robot):
@@ -63,70 +63,70 @@ def test_the_mapping_in_the_drive_is_that_of_its_own_objects(robot):
 
 @pytest.mark.parametrize("motor", [0, 1])
 def test_a_fault_of_one_motor_stops_the_other_along_its_ramp(robot, motor):
-    made = robot()
-    made.command("vel", 6.0, 6.0, seconds=5)
-    made.run(1)
-    device = made.simulated.drives[NODE].device
+    created = robot()
+    created.command("vel", 6.0, 6.0, seconds=5)
+    created.run(1)
+    device = created.simulated.drives[NODE].device
     device.drives[motor].fault(0x7305, device.clock.now)
-    made.run(0.05)
-    assert 0.5 < speeds(made)[1 - motor] < 6.0  # it did not lose its power at once
-    made.until(lambda: not made.moving, 2)
-    made.run(0.2)
+    created.run(0.05)
+    assert 0.5 < speeds(created)[1 - motor] < 6.0  # it did not lose its power at once
+    created.until(lambda: not created.moving, 2)
+    created.run(0.2)
     assert device.drives[motor].state is State.FAULT
     assert device.drives[1 - motor].state is not State.OPERATION_ENABLED
     faulty = ("left", "right")[motor]
-    assert any(f"{faulty}: fault" in event.sentence for event in made.events)
-    assert any(faulty in event.sentence and "0x7305" in event.sentence for event in made.events)
-    made.reset_faults()
-    made.run(0.5)
-    assert State.OPERATION_ENABLED not in states(made)  # a fault reset enables nothing
-    made.enable()
-    made.command("vel", 1.0, 2.0, seconds=1)
-    made.run(0.8)
-    assert speeds(made) == pytest.approx([1.0, 2.0], rel=0.02)
+    assert any(f"{faulty}: fault" in event.sentence for event in created.events)
+    assert any(faulty in event.sentence and "0x7305" in event.sentence for event in created.events)
+    created.reset_faults()
+    created.run(0.5)
+    assert State.OPERATION_ENABLED not in states(created)  # a fault reset enables nothing
+    created.enable()
+    created.command("vel", 1.0, 2.0, seconds=1)
+    created.run(0.8)
+    assert speeds(created) == pytest.approx([1.0, 2.0], rel=0.02)
 
 
 @pytest.mark.parametrize("apart", [False, True])
 def test_what_is_asked_of_one_wheel_is_for_both(robot, apart):
-    made = robot(apart=apart)
-    made.disable()
-    made.run(0.5)
-    ends = act(made, Action.ENABLE, "left")
-    made.run(1)
+    created = robot(apart=apart)
+    created.disable()
+    created.run(0.5)
+    ends = act(created, Action.ENABLE, "left")
+    created.run(1)
     assert ends == [None]
-    assert states(made) == {State.OPERATION_ENABLED}
+    assert states(created) == {State.OPERATION_ENABLED}
     words = "left and right share one controlword: enable applies to all of them"
-    assert any(words in event.sentence for event in made.events)
-    made.command("vel", 4.0, 4.0, seconds=5)
-    made.run(0.5)
-    ends = act(made, Action.DISABLE, "right")
-    made.run(0.05)
-    assert all(0.5 < speed < 4.0 for speed in speeds(made))
-    made.run(1)
+    assert any(words in event.sentence for event in created.events)
+    created.command("vel", 4.0, 4.0, seconds=5)
+    created.run(0.5)
+    ends = act(created, Action.DISABLE, "right")
+    created.run(0.05)
+    assert all(0.5 < speed < 4.0 for speed in speeds(created))
+    created.run(1)
     assert ends == [None]
-    assert not made.moving
-    assert State.OPERATION_ENABLED not in states(made)
+    assert not created.moving
+    assert State.OPERATION_ENABLED not in states(created)
 
 
 def test_a_quick_stop_of_one_wheel_stops_both(robot):
-    made = robot()
-    made.command("vel", 4.0, 2.0, seconds=5)
-    made.run(0.5)
-    act(made, Action.QUICK_STOP, "right")
-    made.until(lambda: not made.moving, 1)
-    assert State.OPERATION_ENABLED not in states(made)
-    made.run(1)
-    assert not made.moving
+    created = robot()
+    created.command("vel", 4.0, 2.0, seconds=5)
+    created.run(0.5)
+    act(created, Action.QUICK_STOP, "right")
+    created.until(lambda: not created.moving, 1)
+    assert State.OPERATION_ENABLED not in states(created)
+    created.run(1)
+    assert not created.moving
 
 
 def test_the_death_of_the_master_stops_both_wheels(robot):
-    made = robot()
-    made.command("vel", 4.0, -4.0, seconds=5)
-    made.run(0.5)
-    made.kill()
-    made.run(1)
-    assert speeds(made) == [0.0, 0.0]
-    assert State.OPERATION_ENABLED not in states(made)
+    created = robot()
+    created.command("vel", 4.0, -4.0, seconds=5)
+    created.run(0.5)
+    created.kill()
+    created.run(1)
+    assert speeds(created) == [0.0, 0.0]
+    assert State.OPERATION_ENABLED not in states(created)
 
 
 def _without(*places):
@@ -171,8 +171,8 @@ def test_a_drive_with_one_motor_has_no_motors_in_subindices(tmp_path):
     ],
 )
 def test_joints_that_cannot_be_two_motors_are_refused(tmp_path, options, words):
-    found = check_robot(find_robot(str(folder(tmp_path, **options))), CheckOptions()).findings
-    assert [str(each) for each in found if each.severity is Severity.ERROR and words in str(each)]
+    result = check_robot(find_robot(str(folder(tmp_path, **options))), CheckOptions()).findings
+    assert [str(item) for item in result if item.severity is Severity.ERROR and words in str(item)]
 
 
 @pytest.mark.parametrize(
@@ -186,31 +186,31 @@ def test_what_would_start_both_motors_is_refused(robot, action, options, words):
 
 
 def test_a_drive_that_restarts_is_enabled_again(robot):
-    made = robot()
-    made.command("vel", 2.0, 2.0, seconds=10)
-    made.run(0.5)
-    made.drives[NODE].power_off(0.5)
-    made.run(2)
-    assert not made.moving
-    made.enable()
-    made.command("vel", 1.0, -1.0, seconds=1)
-    made.run(0.8)
-    assert speeds(made) == pytest.approx([1.0, -1.0], rel=0.02)
-    assert made.breaches == []
+    created = robot()
+    created.command("vel", 2.0, 2.0, seconds=10)
+    created.run(0.5)
+    created.drives[NODE].power_off(0.5)
+    created.run(2)
+    assert not created.moving
+    created.enable()
+    created.command("vel", 1.0, -1.0, seconds=1)
+    created.run(0.8)
+    assert speeds(created) == pytest.approx([1.0, -1.0], rel=0.02)
+    assert created.breaches == []
 
 
 def test_the_time_to_a_stop_is_that_of_each_motor(tmp_path):
     bus = folder(tmp_path) / "bus.yml"
     bus.write_text(bus.read_text().replace("0x6084, sub_index: 2, value: 20000", "0x6084, sub_index: 2, value: 5000"))
     stops = check_robot(find_robot(str(tmp_path)), CheckOptions()).stops
-    asked = [case.by for stop in stops for case in stop.cases if case.cause == "a stop is requested"]
-    assert asked == ["ramp of 0x6084 (20000)", "ramp of 0x6084 (5000)"]
+    bys = [case.by for stop in stops for case in stop.cases if case.cause == "a stop is requested"]
+    assert bys == ["ramp of 0x6084 (20000)", "ramp of 0x6084 (5000)"]
 
 
 def test_a_motor_without_a_joint_rests_while_the_other_turns_and_check_names_it(robot, tmp_path):
-    made = robot(axes=("0", None))
-    made.command("vel", 2.0, seconds=1)
-    made.run(0.9)
-    assert speeds(made) == pytest.approx([2.0, 0.0], rel=0.01)
-    found = [str(each) for each in check_robot(find_robot(str(tmp_path)), CheckOptions()).findings]
-    assert [each for each in found if "axis 1 of wheels has no joint" in each and "bus.yml:11:" in each]
+    created = robot(axes=("0", None))
+    created.command("vel", 2.0, seconds=1)
+    created.run(0.9)
+    assert speeds(created) == pytest.approx([2.0, 0.0], rel=0.01)
+    result = [str(finding) for finding in check_robot(find_robot(str(tmp_path)), CheckOptions()).findings]
+    assert [item for item in result if "axis 1 of wheels has no joint" in item and "bus.yml:11:" in item]

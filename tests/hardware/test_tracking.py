@@ -54,13 +54,13 @@ def test_nothing_is_known_before_anything_was_compared_and_after_a_new_enable():
 
 def test_unknown_values_are_not_errors():
     tracking = tracked()
-    for wanted, actual in [(1.0, math.nan), (math.nan, 1.0), (1.0, 1.0), (1.0, math.nan), (1.0, 1.0)]:
-        tracking.step(wanted, actual)
+    for expected, actual in [(1.0, math.nan), (math.nan, 1.0), (1.0, 1.0), (1.0, math.nan), (1.0, 1.0)]:
+        tracking.step(expected, actual)
     assert tracking.figures().worst == 0.0
 
 
 @pytest.mark.parametrize(
-    ("wanted", "repeated"),
+    ("expected", "repeated"),
     [
         ([0.0, 1.0, 2.0, 2.0, 3.0], 1),
         ([0.0, 1.0, 1.0, 1.0, 2.0, 2.0, 3.0], 3),
@@ -69,11 +69,11 @@ def test_unknown_values_are_not_errors():
         ([1.0, 2.0, 3.0, 4.0], 0),
     ],
 )
-def test_a_position_that_is_sent_again_on_the_way_is_repeated(wanted, repeated):
+def test_a_position_that_is_sent_again_on_the_way_is_repeated(expected, repeated):
     tracking = tracked()
     for _ in range(6):
-        tracking.step(wanted[0], 0.0)
-    for value in wanted:
+        tracking.step(expected[0], 0.0)
+    for value in expected:
         tracking.step(value, 0.0)
     assert tracking.repeated == repeated
 
@@ -115,6 +115,6 @@ def test_after_a_rest_nothing_is_compared_with_what_was_commanded_before():
     for _ in range(5):
         tracking.step(1.0, 1.0)
     tracking.restart()
-    for wanted in (7.0, 7.0):
-        tracking.step(wanted, 1.0)
+    for value in (7.0, 7.0):
+        tracking.step(value, 1.0)
     assert tracking.figures().worst == 0.0

@@ -1,4 +1,4 @@
-"""Feed-forward beside positions: what reaches 0x60B1 and 0x60B2, and that nothing of it stays."""
+"""Feed-forward with positions: values of 0x60B1 and 0x60B2, and their reset."""
 
 import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
@@ -18,7 +18,10 @@ def fed_arm(folder, asked="[velocity]", interfaces=("position", "velocity"), mod
     config = copy_arm(folder)
     edits = {
         "bus.yml": ("  position_mode: 8 ", f"  feed_forward: {asked}\n  position_mode: {mode} "),
-        "arm6.urdf": (POSITION_COMMAND, "".join(f'<command_interface name="{each}"/>' for each in interfaces)),
+        "arm6.urdf": (
+            POSITION_COMMAND,
+            "".join(f'<command_interface name="{interface}"/>' for interface in interfaces),
+        ),
         "ros2_controllers.yaml": ("command_interfaces: [position]", f"command_interfaces: [{', '.join(interfaces)}]"),
     }
     for name, (old, new) in edits.items():
@@ -45,7 +48,7 @@ def arm(config):
 
 
 def send(arm, end=ENDS, seconds=2.0):
-    begin = [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
+    begin = [arm.robot.registry.state(f"{joint}/position").value for joint in JOINTS]
     goal = TrajectoryGoal(planned(begin, end, seconds))
     arm.robot.manager.get("arm_controller").send_goal(goal, arm.reactor.now())
     return goal
@@ -159,14 +162,14 @@ def test_torque_feed_forward_is_zero_when_the_positions_end(tmp_path):
 
 @pytest.mark.rest
 @pytest.mark.parametrize(
-    ("asked", "mode", "why"),
+    ("requested", "mode", "why"),
     [
         ("[]", 8, r"map 0x60FF, or set feed_forward: \[velocity\] for use"),
         ("[velocity]", 1, "only in mode CSP, but position is commanded in PP"),
     ],
 )
-def test_where_it_cannot_be_the_claim_is_refused_with_what_to_do(tmp_path, asked, mode, why):
-    config = fed_arm(tmp_path, asked=asked, mode=mode)
+def test_where_it_cannot_be_the_claim_is_refused_with_what_to_do(tmp_path, requested, mode, why):
+    config = fed_arm(tmp_path, asked=requested, mode=mode)
     with pytest.raises(CanopenError, match=why):  # noqa: PT012 - it may fail when it is made, or when it starts
         bench = Bench("refused", config=config, drives=NODES)
         try:

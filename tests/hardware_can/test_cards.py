@@ -22,9 +22,9 @@ def fresh_cards():
     """Let every test find the cards as they come: down; one that a test has pulled is put back."""
     for name in ("can0", "can1"):
         ip("link", "set", name, "down")
-    cards = {each.name for each in DRIVER.glob("0000:*")}
+    cards = {path.name for path in DRIVER.glob("0000:*")}
     yield
-    for card in cards - {each.name for each in DRIVER.glob("0000:*")}:
+    for card in cards - {path.name for path in DRIVER.glob("0000:*")}:
         (DRIVER / "bind").write_text(card)
 
 

@@ -31,5 +31,5 @@ def test_the_way_ends_with_the_robot_on_real_drives(stage, robby):
     for words in commands:
         program = stage.call(*runnable(words, robby, scaled(1)), seconds=240)
         assert program.wait() == 0, program
-        assert all(said in program.out for said in SAYS[" ".join(words[:2])]), program
+        assert all(text in program.out for text in SAYS[" ".join(words[:2])]), program
     assert "limited" not in program.out, "the preflight has passed"

@@ -71,9 +71,9 @@ def test_a_module_is_started_without_the_files_of_the_folder_it_is_started_in(tm
 @pytest.mark.process
 def test_a_lean_python_finds_the_package_and_msgspec_and_has_loaded_neither_site_nor_more():
     *python, code = lean_python("canopen_control.rpc.wire")
-    told = "import canopen_control.rpc.wire, json, sys; print(json.dumps([*sys.modules]))"
+    reported = "import canopen_control.rpc.wire, json, sys; print(json.dumps([*sys.modules]))"
     done = subprocess.run(
-        [*python, code.replace("from canopen_control.rpc.wire import main; sys.exit(main())", told)],
+        [*python, code.replace("from canopen_control.rpc.wire import main; sys.exit(main())", reported)],
         capture_output=True,
         text=True,
         check=True,
@@ -93,7 +93,7 @@ def test_a_fork_keeps_the_paths_with_which_its_libraries_were_loaded():
 
 
 @pytest.mark.parametrize(
-    ("guard", "path", "found"),
+    ("guard", "path", "result"),
     [
         ("1", f"{PREFIX}/lib", False),
         ("1", "/other/venv/lib/python3.12/site-packages/ros_rclpy.libs", False),
@@ -101,9 +101,9 @@ def test_a_fork_keeps_the_paths_with_which_its_libraries_were_loaded():
         (None, "/opt/ros/jazzy/lib", True),
     ],
 )
-def test_a_fork_can_import_rclpy_where_this_process_has_its_libraries(monkeypatch, guard, path, found):
+def test_a_fork_can_import_rclpy_where_this_process_has_its_libraries(monkeypatch, guard, path, result):
     monkeypatch.setenv("LD_LIBRARY_PATH", path)
     monkeypatch.delenv(GUARD, raising=False)
     if guard is not None:
         monkeypatch.setenv(GUARD, guard)
-    assert has_ros_libraries() is found
+    assert has_ros_libraries() is result

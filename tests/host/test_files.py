@@ -1,4 +1,4 @@
-"""A full disk: which file it was, what is left of it, and that a file that was there is not half another."""
+"""A full disk: the file is named, and an existing file is not replaced by an incomplete one."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_a_file_is_replaced_as_a_whole_and_keeps_its_mode(tmp_path):
     link.symlink_to(path)
     write_whole(link, b"two")
     assert (path.read_bytes(), path.stat().st_mode & 0o777, link.is_symlink()) == (b"two", 0o640, True)
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["a", "link"]
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["a", "link"]
 
 
 @pytest.mark.parametrize(("before", "kept"), [(None, "nothing was written"), (b"old", "the file is unchanged")])
@@ -40,7 +40,7 @@ def test_without_disk_space_the_old_file_stays(tmp_path, monkeypatch, before, ke
         with pytest.raises(DiskFull, match=rf"{path}: No space left on device; {kept}"):
             write_whole(path, b"new")
     assert (path.read_bytes() if path.exists() else None) == before
-    assert [each.name for each in tmp_path.iterdir()] == ([] if before is None else ["a"])
+    assert [item.name for item in tmp_path.iterdir()] == ([] if before is None else ["a"])
 
 
 def test_a_device_is_written_to_and_stays_one():

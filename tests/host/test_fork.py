@@ -1,4 +1,4 @@
-"""Forks begin as new interpreters would, but for the modules that they need not import."""
+"""Forks start like new interpreters, except that modules are already imported."""
 
 from __future__ import annotations
 

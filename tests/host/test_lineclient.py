@@ -134,15 +134,15 @@ def test_closing_twice_and_using_it_afterwards_is_reported(pair):
 
 def test_hanging_up_wakes_a_thread_that_waits(pair):
     client, _ = pair
-    seen = []
+    observed = []
 
     def wait():
         with pytest.raises(RemoteError):
             client.receive(None)
-        seen.append("woken")
+        observed.append("woken")
 
     waiting = threading.Thread(target=wait)
     waiting.start()
     client.hang_up()
     waiting.join(60)
-    assert seen == ["woken"]
+    assert observed == ["woken"]

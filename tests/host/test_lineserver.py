@@ -440,8 +440,8 @@ def test_out_of_descriptors_an_idle_client_is_closed_for_one_that_stops_the_robo
         assert peer.messages() == [{"id": 1}]
         assert len(owner.server.connections) == 7, "one more is free for a file"
     owner.server._socket = real
-    for each in idle:
-        each.socket.close()
+    for item in idle:
+        item.socket.close()
 
 
 def test_closing_the_server_ends_all_and_removes_the_socket(reactor, owner, peer):

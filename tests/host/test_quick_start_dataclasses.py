@@ -50,15 +50,15 @@ class Special:
 
 @pytest.fixture(params=[True, False], ids=["quick", "standard"])
 def module(request, monkeypatch):
-    made = ModuleType("canopen_control.quick_module")
-    made.__file__ = "quick_module.py"
-    monkeypatch.setitem(sys.modules, made.__name__, made)
+    module_type = ModuleType("canopen_control.quick_module")
+    module_type.__file__ = "quick_module.py"
+    monkeypatch.setitem(sys.modules, module_type.__name__, module_type)
     if request.param:
         with quick_dataclasses():
-            exec(SOURCE, made.__dict__)
+            exec(SOURCE, module_type.__dict__)
     else:
-        exec(SOURCE, made.__dict__)
-    return made
+        exec(SOURCE, module_type.__dict__)
+    return module_type
 
 
 def test_they_behave_as_the_standard_ones(module):
@@ -103,18 +103,18 @@ def test_what_is_not_a_field_is_recognised_by_its_annotation(module):
 
 @pytest.mark.skipif(sys.version_info >= (3, 13), reason="Python makes the methods of a class at once")
 def test_a_method_is_made_when_it_is_first_used():
-    made = ModuleType("canopen_control.quick_module")
-    made.__file__ = "quick_module.py"
-    sys.modules[made.__name__] = made
+    module_type = ModuleType("canopen_control.quick_module")
+    module_type.__file__ = "quick_module.py"
+    sys.modules[module_type.__name__] = module_type
     with quick_dataclasses():
-        exec(SOURCE, made.__dict__)
-    del sys.modules[made.__name__]
-    methods = vars(made.Point)
+        exec(SOURCE, module_type.__dict__)
+    del sys.modules[module_type.__name__]
+    methods = vars(module_type.Point)
     assert isinstance(methods["__eq__"], _Method)
     assert isinstance(methods["__init__"], _Method)
-    made.Point(1)
+    module_type.Point(1)
     assert isinstance(methods["__eq__"], _Method)
-    assert inspect.isfunction(vars(made.Point)["__init__"])
+    assert inspect.isfunction(vars(module_type.Point)["__init__"])
     assert dataclasses._create_fn.__module__ == "dataclasses"
 
 
@@ -123,9 +123,9 @@ def test_a_method_is_made_when_it_is_first_used():
     [("canopen_control.quick_module", "quick_module.cpython-311-x86_64-linux-gnu.so"), ("users", "users.py")],
 )
 def test_compiled_modules_and_those_of_others_have_the_standard_ones(monkeypatch, name, file):
-    made = ModuleType(name)
-    made.__file__ = file
-    monkeypatch.setitem(sys.modules, made.__name__, made)
+    module_type = ModuleType(name)
+    module_type.__file__ = file
+    monkeypatch.setitem(sys.modules, module_type.__name__, module_type)
     with quick_dataclasses():
-        exec(SOURCE, made.__dict__)
-    assert inspect.isfunction(vars(made.Point)["__eq__"])
+        exec(SOURCE, module_type.__dict__)
+    assert inspect.isfunction(vars(module_type.Point)["__eq__"])

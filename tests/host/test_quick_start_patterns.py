@@ -15,28 +15,28 @@ DATA = re.compile(rb"[0-9]+")
 
 
 def module_of(name):
-    made = ModuleType(name)
+    module_type = ModuleType(name)
     with lazy_patterns():
-        exec(SOURCE, made.__dict__)
-    return made
+        exec(SOURCE, module_type.__dict__)
+    return module_type
 
 
 @pytest.mark.parametrize("name", ["canopen_control.words", "yaml.words"])
 def test_a_pattern_is_compiled_when_it_is_first_used(name):
     with lazy_patterns():
-        made = module_of(name)
-        assert isinstance(made.WORD, _LazyPattern)
-        assert "match" not in vars(made.WORD)
-        assert made.WORD.fullmatch("AAb")[1] == "AA"  # also while others are defined
-        assert vars(made.WORD)["match"].__self__ == re.compile("(a+)b", re.IGNORECASE)
-    assert made.WORD.sub(r"<\1>", "aab ab c") == "<aa> <a> c"
-    assert made.DATA.findall(b"1 23") == [b"1", b"23"]
+        created = module_of(name)
+        assert isinstance(created.WORD, _LazyPattern)
+        assert "match" not in vars(created.WORD)
+        assert created.WORD.fullmatch("AAb")[1] == "AA"  # also while others are defined
+        assert vars(created.WORD)["match"].__self__ == re.compile("(a+)b", re.IGNORECASE)
+    assert created.WORD.sub(r"<\1>", "aab ab c") == "<aa> <a> c"
+    assert created.DATA.findall(b"1 23") == [b"1", b"23"]
 
 
 @pytest.mark.parametrize("attribute", ["pattern", "flags", "groups"])
 def test_its_attributes_are_those_of_the_standard_one(attribute):
-    made = module_of("canopen_control.words")
-    assert getattr(made.WORD, attribute) == getattr(re.compile("(a+)b", re.IGNORECASE), attribute)
+    created = module_of("canopen_control.words")
+    assert getattr(created.WORD, attribute) == getattr(re.compile("(a+)b", re.IGNORECASE), attribute)
 
 
 def test_the_modules_of_others_and_other_times_have_the_standard_ones():

@@ -39,13 +39,13 @@ def real():
 
 
 def test_a_timer_at_the_end_of_the_time_still_fires(reactor):
-    seen = []
-    reactor.call_at(50, lambda: seen.append(reactor.now()))
-    reactor.call_at(51, lambda: seen.append(reactor.now()))
+    observed = []
+    reactor.call_at(50, lambda: observed.append(reactor.now()))
+    reactor.call_at(51, lambda: observed.append(reactor.now()))
     reactor.run_for(50)
-    assert seen == [50]
+    assert observed == [50]
     reactor.run_for(1)
-    assert seen == [50, 51]
+    assert observed == [50, 51]
 
 
 def test_a_periodic_timer_keeps_its_absolute_edges(reactor):
@@ -61,19 +61,19 @@ def test_a_periodic_timer_keeps_its_absolute_edges(reactor):
 
 
 def test_a_timer_can_cancel_one_of_the_same_moment(reactor):
-    seen = []
+    observed = []
     reactor.call_at(5, lambda: second.cancel())
-    second = reactor.call_at(5, lambda: seen.append("never"))
+    second = reactor.call_at(5, lambda: observed.append("never"))
     reactor.run_for(10)
-    assert seen == []
+    assert observed == []
     assert not second.active
 
 
 def test_run_until_a_condition_stops_the_clock_there(reactor):
-    seen = []
+    observed = []
     for moment in (10, 20, 30):
-        reactor.call_at(moment, lambda moment=moment: seen.append(moment))
-    assert reactor.run_until(lambda: len(seen) == 2)
+        reactor.call_at(moment, lambda moment=moment: observed.append(moment))
+    assert reactor.run_until(lambda: len(observed) == 2)
     assert reactor.now() == 20
 
 
@@ -85,32 +85,32 @@ def test_run_until_gives_up_when_nothing_can_happen_any_more(reactor):
 
 def test_what_is_readable_is_served_before_time_moves(reactor, pair):
     ours, theirs = pair
-    seen = []
-    reactor.add_reader(ours, lambda: seen.append((ours.recv(10), reactor.now())))
+    observed = []
+    reactor.add_reader(ours, lambda: observed.append((ours.recv(10), reactor.now())))
     reactor.call_at(10, lambda: (theirs.send(b"x"), theirs.send(b"y")))
-    reactor.call_at(11, lambda: seen.append(("timer", reactor.now())))
+    reactor.call_at(11, lambda: observed.append(("timer", reactor.now())))
     reactor.run_for(20)
-    assert seen == [(b"xy", 10), ("timer", 11)]
+    assert observed == [(b"xy", 10), ("timer", 11)]
 
 
 def test_a_turn_serves_descriptors_then_calls_then_timers(reactor, pair):
     ours, theirs = pair
     theirs.send(b"x")
-    seen = []
-    reactor.call_at(0, lambda: seen.append("timer"))
-    reactor.call_soon(lambda: seen.append("soon"))
-    reactor.add_reader(ours, lambda: seen.append(ours.recv(10)))
+    observed = []
+    reactor.call_at(0, lambda: observed.append("timer"))
+    reactor.call_soon(lambda: observed.append("soon"))
+    reactor.add_reader(ours, lambda: observed.append(ours.recv(10)))
     reactor.run_for(0)
-    assert seen == [b"x", "soon", "timer"]
+    assert observed == [b"x", "soon", "timer"]
 
 
 def test_calls_keep_their_order_and_what_they_add_waits_a_turn(reactor):
-    seen = []
-    reactor.call_soon(lambda: (seen.append(1), reactor.call_soon(lambda: seen.append(3))))
-    reactor.call_soon(lambda: seen.append(2))
-    reactor.call_at(0, lambda: seen.append("timer"))
+    observed = []
+    reactor.call_soon(lambda: (observed.append(1), reactor.call_soon(lambda: observed.append(3))))
+    reactor.call_soon(lambda: observed.append(2))
+    reactor.call_at(0, lambda: observed.append("timer"))
     reactor.run_for(0)
-    assert seen == [1, 2, "timer", 3]
+    assert observed == [1, 2, "timer", 3]
 
 
 def test_run_on_a_manual_clock_races_through_its_timers(reactor):
@@ -163,7 +163,7 @@ def test_the_same_program_does_the_same_thing_twice(plan):
 
 def test_a_callback_that_raises_ends_nothing_and_is_counted(pair):
     ours, theirs = pair
-    raised, seen = [], []
+    raised, observed = [], []
 
     def fail(text):
         raise ValueError(text)
@@ -174,11 +174,11 @@ def test_a_callback_that_raises_ends_nothing_and_is_counted(pair):
         loop.add_reader(ours, lambda: (ours.recv(1), fail("reader")))
         loop.call_soon(lambda: fail("soon"))
         loop.call_at(1, lambda: fail("timer"))
-        loop.call_at(1, lambda: seen.append("after"))
+        loop.call_at(1, lambda: observed.append("after"))
         loop.run_for(10)
         assert loop.errors == 3
     assert [str(error) for error in raised] == ["reader", "soon", "timer"]
-    assert seen == ["after"]
+    assert observed == ["after"]
 
 
 def test_an_error_handler_that_raises_ends_nothing_either(capsys):
@@ -216,50 +216,50 @@ def test_a_reader_that_removes_another_one_of_the_same_turn_is_obeyed(reactor, p
     ours, theirs = pair
     ours.send(b"x")
     theirs.send(b"x")
-    seen = []
+    observed = []
 
     def only_one():
-        seen.append(1)
+        observed.append(1)
         for sock in pair:
             reactor.remove_reader(sock)
 
     for sock in pair:
         reactor.add_reader(sock, only_one)
     reactor.run_for(5)
-    assert seen == [1]
+    assert observed == [1]
 
 
 def test_a_descriptor_has_a_reader_and_a_writer(reactor, pair):
     ours, theirs = pair
-    seen = []
+    observed = []
     theirs.send(b"x")
 
     def write():
-        seen.append("w")
+        observed.append("w")
         reactor.remove_writer(ours)
 
-    reactor.add_reader(ours, lambda: seen.append(ours.recv(1)))
+    reactor.add_reader(ours, lambda: observed.append(ours.recv(1)))
     reactor.add_writer(ours, write)
     reactor.run_for(1)
-    assert seen == [b"x", "w"]
+    assert observed == [b"x", "w"]
     theirs.send(b"y")
     reactor.run_for(1)
-    assert seen == [b"x", "w", b"y"]
+    assert observed == [b"x", "w", b"y"]
 
 
 def test_what_was_ready_of_a_removed_descriptor_is_not_reported_to_the_next_one_of_its_number(reactor, pair):
     """Both are ready in one turn; the reader that is served first puts another file in the place of the other one."""
-    seen, files = [], [os.pipe(), os.pipe()]
+    observed, files = [], [os.pipe(), os.pipe()]
     for _, write in files:
         os.write(write, b"x")
     (first, _), (second, _) = files
 
     def replace(mine, other):
-        seen.append("replaced")
+        observed.append("replaced")
         reactor.remove_reader(mine)
         reactor.remove_reader(other)
         os.dup2(pair[0].fileno(), other)  # nothing waits there
-        reactor.add_reader(other, lambda: seen.append("told"))
+        reactor.add_reader(other, lambda: observed.append("told"))
 
     reactor.add_reader(first, lambda: replace(first, second))
     reactor.add_reader(second, lambda: replace(second, first))
@@ -267,14 +267,14 @@ def test_what_was_ready_of_a_removed_descriptor_is_not_reported_to_the_next_one_
     for number in (number for file in files for number in file):
         reactor.remove_reader(number)
         os.close(number)
-    assert seen == ["replaced"]
+    assert observed == ["replaced"]
 
 
 @pytest.mark.parametrize("kind", ["add_reader", "add_writer"])
 def test_a_number_used_again_after_a_close_without_removal_is_served_as_the_new_file(reactor, kind):
-    seen = []
+    observed = []
     first, other = socket.socketpair()
-    getattr(reactor, kind)(first, lambda: seen.append("old"))
+    getattr(reactor, kind)(first, lambda: observed.append("old"))
     number = first.fileno()
     first.close()
     other.close()
@@ -282,10 +282,10 @@ def test_a_number_used_again_after_a_close_without_removal_is_served_as_the_new_
     with again, theirs:
         ours, peer = (again, theirs) if again.fileno() == number else (theirs, again)
         assert ours.fileno() == number
-        reactor.add_reader(ours, lambda: seen.append(ours.recv(1)))
+        reactor.add_reader(ours, lambda: observed.append(ours.recv(1)))
         peer.send(b"x")
         reactor.run_for(1)
-        assert seen == [b"x"]
+        assert observed == [b"x"]
         reactor.remove_reader(ours)
 
 
@@ -303,16 +303,16 @@ def test_removing_one_of_two_from_a_closed_descriptor_removes_both(reactor):
 
 def test_a_peer_that_hangs_up_makes_its_descriptor_readable(reactor, pair):
     ours, theirs = pair
-    seen = []
+    observed = []
 
     def read():
-        seen.append(ours.recv(1))
+        observed.append(ours.recv(1))
         reactor.remove_reader(ours)
 
     reactor.add_reader(ours, read)
     theirs.close()
     reactor.run_for(1)
-    assert seen == [b""]
+    assert observed == [b""]
 
 
 def test_a_busy_descriptor_does_not_starve_the_timers(real, pair):
@@ -332,27 +332,27 @@ def test_a_timer_that_is_always_due_does_not_starve_the_descriptors(real, pair):
         real.call_at(0, again)
 
     again()
-    heard = []
-    real.add_reader(ours, lambda: heard.append(ours.recv(1)))
+    received = []
+    real.add_reader(ours, lambda: received.append(ours.recv(1)))
     real.call_later(MS, lambda: theirs.send(b"x"))
-    assert real.run_until(lambda: bool(heard), timeout_ns=10 * SECOND)
-    assert heard == [b"x"]
+    assert real.run_until(lambda: bool(received), timeout_ns=10 * SECOND)
+    assert received == [b"x"]
 
 
 # -- threads
 
 
 def test_no_call_of_many_threads_is_lost(real):
-    seen = []
+    observed = []
 
     def from_there(number):
         for step in range(500):
-            real.call_threadsafe(lambda step=step: seen.append((number, step)))
+            real.call_threadsafe(lambda step=step: observed.append((number, step)))
 
     threads = [threading.Thread(target=from_there, args=(number,)) for number in range(8)]
     for thread in threads:
         thread.start()
-    assert real.run_until(lambda: len(seen) == 4000, timeout_ns=30 * SECOND)
+    assert real.run_until(lambda: len(observed) == 4000, timeout_ns=30 * SECOND)
     for thread in threads:
         thread.join()
         assert not thread.is_alive()
@@ -362,13 +362,13 @@ def test_no_call_of_many_threads_is_lost(real):
 
 
 def test_a_signal_is_served_on_the_loop_and_the_old_handler_returns():
-    seen = []
+    observed = []
     before = signal.getsignal(signal.SIGUSR1)
     with Reactor() as loop:
-        loop.handle_signals({signal.SIGUSR1: lambda: (seen.append("usr1"), loop.stop())})
+        loop.handle_signals({signal.SIGUSR1: lambda: (observed.append("usr1"), loop.stop())})
         loop.call_soon(lambda: os.kill(os.getpid(), signal.SIGUSR1))
         loop.run()
-    assert seen == ["usr1"]
+    assert observed == ["usr1"]
     assert signal.getsignal(signal.SIGUSR1) == before
     wakeup = signal.set_wakeup_fd(-1)
     assert wakeup == -1
@@ -415,13 +415,13 @@ def test_real_timers_fire_in_order_and_never_early(monkeypatch, with_alarm):
         monkeypatch.setattr(reactor_module, "open_alarm", lambda: None)
     with Reactor() as loop:
         assert (loop._alarm is not None) == with_alarm
-        seen = []
+        observed = []
         start = loop.now()
         for delay in (3 * MS, MS, 2 * MS):
-            loop.call_at(start + delay, lambda delay=delay: seen.append((delay, loop.now() - start)))
+            loop.call_at(start + delay, lambda delay=delay: observed.append((delay, loop.now() - start)))
         assert loop.run_for(4 * MS)
-    assert [delay for delay, _ in seen] == [MS, 2 * MS, 3 * MS]
-    assert all(late >= delay for delay, late in seen)
+    assert [delay for delay, _ in observed] == [MS, 2 * MS, 3 * MS]
+    assert all(late >= delay for delay, late in observed)
 
 
 class CountingAlarm:

@@ -34,19 +34,19 @@ def test_a_descriptor_not_watched_for_reading_is_not_reported():
 def test_a_reactor_on_marks_serves_what_is_marked():
     selector = MarkedSelector()
     number = selector.allocate()
-    seen = []
+    observed = []
     with Reactor(ManualClock(7), selector) as reactor:
 
         def read():
-            seen.append(reactor.now())
+            observed.append(reactor.now())
             selector.clear_ready(number)
 
         reactor.add_reader(number, read)
         reactor.serve()
-        assert seen == []
+        assert observed == []
         selector.set_ready(number)
         reactor.serve()
-        assert seen == [7]
+        assert observed == [7]
 
 
 def test_marks_and_epoll_are_asked_themselves_other_selectors_are_not():

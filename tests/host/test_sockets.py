@@ -285,10 +285,10 @@ def full(*_args, **_options):
 def test_without_space_it_names_the_file_system(run_folder, monkeypatch, owner):
     path = socket_path("bus", "b")
     monkeypatch.setattr(*owner, full)
-    said = (
+    text = (
         rf"cannot create {path}.*: No space left on device; nothing was started; free some space on the file system of"
     )
-    with pytest.raises(DiskFull, match=said):
+    with pytest.raises(DiskFull, match=text):
         listen(path)
 
 
@@ -367,8 +367,8 @@ else:
         for starter in starters:
             starter.stdin.write("\n")
             starter.stdin.flush()
-        said = sorted(starter.stdout.readline().strip() for starter in starters)
-        assert said == ["refused"] * 5 + ["serves"]
+        text = sorted(starter.stdout.readline().strip() for starter in starters)
+        assert text == ["refused"] * 5 + ["serves"]
     finally:
         for starter in starters:
             starter.communicate("\n", timeout=60)

@@ -60,10 +60,10 @@ def real():
 
 
 def exit_of(child, loop):
-    seen = []
-    child.watch(loop, lambda returncode, last_lines: seen.append((returncode, last_lines)))
-    assert loop.run_until(lambda: bool(seen), timeout_ns=20 * SECOND_NS)
-    return seen[0]
+    observed = []
+    child.watch(loop, lambda returncode, last_lines: observed.append((returncode, last_lines)))
+    assert loop.run_until(lambda: bool(observed), timeout_ns=20 * SECOND_NS)
+    return observed[0]
 
 
 # -- the end of a child
@@ -79,12 +79,12 @@ def test_the_end_of_a_child_arrives_with_its_status_and_last_lines(children, rea
 
 def test_the_end_is_reported_once_and_leaves_no_descriptor(children, real):
     before = open_descriptors()
-    seen = []
+    observed = []
     child = children(python(""))
-    child.watch(real, lambda *end: seen.append(end))
-    assert real.run_until(lambda: bool(seen), timeout_ns=20 * SECOND_NS)
+    child.watch(real, lambda *end: observed.append(end))
+    assert real.run_until(lambda: bool(observed), timeout_ns=20 * SECOND_NS)
     real.run_for(SECOND_NS // 50)
-    assert seen == [(0, [])]
+    assert observed == [(0, [])]
     assert open_descriptors() == before
 
 
@@ -96,21 +96,21 @@ def test_without_a_pidfd_the_end_is_seen_too(children, real, monkeypatch):
 def test_a_child_that_ended_before_it_was_watched_is_reported_from_the_loop(children, real):
     child = children(python("print('bye')"))
     assert child.wait(60) == 0
-    seen = []
-    child.watch(real, lambda *end: seen.append(end))
-    assert seen == []
-    assert real.run_until(lambda: bool(seen), timeout_ns=SECOND_NS)
-    assert seen == [(0, ["bye"])]
+    observed = []
+    child.watch(real, lambda *end: observed.append(end))
+    assert observed == []
+    assert real.run_until(lambda: bool(observed), timeout_ns=SECOND_NS)
+    assert observed == [(0, ["bye"])]
 
 
 def test_a_child_no_longer_watched_is_not_reported(children, real):
-    child, told = children(python("")), []
-    child.watch(real, lambda *end: told.append(end))
+    child, reported = children(python("")), []
+    child.watch(real, lambda *end: reported.append(end))
     child.unwatch()
     child.unwatch()
     assert child.wait(60) == 0
     real.run_for(SECOND_NS // 50)
-    assert told == []
+    assert reported == []
 
 
 def test_a_kernel_without_pidfd_is_asked_at_intervals(monkeypatch):
@@ -140,14 +140,14 @@ def test_terminate_asks_and_kill_does_not(children):
 def test_children_that_do_not_end_on_request_are_killed_without_an_event(children, real, tmp_path):
     deaf = "import signal, time; signal.signal(15, signal.SIG_IGN); open({!r}, 'w'); time.sleep(60)"
     both = [children(python(deaf.format(str(tmp_path / "deaf")))), children(SLEEP, name="sleep")]
-    told = []
+    reports = []
     for child in both:
-        child.watch(real, lambda *_: told.append("ended"))
+        child.watch(real, lambda *_: reports.append("ended"))
     assert eventually((tmp_path / "deaf").exists)
     end_children(both, real, 0.2)
     assert [child.returncode for child in both] == [-signal.SIGKILL, -signal.SIGTERM]
     real.run_for(1_000_000)
-    assert told == []
+    assert reports == []
 
 
 def test_kill_ends_the_childs_own_children_too(children):
@@ -344,16 +344,16 @@ def test_a_child_finds_its_ros_although_another_environments_paths_leaked_into_o
 
 
 def test_a_child_that_reports_that_it_is_ready_is_waited_for_without_blocking(children, real):
-    told = []
+    events_seen = []
     child = children(
         python("import time; from canopen_control.host.lifeline import report_ready; report_ready(); time.sleep(60)"),
         reports=True,
     )
-    child.watch_ready(real, lambda: told.append(child.poll()))
-    assert real.run_until(lambda: bool(told), 20 * SECOND_NS)
-    assert told == [None]
+    child.watch_ready(real, lambda: events_seen.append(child.poll()))
+    assert real.run_until(lambda: bool(events_seen), 20 * SECOND_NS)
+    assert events_seen == [None]
     real.run_for(SECOND_NS // 20)
-    assert len(told) == 1
+    assert len(events_seen) == 1
     child.unwatch_ready(real)
 
 

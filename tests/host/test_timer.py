@@ -115,10 +115,10 @@ def test_setting_an_alarm_again_silences_it_without_a_read(alarm):
 
 def test_a_rhythm_is_one_after_two_equal_steps_and_ends_with_another():
     rhythm = Rhythm()
-    told = [
+    reported = [
         (rhythm.continues(deadline), rhythm.interval_ns) for deadline in (50, 60, 70, 80, 90, 95, 100, 105, 0, 0, 7)
     ]
-    assert told == [
+    assert reported == [
         (False, 0),
         (False, 0),
         (False, 10),
@@ -147,9 +147,9 @@ def test_a_timer_with_its_rhythm_rings_at_every_deadline(steps):
 @pytest.fixture
 def settings(alarm):
     """How often the alarm was set in the kernel."""
-    settime, found = alarm._settime, []
-    alarm._settime = lambda *args, **options: (found.append(args), settime(*args, **options))
-    return found
+    settime, result = alarm._settime, []
+    alarm._settime = lambda *args, **options: (result.append(args), settime(*args, **options))
+    return result
 
 
 def test_an_alarm_of_a_rhythm_rings_at_each_moment_and_is_set_less_often(alarm, settings):

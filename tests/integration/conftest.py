@@ -1,4 +1,4 @@
-"""Tests of whole processes, on `local:` buses or on that of a kernel: what starts here ends here."""
+"""Fixtures for tests of whole processes, on `local:` buses or on that of a kernel; all processes end with the test."""
 
 import contextlib
 import os
@@ -50,8 +50,8 @@ def show(stage, chromium):
         return shows[-1]
 
     yield show
-    for each in shows:
-        each.witness.close()
+    for item in shows:
+        item.witness.close()
     for context in list(chromium.contexts):
         context.close()
 

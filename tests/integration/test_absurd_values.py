@@ -1,4 +1,4 @@
-"""Values that no drive can hold: refused, told, and never a reason to go on as before; on whole robots."""
+"""Values that no drive can represent are refused, reported and have no effect; on whole robots."""
 
 import math
 

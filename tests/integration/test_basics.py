@@ -1,4 +1,4 @@
-"""What a robot of processes has to do on any machine: run, stop, lose a drive, take a fault, end. No time is judged.
+"""A robot of processes on any machine: run, stop, loss of a drive, fault, end. No time is checked.
 
 The robot is robby with heartbeats that a busy machine keeps. What times have to be kept is tested by test_run,
 test_deaths, test_recovery and test_verbs, on a machine that does nothing else.
@@ -49,7 +49,7 @@ class Robot:
         return self.stage.call("axis", action, "all", "--name", self.name, seconds=LONG_S)
 
     def turns(self):
-        return all(abs(each.speed) == pytest.approx(SPEED, rel=0.01) for each in self.probes.values())
+        return all(abs(probe.speed) == pytest.approx(SPEED, rel=0.01) for probe in self.probes.values())
 
     def stands(self, *nodes):
         return all(abs(self.probes[node_id].speed) < 1 for node_id in nodes or self.probes)
@@ -90,7 +90,7 @@ def test_wheels_turn_as_commanded_and_ctrl_c_stops_and_disables_them(start):
     assert {axis["cia402_state"] for node in status["nodes"].values() for axis in node["axes"]} == {"OPERATION_ENABLED"}
     assert robot.program.end(signal.SIGINT, LONG_S) == 0, robot.program
     assert robot.stands()
-    assert {each.power for each in robot.probes.values()} <= {"SWITCH_ON_DISABLED", "READY_TO_SWITCH_ON"}
+    assert {probe.power for probe in robot.probes.values()} <= {"SWITCH_ON_DISABLED", "READY_TO_SWITCH_ON"}
     assert "Traceback" not in robot.program.out + robot.program.err
 
 
@@ -139,8 +139,8 @@ def test_drives_stop_by_themselves_when_their_master_is_killed(start):
     robot = start("orphans", {HEARTBEATS: "heartbeat_multiplier: 30", "missed_syncs: 10": "missed_syncs: 500"})
     robot.program.end(signal.SIGKILL)
     assert eventually(robot.stands, LONG_S)
-    assert {each.power for each in robot.probes.values()} == {"FAULT"}
-    assert all(0x8130 in each.state.errors for each in robot.probes.values())  # CiA 301, heartbeat error
+    assert {probe.power for probe in robot.probes.values()} == {"FAULT"}
+    assert all(0x8130 in probe.state.errors for probe in robot.probes.values())  # CiA 301, heartbeat error
 
 
 def test_commands_end_with_their_sender(start):

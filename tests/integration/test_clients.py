@@ -1,4 +1,4 @@
-"""Clients that misbehave, and frames that nobody sent: the robot goes on as if nothing was."""
+"""Clients that misbehave, and unexpected frames: the robot continues unaffected."""
 
 import contextlib
 import random
@@ -72,8 +72,8 @@ def test_a_crowd_of_idle_clients_makes_way_for_stop_and_status(stage):
         assert stage.call("status", "--name", "crowd").wait() == 0
         assert stage.call("stop", "--name", "crowd").wait() == 0
         assert watching.ask(GetStatus()).state == "disabled"
-        told = b"".join(sock.recv(4096) for sock in crowd[:40])
-        assert told.count(b"too many connections are open") == 40
+        reported = b"".join(sock.recv(4096) for sock in crowd[:40])
+        assert reported.count(b"too many connections are open") == 40
 
 
 def test_eight_hostile_clients_do_not_make_the_cycle_late(stage):
@@ -87,15 +87,15 @@ def test_eight_hostile_clients_do_not_make_the_cycle_late(stage):
             b"\n" * 60_000,
         )
         until, slowest = time.monotonic() + 3.0, 0.0
-        attackers = [threading.Thread(target=flood, args=("hostile", floods[each % 4], until)) for each in range(8)]
-        for each in attackers:
-            each.start()
+        attackers = [threading.Thread(target=flood, args=("hostile", floods[number % 4], until)) for number in range(8)]
+        for attacker in attackers:
+            attacker.start()
         while time.monotonic() < until:
-            asked = time.monotonic()
+            requested = time.monotonic()
             robot.ask(GetStatus())
-            slowest = max(slowest, time.monotonic() - asked)
-        for each in attackers:
-            each.join()
+            slowest = max(slowest, time.monotonic() - requested)
+        for attacker in attackers:
+            attacker.join()
         after = robot.ask(GetStatus()).cycle
     assert after.missed - before.missed < 0.2 * (after.count - before.count)  # it was eight of ten
     assert slowest < 1.0
@@ -121,7 +121,7 @@ def test_commands_of_two_clients_the_last_one_counts(stage):
     with RobotClient.connect("two") as one, RobotClient.connect("two") as other:
         one.ask(CommandController(controller="robby_forward_controller", values=[5, 5], source="one"))
         other.ask(CommandController(controller="robby_forward_controller", values=[2, 2], source="other"))
-        velocities = lambda: [each.velocity for each in one.ask(GetStatus()).joints.values()]  # noqa: E731
+        velocities = lambda: [joint.velocity for joint in one.ask(GetStatus()).joints.values()]  # noqa: E731
         took = seconds_until(lambda: velocities() == pytest.approx([2, 2], rel=0.01), 1.5)
         assert took < 1.5
         assert one.ask(GetStatus()).commander == "other"

@@ -1,4 +1,4 @@
-"""The bundled robots: each runs by its name, and moves as its files say."""
+"""The bundled robots: each runs by its name, and moves according to its files."""
 
 import math
 
@@ -54,9 +54,9 @@ def test_six_axes_reach_their_positions_without_going_faster_than_the_descriptio
         before = now
     assert positions(arm) == pytest.approx(target, abs=1e-3)
     assert 1.8 < fastest < 2.1  # rad/s: <limit velocity="2.0"> by enforce_command_limits
-    for node_id, wanted in enumerate(target, 2):
+    for node_id, expected in enumerate(target, 2):
         plant = arm.drives[node_id].drives[0].mover.plant
-        assert plant.position / COUNTS / 100 == pytest.approx(wanted, abs=1e-3)
+        assert plant.position / COUNTS / 100 == pytest.approx(expected, abs=1e-3)
 
 
 def test_an_axis_does_not_leave_its_range(arm):
@@ -155,9 +155,9 @@ def test_a_forklift_drives_off_with_its_steering_across_and_does_not_lose_its_wa
         speeds = [bench.robot.registry.state(f"{side}_traction_joint/velocity").value for side in ("right", "left")]
         assert max(map(abs, speeds)) < 0.5 / 0.15 * 1.01
     right, left = (bench.robot.registry.state(f"{side}_traction_joint/position").value for side in ("right", "left"))
-    told = bench.robot.manager.get(base).sample(0)
-    assert told.heading == pytest.approx((right - left) * 0.15 / 0.9, rel=0.15)
-    assert told.linear == pytest.approx(0.5, rel=0.01)
+    reported = bench.robot.manager.get(base).sample(0)
+    assert reported.heading == pytest.approx((right - left) * 0.15 / 0.9, rel=0.15)
+    assert reported.linear == pytest.approx(0.5, rel=0.01)
     bench.close()
 
 

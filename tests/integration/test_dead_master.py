@@ -90,8 +90,8 @@ def test_drives_stand_when_the_master_is_killed_whatever_was_written_into_them(s
     robot.until(f"{name} runs")
     stage.start("command", "velocity_controller", 5, 5, "--name", name)
     probes = [probe(name, node_id) for node_id in NODES]
-    assert eventually(lambda: all(abs(each.speed) > 40_000 for each in probes)), robot
+    assert eventually(lambda: all(abs(item.speed) > 40_000 for item in probes)), robot
     robot.end(signal.SIGKILL)
-    took = seconds_until(lambda: all(abs(each.speed) < 1 for each in probes), 6)
+    took = seconds_until(lambda: all(abs(item.speed) < 1 for item in probes), 6)
     assert took <= NOTICED_S + RAMP_S + SLACK_S
-    assert all(0x8130 in each.state.errors for each in probes)
+    assert all(0x8130 in item.state.errors for item in probes)

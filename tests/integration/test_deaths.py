@@ -1,4 +1,4 @@
-"""Every process of a robot is killed in turn: the wheels stop, the death is named, nobody survives."""
+"""Each process of a robot is killed in turn: the wheels stop, the death is reported, and no process survives."""
 
 import os
 import shlex
@@ -39,7 +39,7 @@ def turning(stage, probe):
         robot.until(f"{name} runs")
         stage.start("command", "robby_forward_controller", 10, 10, "--name", name)
         probes = [probe(name, node_id) for node_id in NODES]
-        assert eventually(lambda: all(abs(each.speed) == pytest.approx(SPEED, rel=0.01) for each in probes))
+        assert eventually(lambda: all(abs(item.speed) == pytest.approx(SPEED, rel=0.01) for item in probes))
         return robot, probes
 
     return start
@@ -47,14 +47,14 @@ def turning(stage, probe):
 
 def command_again(stage, name):
     """The command before has ended with the stop, in words; nothing moves before there is another one."""
-    ended = next(each for each in stage.programs if each.arguments[0] == "command")
+    ended = next(program for program in stage.programs if program.arguments[0] == "command")
     assert ended.wait() == 1
     assert "not enabled and will not move" in ended.err
     stage.start("command", "robby_forward_controller", 10, 10, "--name", name)
 
 
 def standing(probes):
-    return all(abs(each.speed) < 1 for each in probes)
+    return all(abs(probe.speed) < 1 for probe in probes)
 
 
 def on_the_bus(name):
@@ -78,9 +78,9 @@ def test_when_the_runtime_is_killed_the_drives_stop_by_their_own_consumer(stage,
     robot.end(signal.SIGKILL)
     took = seconds_until(lambda: standing(probes), 5)
     assert CONSUMER_S - 0.1 <= took <= CONSUMER_S + RAMP_S + SLACK_S
-    for each in probes:
-        assert each.power == "FAULT"
-        assert each.state.errors == [0x8130]
+    for probe in probes:
+        assert probe.power == "FAULT"
+        assert probe.state.errors == [0x8130]
 
 
 def test_a_hung_runtime_appears_dead_to_the_drives(stage, turning):
@@ -91,7 +91,7 @@ def test_a_hung_runtime_appears_dead_to_the_drives(stage, turning):
     finally:
         os.kill(robot.pid, signal.SIGCONT)
     assert took <= CONSUMER_S + RAMP_S + SLACK_S
-    assert all(each.power == "FAULT" for each in probes)
+    assert all(probe.power == "FAULT" for probe in probes)
     with RobotClient.connect("hung") as client:
         ready = lambda status: all(node.ready for node in status.nodes.values())  # noqa: E731
         states = lambda: (client.ask(GetStatus()).state, ready(client.ask(GetStatus())))  # noqa: E731
@@ -191,15 +191,15 @@ def test_the_advice_after_the_death_of_a_drive_works_word_by_word(stage, turning
     _, probes = turning("advised")
     os.kill(probes[0].hello.pid, signal.SIGKILL)
     with RobotClient.connect("advised") as client:
-        told = lambda: client.ask(GetStatus()).hint or ""  # noqa: E731
-        assert eventually(lambda: "start left_drive again in another terminal: " in told())
-        start, enable = told().partition("terminal: ")[2].split("; then ")
+        reported = lambda: client.ask(GetStatus()).hint or ""  # noqa: E731
+        assert eventually(lambda: "start left_drive again in another terminal: " in reported())
+        start, enable = reported().partition("terminal: ")[2].split("; then ")
         assert any(text.endswith(f"; start it again: {start}") for text in events(client))
         stage.start(*shlex.split(start)[1:])
         assert eventually(lambda: client.ask(GetStatus()).nodes["left_drive"].ready)
         assert client.ask(GetStatus()).missing_programs == {}
         assert stage.call(*shlex.split(enable)[1:]).wait() == 0
-        assert (client.ask(GetStatus()).state, told()) == ("running", "")
+        assert (client.ask(GetStatus()).state, reported()) == ("running", "")
     command_again(stage, "advised")
     assert eventually(lambda: abs(probes[1].speed) > 1)
 
@@ -223,31 +223,31 @@ def test_a_frozen_drive_stops_the_robot_and_is_booted_again_when_it_thaws(stage,
     assert stage.call("axis", "fault-reset", "all").wait() == 0
     assert stage.call("axis", "enable", "all").wait() == 0
     command_again(stage, "frozen")
-    assert eventually(lambda: all(abs(each.speed) == pytest.approx(SPEED, rel=0.01) for each in probes))
+    assert eventually(lambda: all(abs(probe.speed) == pytest.approx(SPEED, rel=0.01) for probe in probes))
     assert robot.end() == 0, robot
 
 
 @pytest.mark.parametrize(
-    ("how", "least", "most", "told"),
+    ("how", "least", "most", "reported"),
     [([], 0.0, 0.0, "command is gone, so its command has ended"), (["--once"], 1.0, 2.0, "no command for 2.0")],
 )
-def test_a_client_that_dies_takes_its_command_with_it_unless_it_was_once(stage, probe, how, least, most, told):
+def test_a_client_that_dies_takes_its_command_with_it_unless_it_was_once(stage, probe, how, least, most, reported):
     stage.robby("widow")
     probes = [probe("widow", node_id) for node_id in NODES]
     command = stage.start("command", "robby_forward_controller", 10, 10, "--name", "widow", *how)
-    assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes))
+    assert eventually(lambda: all(abs(item.speed) > 0.99 * SPEED for item in probes))
     command.end(signal.SIGKILL)
     took = seconds_until(lambda: standing(probes), 5)
     assert least <= took <= most + RAMP_S + SLACK_S  # command_timeout: 2.0
     with RobotClient.connect("widow") as client:
-        assert any(told in text for text in events(client))
+        assert any(reported in text for text in events(client))
         assert client.ask(GetStatus()).state == "running"
-        assert all(each.power == "OPERATION_ENABLED" for each in probes)
+        assert all(item.power == "OPERATION_ENABLED" for item in probes)
 
 
 def test_a_suspended_client_moves_nothing_when_it_is_resumed(stage, turning):
     robot, probes = turning("stopped")
-    command = next(each for each in stage.programs if each.arguments[0] == "command")
+    command = next(program for program in stage.programs if program.arguments[0] == "command")
     command.send(signal.SIGSTOP)
     seconds_until(lambda: standing(probes), 5)  # by command_timeout
     command.send(signal.SIGCONT)
@@ -264,7 +264,7 @@ def test_the_bus_outlives_a_robot_that_is_not_alone_on_it(stage):
     port = open_port("local:shared", label="another")
     try:
         robot.end(signal.SIGKILL)
-        assert eventually(lambda: [each.label for each in hub_status("shared").members] == ["another"], GONE_S)
+        assert eventually(lambda: [member.label for member in hub_status("shared").members] == ["another"], GONE_S)
         assert stage.robby("shared").end() == 0
     finally:
         port.close()

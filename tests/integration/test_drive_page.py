@@ -1,4 +1,4 @@
-"""The Drive view as a user has it: robby on virtual drives, a real browser, and what the bus and the events say."""
+"""The Drive view in a real browser: robby on virtual drives, and the resulting frames and events."""
 
 import pytest
 from support.browser import RobotPage
@@ -54,8 +54,8 @@ def test_an_object_is_found_read_written_and_undone_and_another_page_shows_it(sh
     assert eventually(lambda: [value(page) for page in pages] == ["1234", "1234"])
     keep(one, "drive_objects")
     with RobotClient.connect("vobjects") as robot:
-        told = [event.text for event in robot.ask(GetStatus()).events if event.kind == "object_written"]
-    assert told == [f"view wrote 1234 to {SPEED} Profile velocity"]
+        texts = [event.text for event in robot.ask(GetStatus()).events if event.kind == "object_written"]
+    assert texts == [f"view wrote 1234 to {SPEED} Profile velocity"]
     other.page.get_by_role("button", name="Undo").click()
     assert eventually(lambda: [value(page) for page in pages] == ["1600", "1600"])
 

@@ -1,4 +1,4 @@
-"""Every example of every verb's help, and every command of the README and the pages of docs, runs as it stands.
+"""Every example in the help of the verbs, and every command of README and docs, runs unchanged.
 
 Those that need a robot share one; after each it is made again what it was, so that their order does not matter. The
 examples of one verb are run in the order of its help. What cannot run here is understood at least, with its reason in
@@ -71,7 +71,7 @@ def endless(words):
     lasting = [float(words[at + 1]) for at, word in enumerate(words) if word == "--for"]
     if "--file" in words or any(seconds <= LONG_S for seconds in lasting):
         return None
-    return next((said for first, said in ENDLESS.items() if tuple(words[: len(first)]) == first), None)
+    return next((text for first, text in ENDLESS.items() if tuple(words[: len(first)]) == first), None)
 
 
 @pytest.fixture(scope="module")
@@ -171,8 +171,8 @@ def expect_run(stage, words):
         expect_parsed(words)
     elif words[0] in ON_A_TERMINAL and "--topic" not in words:
         look(stage, words)
-    elif (said := endless(words)) is not None:
-        interrupt(stage, words, said)
+    elif (text := endless(words)) is not None:
+        interrupt(stage, words, text)
     else:
         program = stage.call(*words, seconds=TIMEOUT_S)
         assert program.wait() == 0, program
@@ -247,7 +247,7 @@ def marks_of(words):
     if reason_not_to_run(words) is not None:
         return []
     needs = {"ros": words[0] == "ros" or "--ros" in words or "--topic" in words, "tmux": words[0] in ON_A_TERMINAL}
-    return [getattr(pytest.mark, name) for name, wanted in needs.items() if wanted]
+    return [getattr(pytest.mark, name) for name, expected in needs.items() if expected]
 
 
 HELP = help_examples()

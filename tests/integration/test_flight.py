@@ -1,4 +1,4 @@
-"""The flight recorder beside a whole robot: what is in its file, that the page names the culprit, and no harm done."""
+"""The flight recorder with a whole robot: content of its file, the cause on the page, and no effect on the robot."""
 
 import json
 import os
@@ -33,7 +33,7 @@ def listening(name):
 
     def heard():
         members = hub_status(name).members
-        return any(max(each.rx, each.tx) > 200 for each in members if each.label.startswith("flight recorder"))
+        return any(max(member.rx, member.tx) > 200 for member in members if member.label.startswith("flight recorder"))
 
     return eventually(heard)
 

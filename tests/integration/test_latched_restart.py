@@ -28,7 +28,7 @@ def test_a_latched_robot_returns_latched_and_moves_after_release_enable_and_comm
             client.ask(AxisRequest(action="enable", node="all"))
         assert stage.call("stop", "--release", "--name", "held").wait() == 0
         assert eventually(lambda: client.ask(GetStatus()).state != "starting")
-        states = [each.axes[0].state for each in client.ask(GetStatus()).nodes.values()]
+        states = [item.axes[0].state for item in client.ask(GetStatus()).nodes.values()]
         assert "OPERATION_ENABLED" not in states
         client.ask(AxisRequest(action="enable", node="all"))
     again.end()

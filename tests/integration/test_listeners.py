@@ -36,15 +36,15 @@ def test_what_is_recorded_is_reported_as_it_was_reported_live(stage, robot, tmp_
     assert result["frames"] == len(list(Recording(log))) > 100
 
     robots = str(robot.arguments[1])
-    told = stage.call("replay", log, robots, "--json", "--service", "sdo,nmt")
-    texts = [json.loads(line)["text"] for line in told.out.splitlines()]
+    reported = stage.call("replay", log, robots, "--json", "--service", "sdo,nmt")
+    texts = [json.loads(line)["text"] for line in reported.out.splitlines()]
     assert texts[:2] == [
         "read 0x1018:01 Identity object: Vendor-ID",
         "0x1018:01 Identity object: Vendor-ID = 0x00000286",
     ]
     assert "ENTER PRE OPERATIONAL, node 3 (left_drive)" in texts
     heard_live = [json.loads(line) for line in live.out.splitlines()]
-    texts_live = [each["text"] for each in heard_live if each["service"] in ("sdo", "nmt")]
+    texts_live = [item["text"] for item in heard_live if item["service"] in ("sdo", "nmt")]
     assert texts_live[: len(texts)] == texts  # it listened a little longer
 
     assert stage.call("export", "dbc", robots, "-o", dbc).out == f"{dbc}: 2 nodes, 8 PDOs\n"

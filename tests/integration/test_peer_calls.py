@@ -1,4 +1,4 @@
-"""What ros2_canopen's launch tests call, on its configurations as they are, from another ROS program."""
+"""The calls of ros2_canopen's launch tests, on its unchanged configurations, from another ROS program."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def test_its_lifecycle_is_brought_up_and_down_twice(proxies, who):
 
 def test_its_lifecycle_follows_the_numbers_of_transitions_from_the_states_that_it_reports(proxies):
     for state, transition in ((1, 1), (2, 3), (3, 4), (2, 2)):  # configure, activate, deactivate, cleanup
-        told = proxies.call("/lifecycle_manager/get_state", "lifecycle_msgs/srv/GetState")["current_state"]
-        assert told["id"] == state
+        reported = proxies.call("/lifecycle_manager/get_state", "lifecycle_msgs/srv/GetState")["current_state"]
+        assert reported["id"] == state
         change = {"transition": {"id": transition, "label": ""}}
         assert proxies.call("/lifecycle_manager/change_state", "lifecycle_msgs/srv/ChangeState", **change)["success"]
 
@@ -94,7 +94,7 @@ def test_process_data_goes_out_in_a_cycle_of_the_lifecycle(proxies):
     for value in (200, 0):
         proxies.peer.order("publish", topic=topic, of=DATA, data={"index": 0x4000, "data": value}, rate=20)
         assert ros.eventually(
-            lambda wanted=value: proxies.call("/proxy_device_1/sdo_read", READ, index=0x4000)["data"] == wanted
+            lambda expected=value: proxies.call("/proxy_device_1/sdo_read", READ, index=0x4000)["data"] == expected
         )
         proxies.peer.order("silence", topic=topic)
     expect_changed(proxies, "deactivate", "cleanup")
@@ -188,8 +188,8 @@ def test_a_forward_controller_moves_the_drives_on_its_topic_and_its_bare_name_is
     controlled.peer.order("subscribe", topic=states, of="sensor_msgs/msg/JointState")
 
     def places():
-        told = controlled.peer.message(states)
-        return dict(zip(told["name"], told["position"], strict=True))
+        reported = controlled.peer.message(states)
+        return dict(zip(reported["name"], reported["position"], strict=True))
 
     publish = {"of": numbers, "rate": 20}
     controlled.peer.order("publish", topic="/forward_position_controller", data={"data": [2.0, 0.0]}, **publish)

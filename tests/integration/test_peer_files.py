@@ -21,7 +21,7 @@ def nodes_of(config):
 def test_it_is_checked_and_runs_and_stops_unmodified(tmp_path, name):
     config = write_peer_files(tmp_path, name)
     report = check_robot(find_robot(str(config)), CheckOptions())
-    assert [str(each) for each in report.findings if each.severity is Severity.ERROR] == []
+    assert [str(finding) for finding in report.findings if finding.severity is Severity.ERROR] == []
     robot = AloneBench(f"peer_{name}", config=config, drives=nodes_of(config))
     try:
         robot.start()
@@ -64,7 +64,9 @@ def test_a_drive_that_nothing_stops_is_one_option_away(tmp_path):
     eds = config / "cia402_slave.eds"
     eds.write_text(eds.read_text().replace("[1016", "[3016").replace("=0x1016", "=0x3016"))
     files = find_robot(str(config))
-    told = [each.text for each in check_robot(files, CheckOptions()).findings if each.severity is Severity.ERROR]
-    assert len(told) == 1
-    assert "--allow-unsupervised" in told[0]
+    texts = [
+        finding.text for finding in check_robot(files, CheckOptions()).findings if finding.severity is Severity.ERROR
+    ]
+    assert len(texts) == 1
+    assert "--allow-unsupervised" in texts[0]
     assert check_robot(files, CheckOptions(allow_unsupervised=True)).passes()

@@ -1,4 +1,4 @@
-"""A robot of processes that goes wrong, and its flight recording as a simulation: the same motion, the same faults."""
+"""The flight recording of a robot with faults, replayed as a simulation: same motion, same faults."""
 
 import pytest
 from support.host import eventually
@@ -13,7 +13,7 @@ NAME = "seeded"
 
 def recorder_listens():
     members = hub_status(NAME).members
-    return any(max(each.rx, each.tx) > 200 for each in members if each.label.startswith("flight recorder"))
+    return any(max(member.rx, member.tx) > 200 for member in members if member.label.startswith("flight recorder"))
 
 
 def faults(file):

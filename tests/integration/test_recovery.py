@@ -1,4 +1,6 @@
-"""Drives that are killed, cut off, faulted and power-cycled under a running robot: it stops and goes on when it may."""
+"""Drives that are killed, disconnected, faulted and power-cycled under a running robot: it stops, and resumes when
+permitted.
+"""
 
 import time
 
@@ -38,7 +40,7 @@ class Turning:
         assert eventually(self.turns), self.texts()
 
     def turns(self):
-        return all(abs(each.speed) == pytest.approx(SPEED, rel=0.01) for each in self.probes.values())
+        return all(abs(probe.speed) == pytest.approx(SPEED, rel=0.01) for probe in self.probes.values())
 
     def standing(self, *nodes):
         return all(abs(self.probes[node].speed) < 1 for node in nodes)
@@ -95,7 +97,7 @@ def turning(stage, probe):
 def test_a_cable_that_is_cut_for_a_while(turning, seconds):
     robby = turning(f"cut{round(seconds * 10)}")
     pid = robby.probes[LEFT].hello.pid
-    label = next(each.label for each in hub_status(robby.name).members if each.pid == pid)
+    label = next(member.label for member in hub_status(robby.name).members if member.pid == pid)
     ask_hub(robby.name, Cut(label))
     begin = time.monotonic()
     took = seconds_until(lambda: robby.standing(RIGHT), 5)

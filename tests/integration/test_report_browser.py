@@ -27,11 +27,11 @@ def opened(tmp_path):
         def open_page(text):
             path = tmp_path / "report.html"
             path.write_text(text, encoding="utf-8")
-            page, requests, said = running.new_page(), [], []
+            page, requests, output = running.new_page(), [], []
             page.on("request", lambda request: requests.append(request.url))
-            page.on("console", lambda message: said.append(message.text))
+            page.on("console", lambda message: output.append(message.text))
             page.goto(path.as_uri())
-            return page, requests, said
+            return page, requests, output
 
         yield open_page
 
@@ -41,12 +41,12 @@ def colour(page):
 
 
 def test_it_asks_for_nothing_complains_of_nothing_and_fits(opened, page_text):
-    page, requests, said = opened(page_text)
+    page, requests, text = opened(page_text)
     for width in (420, 1000, 1600):
         page.set_viewport_size({"width": width, "height": 900})
         assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert requests == [page.url]
-    assert said == []
+    assert text == []
     assert "left_drive" in page.inner_text(".sum")
     assert page.locator("svg").count() >= 6
     assert page.locator("svg rect").first.is_visible()
@@ -54,8 +54,8 @@ def test_it_asks_for_nothing_complains_of_nothing_and_fits(opened, page_text):
 
 def test_a_foreign_request_would_be_seen_and_is_refused(opened, page_text):
     evil = page_text.replace("</body>", '<img src="http://127.0.0.1:9/x.png"></body>')
-    _, requests, said = opened(evil)
-    assert any("Content Security Policy" in line for line in said) or len(requests) > 1
+    _, requests, text = opened(evil)
+    assert any("Content Security Policy" in line for line in text) or len(requests) > 1
 
 
 def test_it_is_dark_where_the_reader_needs_that_and_light_on_paper(opened, page_text):

@@ -87,8 +87,8 @@ def test_each_axis_has_a_target_of_its_own(scene, call):
 def test_objects_of_both_axes_are_reported(scene):
     topic = "/drive_one/rpdo"
     scene.peer.order("subscribe", topic=topic, of=OBJECT)
-    told = {scene.peer.message(topic)["index"] for _ in range(8)}
-    assert told >= {0x6041, 0x6841, 0x6061, 0x6861, 0x6064, 0x6864, 0x606C, 0x686C}
+    reported = {scene.peer.message(topic)["index"] for _ in range(8)}
+    assert reported >= {0x6041, 0x6841, 0x6061, 0x6861, 0x6064, 0x6864, 0x606C, 0x686C}
     scene.peer.order("unsubscribe", topic=topic)
 
 

@@ -1,4 +1,4 @@
-"""Bases, outputs and sensors of one mocked robot from another ROS program: what goes in, what comes out."""
+"""Bases, outputs and sensors of a mocked robot, used from another ROS program."""
 
 from __future__ import annotations
 
@@ -49,17 +49,17 @@ TOLD = {
 
 def prefixed(kind):
     """Return the parameters of a base, its joints with the name of the base before them, and these joints."""
-    name, given = NAMES[kind], PARAMS[kind]
-    found, joints = {"odom_frame_id": f"{name}_odom", "base_frame_id": name}, {}
-    for key, value in given.items():
+    name, inputs = NAMES[kind], PARAMS[kind]
+    result, joints = {"odom_frame_id": f"{name}_odom", "base_frame_id": name}, {}
+    for key, value in inputs.items():
         named = isinstance(value, str) or (isinstance(value, list) and isinstance(value[0], str))
         if not named:
-            found[key] = value
+            result[key] = value
             continue
-        found[key] = [f"{name}_{each}" for each in value] if isinstance(value, list) else f"{name}_{value}"
-        for each in found[key] if isinstance(value, list) else [found[key]]:
-            joints[each] = "position" if key.startswith("steering") else "velocity"
-    return found, joints
+        result[key] = [f"{name}_{item}" for item in value] if isinstance(value, list) else f"{name}_{value}"
+        for item in result[key] if isinstance(value, list) else [result[key]]:
+            joints[item] = "position" if key.startswith("steering") else "velocity"
+    return result, joints
 
 
 def write_robot(folder):
@@ -70,7 +70,7 @@ def write_robot(folder):
         params, own = prefixed(kind)
         sections[name] = (kind, params)
         joints |= own
-    states = "".join(f"<state_interface name='{each}'/>" for each in ("position", "velocity"))
+    states = "".join(f"<state_interface name='{item}'/>" for item in ("position", "velocity"))
     tags = "".join(
         f"<joint name='{name}'><command_interface name='{kind}'/>{states}</joint>" for name, kind in joints.items()
     )
@@ -83,9 +83,9 @@ def write_robot(folder):
     lamp = "<command_interface name='lamp'/><state_interface name='lamp'/><state_interface name='pressed'/>"
     tags += f"<gpio name='box'>{lamp}</gpio>"
     links = "".join(
-        f"<link name='to_{each}'/><joint name='{each}' type='continuous'><parent link='body'/>"
-        f"<child link='to_{each}'/><axis xyz='0 0 1'/></joint>"
-        for each in joints
+        f"<link name='to_{joint}'/><joint name='{joint}' type='continuous'><parent link='body'/>"
+        f"<child link='to_{joint}'/><axis xyz='0 0 1'/></joint>"
+        for joint in joints
     )
     plugin = "<plugin>mock_components/GenericSystem</plugin><param name='calculate_dynamics'>true</param>"
     system = f"<ros2_control name='all' type='system'><hardware>{plugin}</hardware>{tags}</ros2_control>"
@@ -127,32 +127,34 @@ def scene(tmp_path_factory):
 @pytest.mark.parametrize("kind", NAMES)
 def test_a_twist_from_another_program_moves_a_base_whose_odometry_and_transform_report_this(scene, kind):
     name, peer = NAMES[kind], scene.peer
-    commands, told = (
+    commands, reported = (
         (f"/{name}/cmd_vel", f"/{name}/odom") if kind == OMNI else (f"/{name}/reference", f"/{name}/odometry")
     )
-    peer.order("subscribe", topic=told, of=ODOMETRY)
-    wanted = {"linear": {"x": 0.4, "y": 0.2 if kind in SIDEWAYS else 0.0}, "angular": {"z": 0.1}}
-    peer.order("publish", topic=commands, of=TWIST, data={"twist": wanted}, rate=20)
+    peer.order("subscribe", topic=reported, of=ODOMETRY)
+    expected = {"linear": {"x": 0.4, "y": 0.2 if kind in SIDEWAYS else 0.0}, "angular": {"z": 0.1}}
+    peer.order("publish", topic=commands, of=TWIST, data={"twist": expected}, rate=20)
 
     def far(message):
         position = message["pose"]["pose"]["position"]
         return math.hypot(position["x"], position["y"]) > 0.1
 
-    moving = peer.message(told, far)
+    moving = peer.message(reported, far)
     assert (moving["header"]["frame_id"], moving["child_frame_id"]) == (f"{name}_odom", name)
     assert moving["pose"]["pose"]["position"]["x"] > 0.05
     sideways = moving["twist"]["twist"]["linear"]["y"]
     assert sideways == pytest.approx(0.2, abs=0.02) if kind in SIDEWAYS else sideways == 0.0
     peer.order("subscribe", topic="/tf", of=TF)
-    peer.message("/tf", lambda message: name in {each["child_frame_id"] for each in message["transforms"]})
+    peer.message("/tf", lambda message: name in {item["child_frame_id"] for item in message["transforms"]})
     peer.order("unsubscribe", topic="/tf")
     peer.order("silence", topic=commands)
-    peer.message(told, lambda message: message["twist"]["twist"]["linear"]["x"] == 0.0)  # by its timeout
+    peer.message(reported, lambda message: message["twist"]["twist"]["linear"]["x"] == 0.0)  # by its timeout
     pose = {"x": 5.0, "y": -2.0, "yaw": 1.5}
     assert peer.call(f"/{name}/set_odometry", "control_msgs/srv/SetOdometry", **pose)["success"]
-    there = peer.message(told, lambda message: message["pose"]["pose"]["position"]["x"] == pytest.approx(5.0, abs=0.05))
+    there = peer.message(
+        reported, lambda message: message["pose"]["pose"]["position"]["x"] == pytest.approx(5.0, abs=0.05)
+    )
     assert there["pose"]["pose"]["orientation"]["z"] == pytest.approx(math.sin(0.75), abs=0.05)
-    peer.order("unsubscribe", topic=told)
+    peer.order("unsubscribe", topic=reported)
 
 
 @pytest.mark.parametrize("kind", STATE)
@@ -188,7 +190,7 @@ def test_an_output_follows_a_command_by_name_until_its_controller_is_deactivated
     listed = peer.call("/controller_manager/list_controllers", "controller_manager_msgs/srv/ListControllers")[
         "controller"
     ]
-    assert {each["name"]: each["state"] for each in listed}["io"] == "inactive"
+    assert {item["name"]: item["state"] for item in listed}["io"] == "inactive"
 
 
 @pytest.mark.parametrize("topic", TOLD)

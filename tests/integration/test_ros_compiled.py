@@ -52,9 +52,9 @@ def both(installed):
     with (
         ros.domain() as number,
         ros.Peer(number, **installed) as compiled,
-        ros.Peer(number, "--interfaces") as made,
+        ros.Peer(number, "--interfaces") as created,
     ):
-        yield {"compiled": compiled, "made": made}
+        yield {"compiled": compiled, "made": created}
 
 
 @pytest.mark.parametrize(("sender", "receiver"), [("made", "compiled"), ("compiled", "made")])
@@ -68,14 +68,14 @@ def test_messages_pass_between_a_made_and_a_compiled_class_both_ways(both, sende
     ]  # fmt: skip
     both[receiver].order("subscribe", topic=topic, of=TF)
     both[sender].order("publish", topic=topic, of=TF, data={"transforms": transforms}, rate=20)
-    told = both[receiver].message(topic)["transforms"]
+    reported = both[receiver].message(topic)["transforms"]
     both[sender].order("silence", topic=topic)
-    assert [each["child_frame_id"] for each in told] == [each["child_frame_id"] for each in transforms]
-    assert [each["transform"]["translation"] for each in told] == [
-        each["transform"]["translation"] for each in transforms
+    assert [item["child_frame_id"] for item in reported] == [transform["child_frame_id"] for transform in transforms]
+    assert [item["transform"]["translation"] for item in reported] == [
+        transform["transform"]["translation"] for transform in transforms
     ]
-    assert {json.dumps(each["header"]) for each in told} == {json.dumps({"stamp": stamp, "frame_id": "odom"})}
-    assert told[0]["transform"]["rotation"] == {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}
+    assert {json.dumps(item["header"]) for item in reported} == {json.dumps({"stamp": stamp, "frame_id": "odom"})}
+    assert reported[0]["transform"]["rotation"] == {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}
 
 
 @pytest.mark.parametrize("sender", ["made", "compiled"])
@@ -85,7 +85,7 @@ def test_both_announce_the_published_hash_of_the_type(both, sender, kind, expect
     both[sender].order("publish", topic=topic, of=kind, data={})
     for looker in both.values():
         assert ros.eventually(lambda looker=looker: looker.order("endpoints", topic=topic)["publishers"])
-        assert [each["hash"] for each in looker.order("endpoints", topic=topic)["publishers"]] == [expected]
+        assert [item["hash"] for item in looker.order("endpoints", topic=topic)["publishers"]] == [expected]
 
 
 @pytest.mark.parametrize(("server", "client"), [("made", "compiled"), ("compiled", "made")])
@@ -103,9 +103,9 @@ assert provide(["tf2_msgs", "canopen_interfaces"]) == []
 for name in ("tf2_msgs/msg/TFMessage", "canopen_interfaces/srv/CORead", "canopen_interfaces/msg/COData"):
     print(interface(name).__module__)
 """
-    said = ros.run_ros(code, **installed).split()
-    assert said == ["tf2_msgs.msg._tf_message", "canopen_interfaces.srv._co_read", "canopen_interfaces.msg._co_data"]
-    assert set(ros.run_ros(code.replace("== []", "!= []")).split()).isdisjoint(said), "without it they are made"
+    text = ros.run_ros(code, **installed).split()
+    assert text == ["tf2_msgs.msg._tf_message", "canopen_interfaces.srv._co_read", "canopen_interfaces.msg._co_data"]
+    assert set(ros.run_ros(code.replace("== []", "!= []")).split()).isdisjoint(text), "without it they are made"
 
 
 def test_the_bridge_publishes_tf_with_the_real_package_where_it_is_installed(installed, private_folders):
@@ -126,12 +126,12 @@ def test_the_bridge_publishes_tf_with_the_real_package_where_it_is_installed(ins
 
 def _told(peer, robot):
     """Return the transforms of the first message with odometry; each new sample is published once."""
-    found = []
+    results = []
 
     def told():
         robot.samples["base"]["time"] += 0.01
-        found.extend(each["transforms"] for each in peer.waiting("/tf"))
-        return found
+        results.extend(item["transforms"] for item in peer.waiting("/tf"))
+        return results
 
     assert ros.eventually(told)
-    return found[0]
+    return results[0]

@@ -1,4 +1,4 @@
-"""Nothing of a robot leaves this host unless somebody says so: a network of its own, and who listens at its way out."""
+"""By default nothing of a robot leaves this host: a separate network, with a listener at its exit."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def outcome(**setting):
     command = ["unshare", "--net", sys.executable, str(ALONE), *map(json.dumps, programs)]
     done = subprocess.run(command, env={**environment, **setting}, capture_output=True, text=True, timeout=110)
     assert done.returncode == 0, done.stdout + done.stderr
-    told = json.loads(done.stdout)
-    heard = "left_wheel_joint" in told["said"][0] and "robby_forward_controller" in told["said"][1]
-    assert heard, told
-    return told["packets"]
+    reported = json.loads(done.stdout)
+    received = "left_wheel_joint" in reported["said"][0] and "robby_forward_controller" in reported["said"][1]
+    assert received, reported
+    return reported["packets"]
 
 
 def test_with_the_variables_as_we_set_them_no_packet_leaves_the_loopback_interface():

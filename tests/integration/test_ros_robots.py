@@ -1,4 +1,4 @@
-"""Two robots on two buses in one ROS graph: one as it comes, one whose bus.yml and command line name things anew."""
+"""Two robots on two buses in one ROS graph: one with default names, one with names from bus.yml and command line."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_command_on_a_topic_moves_the_robot_of_that_namespace_alone(scene):
     assert scene.drives["two"].speed == 0.0
     scene.peer.order("subscribe", topic="/one/joint_states", of=JOINTS)
     scene.peer.order("subscribe", topic="/two/wheels", of=JOINTS)
-    scene.peer.message("/one/joint_states", lambda message: all(abs(10.0 - each) < 0.1 for each in message["velocity"]))
+    scene.peer.message("/one/joint_states", lambda message: all(abs(10.0 - item) < 0.1 for item in message["velocity"]))
     assert scene.peer.message("/two/wheels")["velocity"] == [0.0, 0.0]
     scene.peer.order("silence", topic=topic)
     assert ros.eventually(lambda: scene.drives["one"].speed == 0.0)
@@ -84,7 +84,7 @@ def test_a_publisher_at_ten_kilohertz_does_no_harm_and_its_newest_value_counts(s
     # what the publisher itself reaches depends on what else this computer does; the robot's cycle is 50 Hz
     assert scene.peer.order("flood", data=[5.0, 5.0], **flood)["hz"] > 2_000
     scene.peer.order("publish", topic=topic, of=ARRAY, data={"data": [2.0, 2.0]}, rate=10)
-    scene.peer.message("/one/joint_states", lambda message: all(abs(2.0 - each) < 0.1 for each in message["velocity"]))
+    scene.peer.message("/one/joint_states", lambda message: all(abs(2.0 - item) < 0.1 for item in message["velocity"]))
     assert scene.drives["one"].power == "OPERATION_ENABLED"
     scene.peer.order("silence", topic=topic)
 
@@ -123,7 +123,7 @@ def test_an_old_stamp_is_refused_a_future_one_is_now_and_any_frame_will_do(scene
     scene.peer.order("subscribe", topic="/rosout", of="rcl_interfaces/msg/Log", qos="latched")
     drive(1_000_000_000)
     scene.peer.message("/rosout", lambda message: "check the clocks" in message["msg"])
-    assert all(each["twist"]["twist"]["linear"]["x"] == 0.0 for each in scene.peer.waiting(odom))
+    assert all(item["twist"]["twist"]["linear"]["x"] == 0.0 for item in scene.peer.waiting(odom))
     drive(int(time.time()) + 3600)
     scene.peer.message(odom, lambda message: message["twist"]["twist"]["linear"]["x"] > 0.1)
     scene.peer.order("silence", topic=topic)
@@ -138,7 +138,7 @@ def test_the_frames_of_the_two_never_mix(scene):
     def both():
         for topic in ("/tf", "/tf_static"):
             for message in scene.peer.waiting(topic):
-                pairs.update((each["header"]["frame_id"], each["child_frame_id"]) for each in message["transforms"])
+                pairs.update((item["header"]["frame_id"], item["child_frame_id"]) for item in message["transforms"])
         return {("one/base_link", "one/left_wheel"), ("two/base_link", "two/left_wheel")} <= pairs and any(
             child == "two/base_footprint" for _, child in pairs
         )
@@ -156,7 +156,7 @@ def test_a_service_acts_on_the_robot_of_its_namespace_alone(scene, call):
     assert call("/one/left_drive/init") == DONE
     kind = "controller_manager_msgs/srv/ListControllers"
     states = {
-        name: {each["name"] for each in call(f"/{name}/controller_manager/list_controllers", kind)["controller"]}
+        name: {item["name"] for item in call(f"/{name}/controller_manager/list_controllers", kind)["controller"]}
         for name in ("one", "two")
     }
     assert "robby_base_controller" in states["two"] - states["one"]
@@ -164,7 +164,7 @@ def test_a_service_acts_on_the_robot_of_its_namespace_alone(scene, call):
 
 def test_everything_of_the_two_is_in_their_namespaces_but_what_is_absolute(names):
     robots = [{name for name in names("topics") if name.startswith(f"/{robot}/")} for robot in ("one", "two")]
-    assert all(f"/{robot}/robot_description" in found for robot, found in zip(("one", "two"), robots, strict=True))
+    assert all(f"/{robot}/robot_description" in result for robot, result in zip(("one", "two"), robots, strict=True))
     others = {"/tf", "/tf_static", "/diagnostics", "/rosout", "/parameter_events"}
     left = {name for name in names("topics") - robots[0] - robots[1] if not name.startswith("/arm/")}
     assert left - {"/lifecycle_manager/transition_event"} <= others

@@ -44,7 +44,7 @@ def manager(call):
 @pytest.fixture
 def states(manager):
     return lambda: {
-        each["name"]: each["state"] for each in manager("list_controllers", "ListControllers")["controller"]
+        item["name"]: item["state"] for item in manager("list_controllers", "ListControllers")["controller"]
     }
 
 
@@ -119,15 +119,15 @@ def test_rclpys_own_client_of_parameters_lists_describes_gets_sets_and_loads(sce
     known = told("values")
     assert known["wheel_radius"]["double_value"] == 0.035
     assert known["left_wheel_names"]["string_array_value"] == ["left_wheel_joint"]
-    found = told("descriptors")
-    assert set(found) == set(known)
-    assert (found["wheel_radius"]["type"], found["wheel_radius"]["read_only"]) == (3, True)
-    assert not found["cmd_vel_timeout"]["read_only"]
+    result = told("descriptors")
+    assert set(result) == set(known)
+    assert (result["wheel_radius"]["type"], result["wheel_radius"]["read_only"]) == (3, True)
+    assert not result["cmd_vel_timeout"]["read_only"]
     results = told("results")
-    assert [each["successful"] for each in results] == [True, False, False]
+    assert [result["successful"] for result in results] == [True, False, False]
     assert "read-only" in results[1]["reason"]
     assert "not declared" in results[2]["reason"]
-    assert [each["successful"] for each in told("loaded")] == [True, False]
+    assert [item["successful"] for item in told("loaded")] == [True, False]
     assert manager("unload_controller", "UnloadController", name=BASE)["ok"]
 
 
@@ -136,7 +136,7 @@ def test_types_and_interfaces_are_those_of_the_robot(manager):
         "diff_drive_controller/DiffDriveController" in manager("list_controller_types", "ListControllerTypes")["types"]
     )
     interfaces = manager("list_hardware_interfaces", "ListHardwareInterfaces")
-    assert [each["name"] for each in interfaces["command_interfaces"] if each["is_claimed"]] == [
+    assert [interface["name"] for interface in interfaces["command_interfaces"] if interface["is_claimed"]] == [
         "left_wheel_joint/velocity", "right_wheel_joint/velocity",
     ]  # fmt: skip
 
@@ -151,8 +151,8 @@ def test_a_hardware_component_goes_inactive_and_active_again(manager, states):
     assert component("finalized")["ok"] is False
     assert component("active")["ok"] is True
     assert manager("switch_controller", "SwitchController", activate_controllers=[FORWARD], strictness=2)["ok"]
-    (told,) = manager("list_hardware_components", "ListHardwareComponents")["component"]
-    assert told["state"]["label"] == "active"
+    (reported,) = manager("list_hardware_components", "ListHardwareComponents")["component"]
+    assert reported["state"]["label"] == "active"
 
 
 def test_a_drive_is_disabled_enabled_halted_and_given_a_target(scene, call):
@@ -200,7 +200,7 @@ def test_the_objects_of_the_tpdos_are_reported_as_they_change_and_an_unmapped_on
     kind, rpdo, tpdo = "canopen_interfaces/msg/COData", "/left_drive/rpdo", "/left_drive/tpdo"
     scene.peer.order("subscribe", topic=rpdo, of=kind)
     first = [scene.peer.message(rpdo) for _ in range(4)]
-    assert {each["index"] for each in first} == {0x6041, 0x6061, 0x6064, 0x606C}
+    assert {item["index"] for item in first} == {0x6041, 0x6061, 0x6064, 0x606C}
     assert call("/left_drive/disable") == DONE
     scene.peer.message(rpdo, lambda message: message["index"] == 0x6041 and message["data"] & 0x6F != 0x27)
     assert call("/left_drive/enable") == DONE
@@ -218,7 +218,7 @@ def test_an_emergency_of_a_drive_is_reported_on_its_topic(scene, call):
     scene.drive.fault("drive_fault")
     (status,) = scene.peer.message("/left_drive/emcy")["status"]
     assert (status["name"], status["level"]) == ("left_drive", 1)
-    values = {each["key"]: each["value"] for each in status["values"]}
+    values = {item["key"]: item["value"] for item in status["values"]}
     assert (values["error_code"], int(values["error_register"], 16) & 9) == ("0x4310", 9), "temperature, generic"
     assert f"EMCY {values['error_code']} (" in status["message"]
     logged = scene.peer.message("/rosout", lambda message: "EMCY 0x4310" in message["msg"])

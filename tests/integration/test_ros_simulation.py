@@ -53,11 +53,11 @@ def test_a_node_with_use_sim_time_drives_it_and_lives_in_its_time():
             stamp, clock, velocity = json.loads(ros.run_ros(JOINS, number))
         finally:
             simulation.send_signal(signal.SIGINT)
-            said, _ = simulation.communicate(timeout=60)
+            message, _ = simulation.communicate(timeout=60)
     assert velocity > 4.9
     assert 1.0 < stamp < 60.0
     assert clock == pytest.approx(stamp, abs=1.0)
-    assert json.loads(said)["breaches"] == []
+    assert json.loads(message)["breaches"] == []
 
 
 def test_a_robot_of_a_test_is_served_to_a_node_whose_left_drive_dies(monkeypatch):

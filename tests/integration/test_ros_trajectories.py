@@ -1,4 +1,4 @@
-"""arm6 as MoveIt has it: an action client in a process of its own, the bridge, the runtime, six virtual drives."""
+"""arm6 as used by MoveIt: an action client in a separate process, the bridge, the runtime, six virtual drives."""
 
 from __future__ import annotations
 
@@ -38,26 +38,26 @@ def joints(arm):
 
 
 def positions(arm):
-    told = joints(arm)
-    return [told[each].position for each in JOINTS]
+    reported = joints(arm)
+    return [reported[joint].position for joint in JOINTS]
 
 
 def goal_to(arm, end, seconds=0.6, count=50, **more):
     points = [
         {
-            "positions": each.positions,
-            "velocities": each.velocities,
-            "accelerations": each.accelerations,
-            "time_from_start": {"sec": each.time // 10**9, "nanosec": each.time % 10**9},
+            "positions": point.positions,
+            "velocities": point.velocities,
+            "accelerations": point.accelerations,
+            "time_from_start": {"sec": point.time // 10**9, "nanosec": point.time % 10**9},
         }
-        for each in planned(positions(arm), end, seconds, count).points
+        for point in planned(positions(arm), end, seconds, count).points
     ]
     return {"trajectory": {"joint_names": JOINTS, "points": points}, **more}
 
 
 def near(factor):
     """A place that no count of an encoder is."""
-    return [0.123456789 * factor * (1 if each > 0 else -1) for each in ENDS]
+    return [0.123456789 * factor * (1 if end > 0 else -1) for end in ENDS]
 
 
 def send(arm, name, data, peer=None):
@@ -67,8 +67,8 @@ def send(arm, name, data, peer=None):
 
 
 def result(arm, name, peer=None):
-    told = (peer or arm.peer).message(name, lambda message: "status" in message)
-    return told["status"], told["error_code"], told["error_string"]
+    reported = (peer or arm.peer).message(name, lambda message: "status" in message)
+    return reported["status"], reported["error_code"], reported["error_string"]
 
 
 def moving(arm, name, peer=None):
@@ -77,7 +77,7 @@ def moving(arm, name, peer=None):
 
 
 def at_rest(arm):
-    return eventually(lambda: all(abs(each.velocity) < 1e-3 for each in joints(arm).values()))
+    return eventually(lambda: all(abs(joint.velocity) < 1e-3 for joint in joints(arm).values()))
 
 
 def test_a_goal_of_500_points_is_followed_with_feedback_and_reached(arm):
@@ -111,8 +111,8 @@ def test_its_topics_and_its_query_are_there_over_dds(arm):
     data = goal_to(arm, near(2), 0.3)["trajectory"]
     assert eventually(lambda: arm.peer.order("publish", topic=topic, of=kind, data=data)["subscribers"] == 1)
     assert eventually(lambda: there_or_published_again(arm, topic, kind, data, near(2)), 30)
-    told = arm.peer.call("/arm_controller/query_state", "control_msgs/srv/QueryTrajectoryState")
-    assert (told["success"], told["name"]) == (False, JOINTS)
+    reported = arm.peer.call("/arm_controller/query_state", "control_msgs/srv/QueryTrajectoryState")
+    assert (reported["success"], reported["name"]) == (False, JOINTS)
 
 
 def test_a_joint_off_its_path_or_its_goal_aborts_with_its_code(arm):
@@ -152,14 +152,14 @@ def test_what_is_refused_names_its_rule_and_nothing_moves(arm):
     }
     for name, (trajectory, code, why) in bad.items():
         assert not send(arm, name, {"trajectory": trajectory})
-        status, told, text = result(arm, name)
-        assert (status, told) == (ABORTED, code)
+        status, reported, text = result(arm, name)
+        assert (status, reported) == (ABORTED, code)
         assert why in text
     assert positions(arm) == pytest.approx(where, abs=1e-3)
 
 
 def events(arm):
-    return [each.text for each in arm.client.ask(GetStatus()).events]
+    return [event.text for event in arm.client.ask(GetStatus()).events]
 
 
 @pytest.mark.timed
@@ -168,11 +168,11 @@ def test_a_bridge_that_is_stopped_for_long_loses_its_goal_and_the_next_one_takes
     assert send(arm, "hung", goal_to(arm, end, LONG_S))
     moving(arm, "hung")
     cycles_pass(arm.client, 170)  # 3.4 s, longer than it may be silent: its heartbeats come
-    assert not any("has sent no heartbeat" in each for each in events(arm))
+    assert not any("has sent no heartbeat" in event for event in events(arm))
     os.kill(bridge, signal.SIGSTOP)
     # Its connection is silent for 3 s, or what watches it has ended it by then: the goal ends either way.
     ends = ("ros has sent no heartbeat for 3 s and is gone", "ros is gone, so its command has ended")
-    assert eventually(lambda: any(end in each for each in events(arm) for end in ends), 8.0), events(arm)
+    assert eventually(lambda: any(end in event for event in events(arm) for end in ends), 8.0), events(arm)
     assert at_rest(arm)
     arm.robot.until("process ros: it is restarted")
     assert abs(positions(arm)[0] - end[0]) > 0.05
@@ -189,14 +189,14 @@ def test_the_death_of_the_client_and_of_the_bridge_stop_the_arm_on_its_way(arm):
         moving(arm, "orphan", mortal)
         mortal.kill()
         why = "the goal was cancelled: the action client that sent the goal has left the ROS graph"
-        assert eventually(lambda: any(why in each for each in events(arm)), 2.0)
+        assert eventually(lambda: any(why in event for event in events(arm)), 2.0)
     assert at_rest(arm)
     assert abs(positions(arm)[0] - end[0]) > 0.05
     end = near(-4)
     assert send(arm, "last", goal_to(arm, end, LONG_S))
     moving(arm, "last")
     os.kill(arm.stage.pid_of("canopen_control.ros.bridge"), signal.SIGKILL)
-    assert eventually(lambda: any("ros is gone, so its command has ended" in each for each in events(arm)), 2.0)
+    assert eventually(lambda: any("ros is gone, so its command has ended" in event for event in events(arm)), 2.0)
     assert at_rest(arm)
     assert abs(positions(arm)[0] - end[0]) > 0.05
     assert arm.robot.running

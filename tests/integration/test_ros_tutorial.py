@@ -1,4 +1,4 @@
-"""The three scenarios of ros2_canopen's robby tutorial: what its launch files start, and the commands that it gives."""
+"""The three scenarios of ros2_canopen's robby tutorial: processes of its launch files, and its commands."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def test_forward_controller_turns_the_wheels_of_virtual_drives(launch, probe):
         # ros2 topic pub /robby_forward_controller/commands std_msgs/msg/Float64MultiArray "data: [10.0, 10.0]"
         commands, kind = "/robby_forward_controller/commands", "std_msgs/msg/Float64MultiArray"
         other.order("publish", topic=commands, of=kind, data={"data": [10.0, 10.0]}, rate=1)
-        wanted = round(10.0 * PER_RADIAN)
-        assert ros.eventually(lambda: (round(left.speed), round(right.speed)) == (-wanted, wanted))
+        expected = round(10.0 * PER_RADIAN)
+        assert ros.eventually(lambda: (round(left.speed), round(right.speed)) == (-expected, expected))
         other.message("/joint_states", lambda message: all(abs(value - 10.0) < 0.01 for value in message["velocity"]))
         other.order("silence", topic=commands)
         assert ros.eventually(lambda: left.speed == right.speed == 0.0)
@@ -79,11 +79,11 @@ def test_diff_drive_drives_by_the_remapped_keys_of_teleop(launch, probe):
         # teleop_twist_keyboard --ros-args -r /cmd_vel:=/robby_base_controller/cmd_vel_unstamped
         topic = "/robby_base_controller/cmd_vel_unstamped"
         teleop.order("publish", topic=topic, of=TWIST, data=keys(0.35, 0.0), rate=10)
-        wanted = round(10.0 * PER_RADIAN)
-        assert ros.eventually(lambda: abs(left.speed + wanted) < 2 and abs(right.speed - wanted) < 2)
+        expected = round(10.0 * PER_RADIAN)
+        assert ros.eventually(lambda: abs(left.speed + expected) < 2 and abs(right.speed - expected) < 2)
         rviz.message("/robby_base_controller/odom", lambda message: message["pose"]["pose"]["position"]["x"] > 0.05)
         rviz.message(
-            "/tf", lambda message: "base_footprint" in [each["child_frame_id"] for each in message["transforms"]]
+            "/tf", lambda message: "base_footprint" in [item["child_frame_id"] for item in message["transforms"]]
         )
         teleop.kill()
         assert ros.eventually(lambda: left.speed == right.speed == 0.0)

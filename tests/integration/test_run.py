@@ -1,4 +1,4 @@
-"""`run robby` from boot to clean end, as somebody else on the bus sees it."""
+"""`run robby` from boot to end, as observed by another member of the bus."""
 
 import contextlib
 import struct
@@ -74,7 +74,7 @@ def test_an_independent_listener_receives_both_wheels_at_ten_rad_per_second_with
         assert all(abs(speed - 10.0) <= 0.1 for _, speed in steady), steady
         assert all(speed < 9.9 for time, speed in speeds if time < begin + RAMP_S - scaled(0.06)), "it did not ramp"
         positions = [(time, RAD[node_id] * value) for time, value in sees.series(node_id, POSITION)]
-        held = [each for each in positions if fast <= each[0] <= end]
+        held = [position for position in positions if fast <= position[0] <= end]
         cycles = sum(held[0][0] < time <= held[-1][0] for time, identifier, _ in sees.frames if identifier == SYNC)
         took = held[-1][0] - held[0][0] if CHANNEL else 0.02 * cycles  # a busy guest leaves out a SYNC or two
         assert (held[-1][1] - held[0][1]) / took == pytest.approx(10.0, rel=0.03 if CHANNEL else 0.01)

@@ -54,8 +54,8 @@ def robot(request, tmp_path):
 
     assert (LEFT, RIGHT) == (3, 2)  # what the virtual drives are by default
     yield start
-    for each in benches:
-        each.close()
+    for benche in benches:
+        benche.close()
 
 
 def wheels(bench, interface):

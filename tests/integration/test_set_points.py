@@ -1,4 +1,4 @@
-"""What the drives of an arm tell of their set-points while it follows a trajectory, in simulated time."""
+"""Statistics of set-points from the drives of an arm that follows a trajectory, in simulated time."""
 
 import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
@@ -24,7 +24,7 @@ def followed(folder, change=lambda text: text, fault=None):
             drive.drives[0].meter.restart()
             if fault is not None:
                 drive.fault_switches.set(fault, True, arm.reactor.now())
-        begin = [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
+        begin = [arm.robot.registry.state(f"{item}/position").value for item in JOINTS]
         goal = TrajectoryGoal(planned(begin, ENDS))
         arm.robot.manager.get("arm_controller").send_goal(goal, arm.reactor.now())
         arm.until(lambda: goal.ended, 5000)
@@ -40,23 +40,23 @@ def quiet(tmp_path_factory):
 
 
 def test_of_a_robot_in_time_no_set_point_is_missed_or_doubled(quiet):
-    for told in quiet:
-        assert told.taken >= 100  # two seconds of 20 ms
-        assert (told.missed, told.doubled, told.overwritten) == (0, 0, 0)
-        assert told.phase_us.min == pytest.approx(told.phase_us.max)
-        assert told.acceleration_ripple < 0.05
+    for reported in quiet:
+        assert reported.taken >= 100  # two seconds of 20 ms
+        assert (reported.missed, reported.doubled, reported.overwritten) == (0, 0, 0)
+        assert reported.phase_us.min == pytest.approx(reported.phase_us.max)
+        assert reported.acceleration_ripple < 0.05
 
 
 def test_an_interpolation_time_that_was_left_at_a_tenth_grinds(quiet, tmp_path):
     ground = followed(tmp_path, lambda text: text.replace("sub_index: 1, value: 20}", "sub_index: 1, value: 2}"))
-    for told, healthy in zip(ground, quiet, strict=True):
-        assert told.acceleration > 20 * healthy.acceleration
-        assert told.velocity_ripple > 2.9
-        assert (told.missed, told.doubled) == (0, 0)
+    for reported, healthy in zip(ground, quiet, strict=True):
+        assert reported.acceleration > 20 * healthy.acceleration
+        assert reported.velocity_ripple > 2.9
+        assert (reported.missed, reported.doubled) == (0, 0)
 
 
 def test_lost_rpdos_are_missed_set_points(quiet, tmp_path):
     lossy = followed(tmp_path, fault="rpdo_lost")
-    assert sum(told.missed for told in lossy) > 0
-    worst = max(told.acceleration / healthy.acceleration for told, healthy in zip(lossy, quiet, strict=True))
+    assert sum(reported.missed for reported in lossy) > 0
+    worst = max(reported.acceleration / healthy.acceleration for reported, healthy in zip(lossy, quiet, strict=True))
     assert worst > 1.1

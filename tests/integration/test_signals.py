@@ -1,4 +1,4 @@
-"""Ctrl-C and its like in every phase: the wheels stop along the ramp, the drives are disabled, everybody goes."""
+"""Ctrl-C and other signals in every phase: the wheels ramp down, the drives are disabled, all processes end."""
 
 import os
 import signal
@@ -34,7 +34,7 @@ def test_while_the_wheels_turn_they_stop_along_the_ramp(stage, probe, number):
     robot = stage.robby("turning", "--no-drives")
     command = stage.start("command", "robby_forward_controller", 10, 10)
     probes = [probe("turning", node_id) for node_id in (3, 2)]
-    assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes))
+    assert eventually(lambda: all(abs(item.speed) > 0.99 * SPEED for item in probes))
     robot.send(number)
     speeds = []
     seconds_until(lambda: speeds.append(abs(probes[0].speed)) or speeds[-1] < 1, 5)
@@ -42,10 +42,10 @@ def test_while_the_wheels_turn_they_stop_along_the_ramp(stage, probe, number):
     assert robot.wait() == 0, robot
     assert robot.err == ""
     assert command.wait() == 1
-    for each in probes:
-        assert each.speed == 0
-        assert each.power == "SWITCH_ON_DISABLED"
-        assert each.state.errors == []
+    for item in probes:
+        assert item.speed == 0
+        assert item.power == "SWITCH_ON_DISABLED"
+        assert item.state.errors == []
 
 
 def test_a_second_ctrl_c_changes_nothing(stage, probe):

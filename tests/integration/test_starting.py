@@ -1,4 +1,4 @@
-"""A robot that starts waits for what it started: however long that takes, nothing is reported before.
+"""A starting robot waits for its processes: however long that takes, nothing is reported before.
 
 With `--spawn` the drives begin as interpreters, which takes long enough for a test to stop them. Forks do not: by a
 hook in a `sitecustomize` of the test each drive stops itself at its birth.
@@ -87,8 +87,10 @@ def test_drives_that_need_seconds_to_start_are_waited_for_and_nothing_is_reporte
     for pid in drives:
         os.kill(pid, signal.SIGCONT)
     assert robot.wait() == 0
-    told = [line for line in robot.out.splitlines() if not line.startswith("a cycle was missed")]  # on a busy machine
-    assert told[0].startswith("node "), robot.out
+    reported = [
+        line for line in robot.out.splitlines() if not line.startswith("a cycle was missed")
+    ]  # on a busy machine
+    assert reported[0].startswith("node "), robot.out
     assert "operational after" in robot.out.splitlines()[0]
     assert "error" not in robot.out
     assert not list(stage.place.glob("**/flight/*.zip"))

@@ -1,4 +1,4 @@
-"""Teleop and monitor with real keys, in a real terminal: tmux types, and the drives say what became of it."""
+"""Teleop and monitor with real keys in a real terminal (tmux), checked by the drives."""
 
 import contextlib
 import os
@@ -63,7 +63,7 @@ def test_the_monitor_stops_the_robot_by_a_key_also_while_a_filter_is_typed(stage
     robot = stage.robby("watched")
     drives = [probe("watched", node_id) for node_id in (3, 2)]
     command = stage.start("command", "robby_forward_controller", "5", "5", "--name", "watched")
-    assert eventually(lambda: all(speed(each) > 500 for each in drives), 20.0)
+    assert eventually(lambda: all(speed(drive) > 500 for drive in drives), 20.0)
     terminal.run(f"{PROGRAM} monitor")
     terminal.until("● OPERATION ENABLED")
     terminal.keys("/")
@@ -71,8 +71,8 @@ def test_the_monitor_stops_the_robot_by_a_key_also_while_a_filter_is_typed(stage
     terminal.keys("h", "b", "Space")
     screen = terminal.until("STOP is latched by monitor")
     assert "hb" in screen
-    assert eventually(lambda: all(speed(each) == 0 for each in drives), 10.0)
-    assert eventually(lambda: all(each.power == "SWITCH_ON_DISABLED" for each in drives), 10.0)
+    assert eventually(lambda: all(speed(drive) == 0 for drive in drives), 10.0)
+    assert eventually(lambda: all(drive.power == "SWITCH_ON_DISABLED" for drive in drives), 10.0)
     terminal.keys("Enter")
     terminal.until("Enable")  # the keys of the screen are back
     terminal.until("heartbeat")

@@ -35,7 +35,7 @@ def controller(arm):
 
 
 def positions(arm):
-    return [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
+    return [arm.robot.registry.state(f"{joint}/position").value for joint in JOINTS]
 
 
 def send(arm, end, **how):
@@ -81,7 +81,7 @@ def test_it_follows_a_planned_trajectory_within_its_tolerances(arm, count):
     goal = send(arm, ENDS, count=count)
     worst = [0.0] * 6
     start = arm.reactor.now()
-    wanted = planned(begin, ENDS).points
+    expected = planned(begin, ENDS).points
     while not goal.ended:
         arm.run(20)
         assert arm.reactor.now() - start < 4000 * MS
@@ -91,7 +91,7 @@ def test_it_follows_a_planned_trajectory_within_its_tolerances(arm, count):
     assert 1900 * MS < arm.reactor.now() - start < 2200 * MS
     arm.run(500)
     assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
-    assert wanted[-1].positions == ENDS
+    assert expected[-1].positions == ENDS
 
 
 @pytest.mark.parametrize("factor", [0.1, 0.5])
@@ -168,12 +168,12 @@ def test_a_cancelled_goal_brakes(arm):
 def test_what_it_reports_is_its_sample(arm):
     send(arm, ENDS)
     arm.run(1000)
-    told = arm.robot.manager.running.samples(0)["arm_controller"]
-    assert told.joints == tuple(JOINTS)
-    assert told.executing
-    assert not told.holding
-    assert told.reference.time_from_start == pytest.approx(1.0, abs=0.05)
-    assert told.error.positions == pytest.approx([0.0] * 6, abs=1.02 * max(lag([0.0] * 6, ENDS)))
+    reported = arm.robot.manager.running.samples(0)["arm_controller"]
+    assert reported.joints == tuple(JOINTS)
+    assert reported.executing
+    assert not reported.holding
+    assert reported.reference.time_from_start == pytest.approx(1.0, abs=0.05)
+    assert reported.error.positions == pytest.approx([0.0] * 6, abs=1.02 * max(lag([0.0] * 6, ENDS)))
 
 
 GAINS = {
@@ -188,8 +188,8 @@ def looped(tmp_path, request):
     config = copy_looped_arm(tmp_path, request.param, **GAINS[request.param])
     controllers = ["loops", "arm_controller"]
     bench = Bench("loops", config=config, drives=(2, 3, 4, 5, 6, 7), controllers=controllers)
-    for each in bench.drives.values():
-        each.drives[0].mover.plant.rated_velocity = 4e7  # 38 rad/s at rated torque
+    for drive in bench.drives.values():
+        drive.drives[0].mover.plant.rated_velocity = 4e7  # 38 rad/s at rated torque
     bench.start()
     bench.until(lambda: all(joint.enabled for joint in bench.robot.joints.values()))
     bench.run(100)
@@ -206,10 +206,10 @@ def test_joints_that_take_velocities_or_efforts_follow_by_loops_below_the_trajec
     assert worst < 1.5 * max(lag([0.0] * 6, ENDS))  # the loops add half a period to what positions have
     looped.run(1000)
     assert positions(looped) == pytest.approx(ENDS, abs=2e-3)
-    told = looped.robot.manager.running.samples(0)["loops"]
-    assert [each.reference for each in told.dofs] == pytest.approx(ENDS)
+    reported = looped.robot.manager.running.samples(0)["loops"]
+    assert [dof.reference for dof in reported.dofs] == pytest.approx(ENDS)
     looped.robot.manager.get("loops").set_feed_forward(False)
-    assert max(abs(each.error) for each in told.dofs) < 2e-3
+    assert max(abs(dof.error) for dof in reported.dofs) < 2e-3
 
 
 def test_a_fault_below_the_loops_ends_the_goal_and_an_enable_holds_the_joints_where_they_are(looped):

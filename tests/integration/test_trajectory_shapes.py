@@ -24,16 +24,16 @@ S = 1_000_000_000
 def write_robot(folder, section):
     """Write a robot on mock hardware with this section, and the joints that it names."""
     joints, kinds = section["joints"], section["command_interfaces"]
-    links = "".join(f"<link name='to_{each}'/>" for each in joints)
+    links = "".join(f"<link name='to_{joint}'/>" for joint in joints)
     limits = "<limit lower='-3' upper='3' velocity='3' effort='9'/>"
     moving = "".join(
-        f"<joint name='{each}' type='revolute'><parent link='base'/><child link='to_{each}'/>"
+        f"<joint name='{joint}' type='revolute'><parent link='base'/><child link='to_{joint}'/>"
         f"<axis xyz='0 0 1'/>{limits}</joint>"
-        for each in joints
+        for joint in joints
     )
-    commands = "".join(f"<command_interface name='{each}'/>" for each in kinds)
+    commands = "".join(f"<command_interface name='{kind}'/>" for kind in kinds)
     states = "<state_interface name='position'/><state_interface name='velocity'/>"
-    control = "".join(f"<joint name='{each}'>{commands}{states}</joint>" for each in joints)
+    control = "".join(f"<joint name='{joint}'>{commands}{states}</joint>" for joint in joints)
     integrates = f"<param name='calculate_dynamics'>{str('position' not in kinds).lower()}</param>"
     plugin = f"<plugin>mock_components/GenericSystem</plugin>{integrates}"
     system = f"<ros2_control name='shape' type='system'><hardware>{plugin}</hardware>{control}</ros2_control>"
@@ -41,8 +41,8 @@ def write_robot(folder, section):
     arm = {"type": "joint_trajectory_controller/JointTrajectoryController"}
     broadcaster = {"type": "joint_state_broadcaster/JointStateBroadcaster"}
     manager = {"update_rate": 100, "arm": arm, "joint_state_broadcaster": broadcaster}
-    found = {"controller_manager": {"ros__parameters": manager}, "arm": {"ros__parameters": section}}
-    (folder / "ros2_controllers.yaml").write_text(yaml.safe_dump(found, sort_keys=False))
+    result = {"controller_manager": {"ros__parameters": manager}, "arm": {"ros__parameters": section}}
+    (folder / "ros2_controllers.yaml").write_text(yaml.safe_dump(result, sort_keys=False))
     return find_robot(str(folder))
 
 
@@ -60,7 +60,7 @@ def test_it_loads_unmodified_and_follows_a_goal(tmp_path, name):
         robot.send_goal("arm", goal, "test")
         reactor.run_for(3 * S)
         assert goal.state is GoalState.SUCCEEDED, goal.text
-        places = [robot.registry.state(f"{each}/position").value for each in joints]
+        places = [robot.registry.state(f"{joint}/position").value for joint in joints]
         robot.close()
     assert places == pytest.approx([0.2] * len(joints), abs=0.02)
 
@@ -68,13 +68,13 @@ def test_it_loads_unmodified_and_follows_a_goal(tmp_path, name):
 @pytest.mark.parametrize("name", SHAPES)
 def test_keys_without_effect_are_reported_and_no_others(tmp_path, name):
     section = dict(SHAPES[name])
-    told = section.pop("told", [])
+    reported = section.pop("told", [])
     findings = check_robot(write_robot(tmp_path, section), CheckOptions()).findings
-    assert not [str(each) for each in findings if each.severity is Severity.ERROR]
-    warnings = [str(each) for each in findings if "ros2_controllers.yaml" in str(each)]
-    for key in told:
-        assert any(f"{key!r}" in each or f" {key} " in each for each in warnings), (key, warnings)
-    assert bool(warnings) is bool(told), warnings
+    assert not [str(finding) for finding in findings if finding.severity is Severity.ERROR]
+    warnings = [str(finding) for finding in findings if "ros2_controllers.yaml" in str(finding)]
+    for key in reported:
+        assert any(f"{key!r}" in warning or f" {key} " in warning for warning in warnings), (key, warnings)
+    assert bool(warnings) is bool(reported), warnings
 
 
 def test_there_are_as_many_as_public_robots():

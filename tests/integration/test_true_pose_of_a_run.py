@@ -1,4 +1,4 @@
-"""A base that errs, as processes: its true pose beside odometry, and a calibration that is stopped or killed."""
+"""A base with odometry errors, as processes: its true pose, and a calibration that is stopped or killed."""
 
 import math
 import signal
@@ -23,7 +23,7 @@ def erring(stage):
 
 
 def speeds(robot):
-    return [abs(each.velocity or 0.0) for each in robot.joints().values()]
+    return [abs(joint.velocity or 0.0) for joint in robot.joints().values()]
 
 
 def test_the_true_pose_stands_alongside_odometry_and_what_ends_a_calibration_stops_the_base(stage, erring):

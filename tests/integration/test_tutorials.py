@@ -44,10 +44,10 @@ def test_its_base_drives_as_the_numbers_report(tmp_path, name, tutorial, base, r
     odometry = bench.robot.manager.get(base).odometry
     assert odometry.x == pytest.approx(0.3 * 3.0 - 0.3**2 / 2, rel=0.05)  # along the ramp of 1 m/s^2
     assert math.hypot(odometry.y, odometry.heading) < 1e-6
-    told = parameter_events(bench)
-    assert sum("'use_stamped_vel' has no effect" in text for text in told) == 1
-    assert sum("is read as 'angular.z.max_acceleration_reverse'" in text for text in told) == 1
-    assert sum("duplicate key" in text for text in told) >= 1
+    reported = parameter_events(bench)
+    assert sum("'use_stamped_vel' has no effect" in text for text in reported) == 1
+    assert sum("is read as 'angular.z.max_acceleration_reverse'" in text for text in reported) == 1
+    assert sum("duplicate key" in text for text in reported) >= 1
     bench.close()
 
 

@@ -1,4 +1,4 @@
-"""The verbs against a running robot: what `status` says, what `stop`, `axis` and a fault do."""
+"""The verbs with a running robot: output of `status`, effects of `stop`, `axis` and a fault."""
 
 import re
 import signal
@@ -59,14 +59,14 @@ def commanding(robot):
 
 
 def test_status_reports_how_long_each_boot_step_took(stage, robot):
-    said = stage.call("status").out
+    text = stage.call("status").out
     for name in ("left_drive", "right_drive"):
-        line = next(line for line in said.splitlines() if line.startswith(f"boot of {name}"))
+        line = next(line for line in text.splitlines() if line.startswith(f"boot of {name}"))
         steps = dict(re.findall(r"(\w+) ([\d.]+) ms", line))
         assert list(steps) == ["reset", "identify", "configure", "heartbeat", "start"]
         assert all(float(took) > 0 for took in steps.values())
-    assert "OPERATION ENABLED" in said
-    assert "running, cycle" in said
+    assert "OPERATION ENABLED" in text
+    assert "running, cycle" in text
 
 
 def test_status_watch_prints_again_and_again_and_ends_with_the_robot(stage, robot):
@@ -80,17 +80,17 @@ def test_status_watch_prints_again_and_again_and_ends_with_the_robot(stage, robo
 
 def test_stop_ramps_and_disables_and_enable_continues(stage, robot, commanding):
     _, probes, client = robot
-    assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
+    assert eventually(lambda: all(abs(probe.speed) > 0.99 * SPEED for probe in probes.values()))
     stop = stage.call("stop")
     assert (stop.wait(), stop.err) == (0, "")
-    assert all(each.speed == 0 for each in probes.values())  # it is answered when they stand, not before
-    assert all(each.power != "OPERATION_ENABLED" for each in probes.values())
+    assert all(probe.speed == 0 for probe in probes.values())  # it is answered when they stand, not before
+    assert all(probe.power != "OPERATION_ENABLED" for probe in probes.values())
     assert client.ask(GetStatus()).state == "disabled"
     count = client.ask(GetStatus()).cycle.count
     assert eventually(lambda: client.ask(GetStatus()).cycle.count > count + 25)
-    assert all(each.speed == 0 for each in probes.values())  # although somebody still commands
+    assert all(probe.speed == 0 for probe in probes.values())  # although somebody still commands
     assert stage.call("axis", "enable", "all").wait() == 0
-    assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
+    assert eventually(lambda: all(abs(probe.speed) > 0.99 * SPEED for probe in probes.values()))
     assert stage.call("stop").wait() == 0
     assert stage.call("stop").wait() == 0  # what is reached is not an error
 
@@ -98,13 +98,13 @@ def test_stop_ramps_and_disables_and_enable_continues(stage, robot, commanding):
 @pytest.mark.parametrize(("node", "mine"), [("left_drive", {3}), ("2", {2}), ("all", {3, 2})])
 def test_axis_verbs_take_a_name_an_id_or_all(stage, robot, commanding, node, mine):
     _, probes, client = robot
-    assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
+    assert eventually(lambda: all(abs(probe.speed) > 0.99 * SPEED for probe in probes.values()))
 
     def check(moving, powered):
         for node_id, each in probes.items():
-            wanted = (moving, powered) if node_id in mine else (True, True)
-            assert eventually(lambda each=each, wanted=wanted: (abs(each.speed) > 1) is wanted[0])
-            assert (each.power == "OPERATION_ENABLED") is wanted[1]
+            expected = (moving, powered) if node_id in mine else (True, True)
+            assert eventually(lambda each=each, expected=expected: (abs(each.speed) > 1) is expected[0])
+            assert (each.power == "OPERATION_ENABLED") is expected[1]
 
     for action, moving, powered in (
         ("halt", False, True),
@@ -123,9 +123,9 @@ def test_axis_verbs_take_a_name_an_id_or_all(stage, robot, commanding, node, min
 
 def test_a_fault_stops_the_robot_and_needs_reset_and_enable(stage, robot, commanding):
     program, probes, client = robot
-    assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
+    assert eventually(lambda: all(abs(probe.speed) > 0.99 * SPEED for probe in probes.values()))
     probes[3].fault("undervoltage")
-    seconds_until(lambda: all(abs(each.speed) < 1 for each in probes.values()), 2)
+    seconds_until(lambda: all(abs(probe.speed) < 1 for probe in probes.values()), 2)
     assert eventually(lambda: probes[2].power == "SWITCH_ON_DISABLED")
     status = client.ask(GetStatus())
     assert status.state == "fault"
@@ -144,9 +144,9 @@ def test_a_fault_stops_the_robot_and_needs_reset_and_enable(stage, robot, comman
     probes[3].fault("undervoltage", on=False)
     assert stage.call("axis", "fault-reset", "left_drive").wait() == 0
     assert eventually(lambda: client.ask(GetStatus()).state == "disabled")
-    assert all(each.speed == 0 and each.power != "OPERATION_ENABLED" for each in probes.values())
+    assert all(probe.speed == 0 and probe.power != "OPERATION_ENABLED" for probe in probes.values())
     assert stage.call("axis", "enable", "all").wait() == 0
-    assert eventually(lambda: all(abs(each.speed) > 0.99 * SPEED for each in probes.values()))
+    assert eventually(lambda: all(abs(probe.speed) > 0.99 * SPEED for probe in probes.values()))
 
 
 def test_a_fault_that_is_switched_on_by_the_command_line(stage, probe):
@@ -176,7 +176,7 @@ def test_base_controller_by_twist(stage):
     stage.robby("base", "--controller", "robby_base_controller")
     twist = stage.start("twist", "robby_base_controller", 0.1, 0)
     with RobotClient.connect("base") as client:
-        joints = lambda: [each.velocity for each in client.ask(GetStatus()).joints.values()]  # noqa: E731
+        joints = lambda: [joint.velocity for joint in client.ask(GetStatus()).joints.values()]  # noqa: E731
         moves = eventually(lambda: joints() == pytest.approx([0.1 / 0.035] * 2, rel=0.01))
         assert moves, client.ask(GetStatus()).events[-12:]
         assert twist.end(signal.SIGINT) == 0, twist

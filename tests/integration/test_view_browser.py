@@ -1,4 +1,4 @@
-"""The page as a user has it: robby on virtual drives, the view as a process of its own, and a real browser.
+"""The page in a real browser: robby on virtual drives, with the view as a separate process.
 
 What is said of the robot is confirmed past the page and past the runtime: by a bare listener on the bus (the `canopen`
 package) and by what three.js draws. Pictures of every test are kept in CANOPEN_CONTROL_ARTEFACTS (build/pictures).
@@ -67,8 +67,8 @@ def test_the_wheels_turn_in_the_scene_without_another_request(show, keep):
     assert eventually(lambda: plain.page.wait_for_timeout(20) or plain.foreign() == ["http://192.0.2.1/pixel.png"])
     plain.page.close()
     # Our page could not even if it wanted to: what it may ask is written on it.
-    asked = page.page.evaluate("fetch('http://192.0.2.1/').then(() => 'sent', error => String(error))")
-    assert "Failed to fetch" in asked
+    requested = page.page.evaluate("fetch('http://192.0.2.1/').then(() => 'sent', error => String(error))")
+    assert "Failed to fetch" in requested
     assert page.foreign() == []
 
 
@@ -229,8 +229,8 @@ def test_run_shows_the_page_and_a_dead_page_does_not_affect_the_robot(stage, chr
 @pytest.mark.rest
 def test_a_trajectory_is_previewed_standing_then_played_until_the_page_is_closed(stage, chromium, keep, tmp_path):
     points = [
-        {"positions": each.positions, "velocities": each.velocities, "time_from_start": each.time / 1e9}
-        for each in planned([0.0] * 6, ENDS, 20.0).points
+        {"positions": point.positions, "velocities": point.velocities, "time_from_start": point.time / 1e9}
+        for point in planned([0.0] * 6, ENDS, 20.0).points
     ]
     wave = tmp_path / "wave.json"
     wave.write_text(json.dumps({"joint_names": JOINTS, "points": points}))
@@ -248,15 +248,15 @@ def test_a_trajectory_is_previewed_standing_then_played_until_the_page_is_closed
         def joints():
             return robot.ask(GetStatus()).joints.values()
 
-        assert {each.position for each in joints()} == {0.0}
+        assert {joint.position for joint in joints()} == {0.0}
         still = page.transform("link_3")
         assert eventually(lambda: page.page.evaluate("window.ccScene.place('link_3', true)") not in (None, still))
         keep(page, "trajectory_preview")
         page.click("Play")
-        assert eventually(lambda: any(abs(each.position) > 0.01 for each in joints()))
+        assert eventually(lambda: any(abs(joint.position) > 0.01 for joint in joints()))
         page.page.close()
-        assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in joints()))
-        assert max(abs(each.position) for each in joints()) < 1.0
+        assert eventually(lambda: all(abs(joint.velocity) < 1e-6 for joint in joints()))
+        assert max(abs(joint.position) for joint in joints()) < 1.0
 
 
 def _what_nobody_sees_is_not_drawn(page):

@@ -31,7 +31,7 @@ def test_the_stop_click_stops_both_drives_within_300_ms_and_lasts_until_the_rele
     # the command goes on being sent, and is refused
     refused = show.stage.call("command", FORWARD, 5, 5, "--once", "--name", "vstop")
     assert "STOP is latched (by view)" in refused.err
-    assert max(abs(show.velocity(each)) for each in (LEFT, RIGHT)) <= STANDING
+    assert max(abs(show.velocity(item)) for item in (LEFT, RIGHT)) <= STANDING
     page.click("Release STOP")
     page.page.get_by_text("Latched (by view)").wait_for(state="hidden")
     page.click("Enable")
@@ -51,7 +51,7 @@ def test_closing_the_page_while_driving_stops_the_robot(show, keep):
     page.page.close()
     assert show.stood_after(begin) < 1.5  # the closing of a browser tab itself takes its time
     time.sleep(1.0)
-    assert max(abs(show.velocity(each)) for each in (LEFT, RIGHT)) <= STANDING
+    assert max(abs(show.velocity(item)) for item in (LEFT, RIGHT)) <= STANDING
 
 
 def test_letting_go_of_the_button_stops_the_robot(show):

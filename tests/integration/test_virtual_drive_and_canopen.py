@@ -1,4 +1,4 @@
-"""The `canopen` package, an independent master, drives our virtual drive, each on a python-can bus of its own kind."""
+"""The `canopen` package as an independent master drives our virtual drive, on each kind of python-can bus."""
 
 from __future__ import annotations
 
@@ -152,22 +152,22 @@ def test_homing_on_the_spot():
 
 def test_a_fault_is_an_emergency_and_its_reset_one_too():
     with running(GENERIC, "oracle6") as (_, node, device):
-        heard = []
-        node.emcy.add_callback(lambda error: heard.append((error.code, error.register)))
+        received = []
+        node.emcy.add_callback(lambda error: received.append((error.code, error.register)))
         node.nmt.state = "OPERATIONAL"
         modes = [mode for mode in (3, 1, 8, 9) if node.sdo[0x6502].raw >> (mode - 1) & 1]
         enable(node, modes[0])
         device.drives[0].power.causes.add(0x4310)
         device.drives[0].fault(0x4310, device.clock.now, register=8)
-        assert eventually(lambda: state_of(node) & 0x4F == 0x08 and bool(heard))
+        assert eventually(lambda: state_of(node) & 0x4F == 0x08 and bool(received))
         node.sdo[0x6040].raw = 0x80
         assert state_of(node) & 0x4F == 0x08
         device.drives[0].power.causes.clear()
         node.sdo[0x6040].raw = 0
         node.sdo[0x6040].raw = 0x80
         assert state_of(node) == 0x40
-        assert eventually(lambda: len(heard) == 2)
-        assert heard == [(0x4310, 0x09), (0x0000, 0x00)]
+        assert eventually(lambda: len(received) == 2)
+        assert received == [(0x4310, 0x09), (0x0000, 0x00)]
 
 
 def test_every_mode_of_a_generic_drive_is_reached():

@@ -1,4 +1,4 @@
-"""The wheel by itself: installed into an environment of its own, run from an empty folder, no checkout in sight."""
+"""The wheel, installed into a separate environment and run from an empty folder, without the checkout."""
 
 import os
 import subprocess
@@ -56,9 +56,9 @@ def test_the_installed_wheel_runs_robby_from_an_empty_folder(wheel, tmp_path):
     python = str(environment / "bin" / "python")
     run(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", str(wheel), cwd=empty)
     program = str(environment / "bin" / "canopen-control")
-    said = run(program, "run", "robby", "--for", "2", cwd=empty)
-    assert "node 3 (left_drive): operational" in said
-    assert "robby has stopped, its drives are disabled" in said
+    text = run(program, "run", "robby", "--for", "2", cwd=empty)
+    assert "node 3 (left_drive): operational" in text
+    assert "robby has stopped, its drives are disabled" in text
     assert "two drives: CPU, lateness" in run(program, "bench", "--help", cwd=empty)
     assert list(empty.iterdir()) == []
     where = run(python, "-c", "import canopen_control; print(canopen_control.__file__)", cwd=empty)

@@ -19,8 +19,8 @@ DUMMIES = range(1, 8)
 
 
 def variable(od, index, subindex):
-    found = od[index]
-    return found if isinstance(found, theirs.ODVariable) else found[subindex]
+    result = od[index]
+    return result if isinstance(result, theirs.ODVariable) else result[subindex]
 
 
 def facts(variable):
@@ -62,25 +62,25 @@ def test_the_independent_reader_finds_the_same_groups(both):
 
 def test_what_we_give_is_what_it_reads(both):
     ours, independent = both
-    given = to_canopen(ours)
-    assert set(given) == set(independent) - set(DUMMIES)
+    inputs = to_canopen(ours)
+    assert set(inputs) == set(independent) - set(DUMMIES)
     for entry in ours:
-        here, there = (variable(od, entry.index, entry.subindex) for od in (given, independent))
+        here, there = (variable(od, entry.index, entry.subindex) for od in (inputs, independent))
         lost = {"default": None} if entry.data_type.is_real else {}  # by its reader of the file
         assert facts(here) | lost == facts(there)
-    device, other = given.device_information, independent.device_information
+    device, other = inputs.device_information, independent.device_information
     assert device.allowed_baudrates == other.allowed_baudrates
     assert (device.vendor_number, device.product_number) == (other.vendor_number, other.product_number)
     assert (device.nr_of_RXPDO, device.nr_of_TXPDO) == (other.nr_of_RXPDO, other.nr_of_TXPDO)
-    assert given.node_id == NODE
+    assert inputs.node_id == NODE
 
 
 def test_both_encode_every_default_alike(both):
     ours, _ = both
-    given = to_canopen(ours)
+    inputs = to_canopen(ours)
     for entry in ours:
         if entry.default is not None:
-            raw = variable(given, entry.index, entry.subindex).encode_raw(entry.default)
+            raw = variable(inputs, entry.index, entry.subindex).encode_raw(entry.default)
             assert raw == encode(entry.default, entry.data_type)
 
 
@@ -98,26 +98,26 @@ def test_negative_defaults_are_right_where_its_own_reader_is_wrong():
 
 def test_values_of_a_dcf_and_times_are_given_as_it_takes_them():
     od = parse(eds(ParameterValue=7, DefaultValue=6), eds("2001", data_type=12, DefaultValue=1)).od
-    given = to_canopen(od)
-    assert (given[0x2000].value, given[0x2000].default) == (7, 6)
-    assert given[0x2001].default == bytes((1, 0, 0, 0, 0, 0))
+    inputs = to_canopen(od)
+    assert (inputs[0x2000].value, inputs[0x2000].default) == (7, 6)
+    assert inputs[0x2001].default == bytes((1, 0, 0, 0, 0, 0))
 
 
 def test_compact_objects_are_all_there():
     text = section("1003", ParameterName="E", ObjectType=8, DataType=7, AccessType="ro", CompactSubObj=4)
-    given = to_canopen(parse(text).od)
-    assert list(given[0x1003].subindices) == [0, 1, 2, 3, 4]
+    inputs = to_canopen(parse(text).od)
+    assert list(inputs[0x1003].subindices) == [0, 1, 2, 3, 4]
 
 
 def test_a_var_with_subindices_becomes_a_group():
-    given = to_canopen(parse(eds("2000"), eds("2000sub1")).od)
-    assert isinstance(given[0x2000], theirs.ODRecord)
-    assert given[0x2000][1].data_type == DataType.UNSIGNED32
+    inputs = to_canopen(parse(eds("2000"), eds("2000sub1")).od)
+    assert isinstance(inputs[0x2000], theirs.ODRecord)
+    assert inputs[0x2000][1].data_type == DataType.UNSIGNED32
 
 
 def test_comments_and_bit_rate_are_given():
     od = parse(
         section("Comments", Line1="a", Line2="b"), section("DeviceComissioning", NodeID=9, Baudrate=125), eds()
     ).od
-    given = to_canopen(od)
-    assert (given.comments, given.bitrate, given.node_id) == ("a\nb", 125_000, 9)
+    inputs = to_canopen(od)
+    assert (inputs.comments, inputs.bitrate, inputs.node_id) == ("a\nb", 125_000, 9)

@@ -181,8 +181,8 @@ def test_a_boot_resets_identifies_configures_waits_for_a_heartbeat_and_starts():
     assert device.steps == ["reset", "identify", "configure", "heartbeat", "start"]
     assert device.commands == [NmtCommand.RESET_COMMUNICATION, NmtCommand.START]
     assert device.written == [(0x1017, 0, b"\x64\x00"), (0x6083, 0, b"\x01\0\0\0")]
-    found = (result.vendor_id, result.product_code, result.revision_number, result.serial_number)
-    assert found == (0x286, 0x4F6, 0x3001A, 7)
+    results = (result.vendor_id, result.product_code, result.revision_number, result.serial_number)
+    assert results == (0x286, 0x4F6, 0x3001A, 7)
     assert (result.supported_modes, result.writes, result.warnings) == (0xA5, 2, ())
 
 
@@ -212,9 +212,9 @@ ENDINGS = {
 }
 
 
-@pytest.mark.parametrize(("objects", "behaviour", "wanted", "letter", "words"), ENDINGS.values(), ids=ENDINGS)
-def test_what_ends_a_boot_has_the_letter_of_the_standard(objects, behaviour, wanted, letter, words):
-    identity = NodeIdentity(device_type=0x192, vendor_id=0x286, product_code=0x4F6, **wanted)
+@pytest.mark.parametrize(("objects", "behaviour", "expected", "letter", "words"), ENDINGS.values(), ids=ENDINGS)
+def test_what_ends_a_boot_has_the_letter_of_the_standard(objects, behaviour, expected, letter, words):
+    identity = NodeIdentity(device_type=0x192, vendor_id=0x286, product_code=0x4F6, **expected)
     with pytest.raises(BootError) as caught:
         booted(drive(objects, **behaviour), identity=identity)
     assert caught.value.letter == letter

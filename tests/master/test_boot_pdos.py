@@ -281,9 +281,9 @@ def test_an_unlisted_pdo_is_switched_off_once():
 def test_an_unlisted_pdo_that_stays_live_is_reported_and_a_listed_one_that_does_is_an_error():
     stubborn = {(0x1400, 1): READ_ONLY}
     assert "remains valid" in run(device(0x60400010, refuse=stubborn), UNLISTED, rpdos=()).warnings[0]
-    asked = [write(0x1400, 1, 0x80000203)]
+    requested = [write(0x1400, 1, 0x80000203)]
     with pytest.raises(BootError, match="RPDO 1 cannot be made invalid"):
-        run(device(0x60400010, refuse={**stubborn, (0x1600, 0): READ_ONLY}), asked, rpdos=())
+        run(device(0x60400010, refuse={**stubborn, (0x1600, 0): READ_ONLY}), requested, rpdos=())
 
 
 def test_an_unlisted_pdo_that_keeps_an_impossible_cob_id_is_not_called_live():

@@ -1,4 +1,4 @@
-"""What a bus has to carry, against figures worked out by hand."""
+"""Load of a bus, compared with figures calculated by hand."""
 
 import pytest
 

@@ -23,8 +23,8 @@ def test_pdos_that_wait_for_a_sync_that_is_not_sent_are_named(tmp_path):
     (warning,) = [note for note in warnings_of(write(tmp_path, text)) if "SYNC" in note]
     assert "bus.yml:1:" in warning
     assert "have no effect: TPDO 1 of left; set sync_period" in warning
-    told = warnings_of(write(tmp_path, text.replace("node_id: 1", "node_id: 1, sync_period: 20000")))
-    assert not [note for note in told if "no SYNC" in note]
+    reported = warnings_of(write(tmp_path, text.replace("node_id: 1", "node_id: 1, sync_period: 20000")))
+    assert not [note for note in reported if "no SYNC" in note]
     with pytest.raises(BusConfigError) as error:  # the key that is wrong explains it
         read_bus(write(tmp_path, text.replace("node_id: 1", "node_id: 1, sync_perod: 20000")))
     assert "no SYNC" not in str(error.value)
@@ -96,11 +96,11 @@ def test_a_node_that_is_indented_too_far_is_named(tmp_path, section):
         defaults: {dcf: TMCM-1270.eds}
         """
     inside = text.replace(f"{section}: {{", f"{section}: {{joint_1: {{node_id: 3}}, ")
-    said = mistakes(tmp_path, inside)
-    assert "unknown key 'joint_1'" in said
-    assert "indented too far" in said
+    message = mistakes(tmp_path, inside)
+    assert "unknown key 'joint_1'" in message
+    assert "indented too far" in message
     if section != "master":
-        assert "no nodes" not in said
+        assert "no nodes" not in message
     inside = text.replace("{dcf:", "{nodes: {joint_1: {node_id: 3}}, dcf:")
     assert "defaults.nodes: unknown key 'nodes'; write `nodes:` at the margin" in mistakes(tmp_path, inside)
 
@@ -108,9 +108,9 @@ def test_a_node_that_is_indented_too_far_is_named(tmp_path, section):
 @pytest.mark.parametrize("node_id", ["0", "x", "200"])
 def test_a_wrong_node_id_of_the_master_is_one_error(tmp_path, node_id):
     text = f"master: {{node_id: {node_id}}}\nnodes:\n  left: {{node_id: 1, dcf: TMCM-1270.eds}}\n"
-    found = mistakes(tmp_path, text)
-    assert "already used by the master" not in found
-    assert found.count("bus.yml:") == 1, found
+    result = mistakes(tmp_path, text)
+    assert "already used by the master" not in result
+    assert result.count("bus.yml:") == 1, result
 
 
 def test_the_length_of_a_mapped_object_may_be_given_and_is_compared(tmp_path):
@@ -197,17 +197,17 @@ def test_all_errors_are_reported_at_once_with_line_and_nearest_key(tmp_path):
             dcf: missing.eds
             node_id: 4
         """
-    said = mistakes(tmp_path, text)
+    message = mistakes(tmp_path, text)
     for line, words in ((1, "sync_period"), (5, "200"), (9, "heartbeat_producer"), (11, "missing.eds")):
-        assert f"bus.yml:{line}:" in said, said
-        assert words in said
-    assert "4 errors" in said
+        assert f"bus.yml:{line}:" in message, message
+        assert words in message
+    assert "4 errors" in message
 
 
 def test_two_nodes_with_one_node_id_name_each_other_and_the_line(tmp_path):
-    said = mistakes(tmp_path, NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 3}"))
-    assert "node-ID 3 is already used by left_drive" in said
-    assert "bus.yml:13:" in said
+    text = mistakes(tmp_path, NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 3}"))
+    assert "node-ID 3 is already used by left_drive" in text
+    assert "bus.yml:13:" in text
 
 
 def test_a_node_may_not_have_the_masters_id(tmp_path):
@@ -216,9 +216,9 @@ def test_a_node_may_not_have_the_masters_id(tmp_path):
 
 def test_objects_that_the_eds_lacks_are_errors_of_the_file(tmp_path):
     text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, sdo: [{index: 0x5999, value: 1}]}")
-    said = mistakes(tmp_path, text)
-    assert "0x5999:00 is not in TMCM-1270.eds" in said
-    assert "bus.yml:13:" in said
+    message = mistakes(tmp_path, text)
+    assert "0x5999:00 is not in TMCM-1270.eds" in message
+    assert "bus.yml:13:" in message
 
 
 def test_keys_of_the_other_stack_are_named_once(tmp_path):
@@ -274,8 +274,8 @@ TEN_MISTAKES = """\
 
 
 def test_ten_different_errors_are_ten_messages_with_the_right_lines(tmp_path):
-    said = mistakes(tmp_path, TEN_MISTAKES)
-    wanted = {
+    text = mistakes(tmp_path, TEN_MISTAKES)
+    expected = {
         1: "unknown key 'heartbeat_multiplyer' (did you mean 'heartbeat_multiplier'?)",
         4: "expected an integer, got the text '20ms'",
         5: "999 is not one of 10, 20, 50, 125, 250, 500, 800, 1000",
@@ -288,28 +288,28 @@ def test_ten_different_errors_are_ten_messages_with_the_right_lines(tmp_path):
         23: "counts_per_revolution and scale_pos_to_dev define the same scales",
     }
     source = textwrap.dedent(TEN_MISTAKES).splitlines()
-    for line, words in wanted.items():
-        message = next(part for part in said.split("\n") if f"bus.yml:{line}:" in part)
-        assert words in message, said
-        at = said.index(message)
-        shown, caret = said[at:].split("\n")[1:3]
+    for line, words in expected.items():
+        message = next(part for part in text.split("\n") if f"bus.yml:{line}:" in part)
+        assert words in message, text
+        at = text.index(message)
+        shown, caret = text[at:].split("\n")[1:3]
         assert shown.strip() == source[line - 1].strip()
         column = int(message.split("bus.yml:")[1].split(":")[1])
         assert caret.index("^") == 4 + column - 1
-    assert len(wanted) == 10
-    assert said.endswith("10 errors"), said
+    assert len(expected) == 10
+    assert text.endswith("10 errors"), text
 
 
 def test_an_unknown_section_alongside_nodes_is_not_a_silent_node(tmp_path):
-    said = mistakes(tmp_path, NESTED.replace("defaults:", "option: {}\n    defaults:"))
-    assert "unknown key 'option' (did you mean 'options'?)" in said
+    text = mistakes(tmp_path, NESTED.replace("defaults:", "option: {}\n    defaults:"))
+    assert "unknown key 'option' (did you mean 'options'?)" in text
 
 
 @pytest.mark.parametrize("key", ["inhibit_time: 3", "sync_start: 1", "event_timer: 7"])
 def test_a_time_of_tpdos_at_an_rpdo_without_it_is_a_note(tmp_path, key):
     bus = with_node(tmp_path, f"rpdo: {{1: {{{key}}}}}")
     name = key.partition(":")[0]
-    assert any(f"rpdo.1.{name}: has no meaning here: the setting is for TPDOs" in each for each in bus.notes)
+    assert any(f"rpdo.1.{name}: has no meaning here: the setting is for TPDOs" in note for note in bus.notes)
     assert all(write.address[0] != 0x1400 or write.subindex in (1, 2) for write in bus.plans["right_drive"].writes)
 
 
@@ -336,46 +336,46 @@ def test_vendor_and_product_are_those_of_bus_yml_before_the_edss(tmp_path, keys,
     bus = with_node(tmp_path, keys)
     identity = bus.plans["right_drive"].identity
     assert (identity.vendor_id, identity.product_code) == (vendor, product)
-    told = [each for each in bus.notes if "is required, but" in each]
-    assert len(told) == len(warned)
-    assert all(key in text for key, text in zip(warned, told, strict=True))
+    reported = [note for note in bus.notes if "is required, but" in note]
+    assert len(reported) == len(warned)
+    assert all(key in text for key, text in zip(warned, reported, strict=True))
 
 
 @pytest.mark.parametrize("kind", ["rpdo", "tpdo"])
 def test_a_pdo_that_the_device_does_not_have_is_off_already(tmp_path, kind):
     bus = with_node(tmp_path, f"{kind}: {{5: {{enabled: false}}}}")
-    assert not [each for each in bus.plans["right_drive"].writes if each.pdo == (kind, 5)]
+    assert not [item for item in bus.plans["right_drive"].writes if item.pdo == (kind, 5)]
 
 
 @pytest.mark.parametrize(
-    ("text", "wanted"),
+    ("text", "expected"),
     [
         ("can_interface_name: vcan0", "write `channel` under `master:`, or --can"),
         ("master_node_id: 1", "write `node_id` under `master:`"),
         ("slaves: {}", "write `nodes:`"),
     ],
 )
-def test_a_key_alongside_the_sections_is_reported_with_where_it_belongs(tmp_path, text, wanted):
-    assert wanted in mistakes(tmp_path, NESTED.replace("defaults:", f"{text}\n    defaults:"))
+def test_a_key_alongside_the_sections_is_reported_with_where_it_belongs(tmp_path, text, expected):
+    assert expected in mistakes(tmp_path, NESTED.replace("defaults:", f"{text}\n    defaults:"))
 
 
 @pytest.mark.parametrize("name", ["slaves", "drives", "node", "devices"])
 def test_nodes_under_another_name_are_one_error(tmp_path, name):
-    said = mistakes(tmp_path, NESTED.replace("nodes:", f"{name}:"))
-    assert f"unknown key '{name}'; write `nodes:`" in said
-    assert "errors" not in said
+    text = mistakes(tmp_path, NESTED.replace("nodes:", f"{name}:"))
+    assert f"unknown key '{name}'; write `nodes:`" in text
+    assert "errors" not in text
 
 
 def test_sections_that_are_indented_too_far_are_reported_and_no_missing_master(tmp_path):
-    said = mistakes(tmp_path, "options:\n  master: {node_id: 1}\nnodes:\n  a: {node_id: 2, dcf: TMCM-1270.eds}\n")
-    assert "write `master:` at the margin" in said
-    assert "no `master` section" not in said
+    text = mistakes(tmp_path, "options:\n  master: {node_id: 1}\nnodes:\n  a: {node_id: 2, dcf: TMCM-1270.eds}\n")
+    assert "write `master:` at the margin" in text
+    assert "no `master` section" not in text
 
 
 def test_two_live_pdos_with_one_cob_id_are_refused(tmp_path):
     text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, tpdo: {1: {cob_id: 0x183}}}")
-    said = "COB-ID 0x183 of TPDO 1 of right_drive is already used by TPDO 1 of left_drive"
-    assert f"{said}; write another cob_id, or `cob_id: auto`" in mistakes(tmp_path, text)
+    message = "COB-ID 0x183 of TPDO 1 of right_drive is already used by TPDO 1 of left_drive"
+    assert f"{message}; write another cob_id, or `cob_id: auto`" in mistakes(tmp_path, text)
 
 
 def test_cob_ids_of_one_node_id_in_an_eds_are_refused_with_the_keys_that_give_each_node_its_own(tmp_path):

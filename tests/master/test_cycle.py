@@ -225,7 +225,7 @@ def test_an_rpdo_with_a_deadline_is_repeated_in_half_of_it_and_another_one_as_be
     for pdo, node_id in ((watched, 3), (other, 4)):
         image.output(node_id, 0x6040).drive()
         pdo.start()
-    sent = [[each.count for each in (watched, other)] for _ in range(21) if image.collect() is not None]
+    sent = [[item.count for item in (watched, other)] for _ in range(21) if image.collect() is not None]
     assert sent[-1] == [5, 3]
 
 

@@ -73,9 +73,9 @@ def test_an_absent_server_is_a_timeout_and_nonsense_an_error_of_the_caller(bus):
 
 
 def test_all_nodes_are_asked_at_once_and_each_has_its_own_answer(bus):
-    wanted = [(node_id, 0x1018, sub) for node_id in range(1, 21) for sub in (2, 9)]
-    answers = bus.read_many(wanted)
-    assert set(answers) == set(wanted)
+    expected = [(node_id, 0x1018, sub) for node_id in range(1, 21) for sub in (2, 9)]
+    answers = bus.read_many(expected)
+    assert set(answers) == set(expected)
     assert answers[3, 0x1018, 2] == (1270).to_bytes(4, "little")
     assert isinstance(answers[3, 0x1018, 9], SdoAbort)
     assert answers[5, 0x1018, 2] == (0x402).to_bytes(4, "little")
@@ -145,8 +145,8 @@ def test_listening_receives_heartbeats_boot_ups_and_guarding_answers():
 def test_lss_finds_and_names_a_slave():
     slave = LssSlave(LssIdentity(0x286, 0x4F6, 1, 77))
     with OnBus("memory:lss", cores=(slave,)), DirectBus.open("memory:lss", timeout_s=0.1) as bus:
-        found = bus.lss(lambda master: master.fast_scan(vendor=0x286, product=0x4F6, revision=1, serial=77))
-        assert found == LssIdentity(0x286, 0x4F6, 1, 77)
+        result = bus.lss(lambda master: master.fast_scan(vendor=0x286, product=0x4F6, revision=1, serial=77))
+        assert result == LssIdentity(0x286, 0x4F6, 1, 77)
         bus.lss(lambda master: master.configure_node_id(9))
         assert bus.lss(lambda master: master.inquire("node_id")) == 255  # the new one counts after a reset
         bus.lss(lambda master: master.switch_global(LssMode.WAITING))

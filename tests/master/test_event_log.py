@@ -11,13 +11,13 @@ def warning(time, text="error frame: 3 of 5", kind="bus_error", node="", **more)
 
 def run(log, events, until):
     """Add events, and let time pass in steps of 100 ms; return what was told, with when."""
-    told, events = [], sorted(events, key=lambda event: event.time)
+    reported, events = [], sorted(events, key=lambda event: event.time)
     for now in range(0, until, S // 10):
         while events and events[0].time <= now:
-            told += [(now, each) for each in log.add(events.pop(0))]
+            reported += [(now, item) for item in log.add(events.pop(0))]
         if now >= log.due:
-            told += [(now, each) for each in log.tick(now)]
-    return told
+            reported += [(now, item) for item in log.tick(now)]
+    return reported
 
 
 def test_each_event_is_taken_once():
@@ -41,27 +41,27 @@ def test_an_unread_queue_keeps_the_newest_and_counts_the_rest():
 def test_fifty_thousand_error_frames_are_a_handful_of_lines_and_one_entry_with_its_count():
     log = EventLog()
     flood = [warning(number * 200_000, f"error frame: {number} of 5") for number in range(50_000)]  # ten seconds
-    told = run(log, flood, 60 * S)
-    assert len(told) <= 5
-    assert told[0][1].sentence == "error frame: 0 of 5"
-    assert told[-1][1].sentence == "error frame: 49999 of 5 (50000 times in 10.0 s)"
+    reported = run(log, flood, 60 * S)
+    assert len(reported) <= 5
+    assert reported[0][1].sentence == "error frame: 0 of 5"
+    assert reported[-1][1].sentence == "error frame: 49999 of 5 (50000 times in 10.0 s)"
     (entry,) = log.recent
     assert (entry.count, entry.since, entry.time) == (50_000, 0, 49_999 * 200_000)
-    assert len(log.take()) == len(told)
+    assert len(log.take()) == len(reported)
 
 
 def test_one_that_continues_for_hours_is_reported_once_a_minute():
     log = EventLog()
-    told = run(log, [warning(number * S) for number in range(3600)], 3600 * S)
-    assert 3600 / 64 <= len(told) <= 3600 / 64 + 10
-    assert WIDEST_WINDOW_NS >= told[-1][0] - told[-2][0] >= WIDEST_WINDOW_NS - S
+    reported = run(log, [warning(number * S) for number in range(3600)], 3600 * S)
+    assert 3600 / 64 <= len(reported) <= 3600 / 64 + 10
+    assert WIDEST_WINDOW_NS >= reported[-1][0] - reported[-2][0] >= WIDEST_WINDOW_NS - S
 
 
 def test_what_comes_again_after_a_while_is_reported_at_once():
     log = EventLog()
-    told = run(log, [warning(0), warning(S), warning(30 * S)], 60 * S)
-    assert [(now, event.count) for now, event in told] == [(0, 1), (FIRST_WINDOW_NS, 2), (30 * S, 1)]
-    assert told[1][1].sentence == "error frame: 3 of 5 (2 times in 1.0 s)"
+    reported = run(log, [warning(0), warning(S), warning(30 * S)], 60 * S)
+    assert [(now, event.count) for now, event in reported] == [(0, 1), (FIRST_WINDOW_NS, 2), (30 * S, 1)]
+    assert reported[1][1].sentence == "error frame: 3 of 5 (2 times in 1.0 s)"
 
 
 def test_other_nodes_kinds_codes_and_node_ids_are_others():
@@ -90,8 +90,8 @@ def test_deliberate_acts_and_good_news_are_reported_each_unless_they_flood():
 
 def test_what_counts_more_than_one_by_itself_is_summed():
     log = EventLog()
-    told = run(log, [warning(0, "cycle missed", count=3), warning(S, "cycle missed", count=4)], 10 * S)
-    assert [event.sentence for _, event in told] == ["cycle missed (3 times)", "cycle missed (7 times in 1.0 s)"]
+    reported = run(log, [warning(0, "cycle missed", count=3), warning(S, "cycle missed", count=4)], 10 * S)
+    assert [event.sentence for _, event in reported] == ["cycle missed (3 times)", "cycle missed (7 times in 1.0 s)"]
 
 
 def test_the_end_reports_what_is_counted_and_not_reported():

@@ -49,14 +49,14 @@ def names(cls):
 @functools.cache
 def read_attributes():
     """Every attribute and every string that the package uses, outside the schema itself."""
-    found = set()
+    result = set()
     for path in PACKAGE.rglob("*.py"):
         if path.name == "keys.py":
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Attribute):
-                found.add(node.attr)
-    return found
+                result.add(node.attr)
+    return result
 
 
 UNUSED = {MasterConfig: UNUSED_MASTER, NodeConfig: UNUSED_NODE}

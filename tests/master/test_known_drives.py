@@ -34,9 +34,9 @@ def of_vendor(vendor, *, product_name=""):
 
 def findings(path):
     return [
-        each
-        for each in check_robot(find_robot(str(path)), CheckOptions()).findings
-        if "and such drives need" in each.text
+        finding
+        for finding in check_robot(find_robot(str(path)), CheckOptions()).findings
+        if "and such drives need" in finding.text
     ]
 
 
@@ -55,8 +55,8 @@ def findings(path):
     ],
 )
 def test_a_drive_is_known_by_its_identity_or_else_by_its_name(vendor, product, words, name):
-    found = known_drive(vendor, product, words)
-    assert (None if found is None else found.name) == name
+    result = known_drive(vendor, product, words)
+    assert (None if result is None else result.name) == name
 
 
 def test_what_a_user_has_written_is_not_proposed():
@@ -72,10 +72,10 @@ def test_what_a_user_has_written_is_not_proposed():
 
 
 def test_check_proposes_a_key_with_its_source_and_is_silent_where_it_is_given(tmp_path):
-    found = findings(folder(tmp_path, "csp", edit=of_vendor(ELMO)))
-    assert {each.severity for each in found} == {Severity.NOTE}
-    assert "pan_drive is recognized as Elmo" in found[0].text
-    assert "`enable_settle_ms: 600`: set-points count when the brake has lifted (jsd#48)" in found[0].text
+    result = findings(folder(tmp_path, "csp", edit=of_vendor(ELMO)))
+    assert {item.severity for item in result} == {Severity.NOTE}
+    assert "pan_drive is recognized as Elmo" in result[0].text
+    assert "`enable_settle_ms: 600`: set-points count when the brake has lifted (jsd#48)" in result[0].text
     assert findings(folder(tmp_path, "csp", edit=of_vendor(ELMO), keys="enable_settle_ms: 0")) == []
     assert findings(folder(tmp_path, "csp")) == []
 
@@ -88,7 +88,7 @@ def test_a_new_bus_yml_has_the_keys_as_comments_with_their_sources(tmp_path, ven
     (place,) = [number for number, line in enumerate(text.splitlines()) if key in line]
     assert re.search(r"# (ELMO|DELTA): .* \(.*#\d+.*\):", text.splitlines()[place - 1])
     assert "enable_settle_ms" not in yaml.safe_load(text)["defaults"]
-    assert not any(each.get("index") == 0x1006 for each in yaml.safe_load(text)["defaults"]["sdo"])
+    assert not any(item.get("index") == 0x1006 for item in yaml.safe_load(text)["defaults"]["sdo"])
 
 
 def test_scan_names_what_is_known_of_drives():

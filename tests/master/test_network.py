@@ -1,4 +1,4 @@
-"""Frames in, frames out: routing, supervision, and what a flood or garbage may do (nothing)."""
+"""Routing, supervision, and the (absent) effect of floods and invalid frames."""
 
 import pytest
 from hypothesis import given, settings
@@ -107,9 +107,9 @@ def test_an_emcy_of_three_bytes_counts_and_one_of_fewer_is_dropped_and_counted(l
     net, events = network()
     net.start(0)
     node = net.nodes["left_drive"]
-    told = len(events)
+    reported = len(events)
     feed(net, 1, "083#" + "1043090201000000"[: 2 * length])
-    assert [event.kind for event in events[told:]] == ["emcy"] * (length >= 3)
+    assert [event.kind for event in events[reported:]] == ["emcy"] * (length >= 3)
     assert node.log.errors.active == (0x4310,) * (length >= 3)
     assert node.log.errors.malformed == (length < 3)
 
@@ -121,12 +121,12 @@ def test_rpdos_are_not_sent_before_the_node_is_operational(net):
 
 
 def test_an_external_sync_is_received_and_not_sent_and_missing_answers_are_counted(net):
-    heard = []
-    net.hear_sync(heard.append)
+    frames_received = []
+    net.hear_sync(frames_received.append)
     assert 0x80 in net.identifiers
     feed(net, 7, "080#")
     feed(net, 9, "080#05")
-    assert heard == [7 * MS, 9 * MS] or heard == [7, 9]
+    assert frames_received == [7 * MS, 9 * MS] or frames_received == [7, 9]
     assert net.unknown == 0
     received = net.nodes["left_drive"].received[1]
     received.expected = True
@@ -137,17 +137,17 @@ def test_an_external_sync_is_received_and_not_sent_and_missing_answers_are_count
     assert received.silent > before
 
 
-@pytest.mark.parametrize(("between", "told"), [(20, 0), (19, 0), (10, 1)])
-def test_a_sync_alongside_the_kernels_is_another_masters(between, told):
+@pytest.mark.parametrize(("between", "reported"), [(20, 0), (19, 0), (10, 1)])
+def test_a_sync_alongside_the_kernels_is_another_masters(between, reported):
     net, events = network()
     net.start(0)
     net.hear_sync(lambda _now: None)
     for ms in range(0, 4000, between):
         feed(net, ms * MS, "080#")
         net.tick(ms * MS)
-    found = [event.text for event in events if event.kind == "other_master"]
-    assert len(found) == told
-    assert all("SYNC 0x080 in addition to the kernel's" in text for text in found)
+    texts = [event.text for event in events if event.kind == "other_master"]
+    assert len(texts) == reported
+    assert all("SYNC 0x080 in addition to the kernel's" in text for text in texts)
 
 
 frames = st.builds(
@@ -278,10 +278,10 @@ def test_a_guarded_node_is_guarded_before_it_is_started(tmp_path):
     answers = Answers(net, 3)
     for ms in range(0, 3000, 20):
         answers.serve(ms * MS)
-    asked = [frame for frame in answers.log if frame.can_id == 0x703 | REMOTE_FLAG]
+    requested = [frame for frame in answers.log if frame.can_id == 0x703 | REMOTE_FLAG]
     started = next(number for number, frame in enumerate(answers.log) if frame.data == b"\x01\x03")
-    assert asked
-    assert answers.log.index(asked[0]) < started
+    assert requested
+    assert answers.log.index(requested[0]) < started
     assert net.nodes["left_drive"].ready
     answers.deaf = True
     for ms in range(3000, 4000, 20):
@@ -303,8 +303,8 @@ def test_a_guarded_node_that_is_taken_out_shows_its_state_and_is_asked_on():
     before = len(answers.log)
     for ms in range(1000, 2000, 20):
         answers.serve(ms * MS)
-    asked = [frame for frame in answers.log[before:] if frame.can_id == 0x703 | REMOTE_FLAG]
-    assert len(asked) == pytest.approx(10, abs=1)  # else the node takes its master for lost: EMCY 0x8130
+    requested = [frame for frame in answers.log[before:] if frame.can_id == 0x703 | REMOTE_FLAG]
+    assert len(requested) == pytest.approx(10, abs=1)  # else the node takes its master for lost: EMCY 0x8130
     assert node.nmt_state is NmtState.PRE_OPERATIONAL
     answers.deaf = True
     for ms in range(2000, 4000, 20):
@@ -433,9 +433,9 @@ def test_a_heartbeat_period_that_is_written_by_sdo_is_expected_from_then_on():
         now += 40 * MS
         answers.serve(now)
         net.receive(beat, now, now)
-    told = [event.text for event in events if event.node == "left_drive"]
-    assert any("0x1017 was set to 40 ms by SDO" in text for text in told)
-    assert not any("two devices" in text or "heartbeats" in text for text in told), told
+    texts = [event.text for event in events if event.node == "left_drive"]
+    assert any("0x1017 was set to 40 ms by SDO" in text for text in texts)
+    assert not any("two devices" in text or "heartbeats" in text for text in texts), texts
     for _ in range(20):
         now += 20 * MS
         answers.serve(now)

@@ -1,4 +1,4 @@
-"""Another master on the bus is named within a second, once, with what it sends."""
+"""Another master on the bus is reported within a second, once, with the frames it sends."""
 
 import contextlib
 

@@ -1,4 +1,4 @@
-"""One node of a bus.yml: its defaults, its keys under wrong names and at wrong places, and what they mean together."""
+"""A node of a bus.yml: defaults, misspelt and misplaced keys, and combinations of keys."""
 
 import re
 
@@ -15,13 +15,13 @@ def test_peer_merge_lets_whole_defaults_win_and_either_way_the_difference_is_rep
     assert sorted(ours.nodes["left"].boot.rpdo) == [1, 2]
     assert theirs.nodes["left"].supervision.heartbeat_producer == 100
     assert sorted(theirs.nodes["left"].boot.rpdo) == [1]
-    told = [note for note in ours.notes if "bus.yml:9:" in note]
+    reported = [note for note in ours.notes if "bus.yml:9:" in note]
     assert (
         "the node's own heartbeat_producer is used; ros2_canopen would use 100 from `defaults` (--peer-merge)"
-        in told[0]
+        in reported[0]
     )
-    told = [note for note in theirs.notes if "bus.yml:9:" in note]
-    assert "heartbeat_producer: 50, but --peer-merge uses 100 from `defaults`" in told[0]
+    reported = [note for note in theirs.notes if "bus.yml:9:" in note]
+    assert "heartbeat_producer: 50, but --peer-merge uses 100 from `defaults`" in reported[0]
     assert [note for note in ours.notes if "bus.yml:10:" in note]
 
 
@@ -90,10 +90,10 @@ def test_scales_that_do_not_cancel_are_doubted(tmp_path):
 
 def test_a_misspelt_key_is_one_error_and_its_value_is_read(tmp_path):
     text = NESTED.replace("dcf: TMCM-1270.eds", "eds: TMCM-1271.eds")
-    said = mistakes(tmp_path, text)
-    assert "unknown key 'eds'; write `dcf`" in said
-    assert "missing key" not in said
-    assert "file 'TMCM-1271.eds' not found" in said
+    message = mistakes(tmp_path, text)
+    assert "unknown key 'eds'; write `dcf`" in message
+    assert "missing key" not in message
+    assert "file 'TMCM-1271.eds' not found" in message
 
 
 def test_pdos_written_as_keys_of_their_own_are_one_error_each_and_are_read(tmp_path):
@@ -101,11 +101,11 @@ def test_pdos_written_as_keys_of_their_own_are_one_error_each_and_are_read(tmp_p
     text = (
         "master: {node_id: 1}\nnodes:\n  left: {node_id: 2, dcf: TMCM-1270.eds, tpdo1: %s, rpdo1: {enabled: false}}\n"
     )
-    found = mistakes(tmp_path, text % full)
-    assert "unknown key 'tpdo1'; write `1:` under `tpdo:`" in found
-    assert "unknown key 'rpdo1'; write `1:` under `rpdo:`" in found
-    assert "the mapping has 80 bits, a PDO at most 64" in found
-    assert "expected" not in found
+    result = mistakes(tmp_path, text % full)
+    assert "unknown key 'tpdo1'; write `1:` under `tpdo:`" in result
+    assert "unknown key 'rpdo1'; write `1:` under `rpdo:`" in result
+    assert "the mapping has 80 bits, a PDO at most 64" in result
+    assert "expected" not in result
 
 
 def test_pdo_keys_next_to_pdo_numbers_are_one_error(tmp_path):
@@ -124,17 +124,17 @@ def test_pdo_keys_next_to_pdo_numbers_are_one_error(tmp_path):
           enabled: true
           mapping: [{index: 0x6064}, {index: 0x606C}]
     """
-    found = mistakes(tmp_path, text)
-    assert "'enabled' belongs to a PDO: indent the keys of each PDO below its number, `1:`" in found
-    assert found.count("bus.yml:") == 1, found
+    result = mistakes(tmp_path, text)
+    assert "'enabled' belongs to a PDO: indent the keys of each PDO below its number, `1:`" in result
+    assert result.count("bus.yml:") == 1, result
 
 
 def test_a_misspelt_key_of_a_node_and_of_defaults_is_not_a_question_of_which_one_counts(tmp_path):
     text = NESTED.replace("dcf: TMCM-1270.eds", "dcf: TMCM-1270.eds\n      driver_name: proxy")
     text = text.replace("{node_id: 2}", "{node_id: 2, driver_name: drive}")
-    found = mistakes(tmp_path, text)
-    assert "unknown key 'driver_name'; write `driver`" in found
-    assert "counts; ros2_canopen" not in found
+    result = mistakes(tmp_path, text)
+    assert "unknown key 'driver_name'; write `driver`" in result
+    assert "counts; ros2_canopen" not in result
 
 
 def test_a_third_party_driver_is_named_and_its_keys_are_not_errors(tmp_path):
@@ -162,8 +162,8 @@ def test_a_key_near_one_that_is_there_too_has_no_effect(tmp_path):
 def test_a_retry_factor_of_0_is_for_nodes_without_guarding(tmp_path):
     text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, retry_factor: 0}")
     assert read_bus(write(tmp_path, text)).nodes["right_drive"].supervision.retry_factor == 0
-    said = mistakes(tmp_path, text.replace("factor: 0", "factor: 0, guard_time: 100"))
-    assert "0 switches node guarding off, but guard_time is set" in said
+    message = mistakes(tmp_path, text.replace("factor: 0", "factor: 0, guard_time: 100"))
+    assert "0 switches node guarding off, but guard_time is set" in message
 
 
 def test_a_nodes_own_keys_win_over_the_defaults_at_every_depth(tmp_path):
@@ -203,7 +203,7 @@ def test_what_cannot_be_is_reported_at_its_key(tmp_path, keys, words):
 
 @pytest.mark.parametrize("key", ["line: 3", "mandatory_slave_heartbeat: 2000", "foo_bar: {a: 1}"])
 def test_a_key_that_no_other_one_is_like_is_reported_and_without_effect(tmp_path, key):
-    (note,) = [each for each in with_node(tmp_path, key).notes if "unknown key" in each]
+    (note,) = [item for item in with_node(tmp_path, key).notes if "unknown key" in item]
     assert "has no effect, neither here nor in ros2_canopen" in note
 
 
@@ -221,13 +221,13 @@ def test_a_similar_key_is_an_error_only_if_it_could_be_added(tmp_path, keys, is_
     if is_error:
         assert "unknown key 'gearbox_ratio' (did you mean 'gear_ratio'?)" in mistakes_of_a_node(tmp_path, keys)
     else:
-        (note,) = [each for each in with_node(tmp_path, keys).notes if "unknown key" in each]
+        (note,) = [item for item in with_node(tmp_path, keys).notes if "unknown key" in item]
         assert "has no effect, neither here nor in ros2_canopen" in note
 
 
 def test_a_name_of_the_master_is_reported_and_without_effect(tmp_path):
     text = NESTED.replace("node_id: 1\n", "node_id: 1\n      name: master\n")
-    (note,) = [each for each in read_bus(write(tmp_path, text)).notes if "unknown key" in each]
+    (note,) = [item for item in read_bus(write(tmp_path, text)).notes if "unknown key" in item]
     assert "master.name: unknown key 'name' has no effect" in note
 
 

@@ -41,9 +41,9 @@ def test_without_a_channel_it_is_that_of_the_bus_yml():
 
 def meanings(layout, node):
     """Return (factor, offset, unit) of the objects of a node that have a unit."""
-    [found] = [each for each in layout.nodes if each.name == node]
-    objects = [each for pdo in found.pdos for each in pdo.objects if each.unit]
-    return {each.index: (pytest.approx(each.factor), pytest.approx(each.offset), each.unit) for each in objects}
+    [result] = [item for item in layout.nodes if item.name == node]
+    objects = [item for pdo in result.pdos for item in pdo.objects if item.unit]
+    return {item.index: (pytest.approx(item.factor), pytest.approx(item.offset), item.unit) for item in objects}
 
 
 def robby_with(tmp_path, *lines, without=("counts_per_revolution", "gear_ratio", "reversed", "scale_")):
@@ -67,13 +67,13 @@ def test_numbers_have_the_factor_and_unit_of_bus_yml():
 
 
 def test_a_prismatic_joint_has_metres_and_offsets_belong_to_positions(tmp_path):
-    given = (
+    inputs = (
         "scale_pos_to_dev: 4000",
         "scale_pos_from_dev: 0.00025",
         "offset_pos_to_dev: 100",
         "offset_pos_from_dev: -0.025",
     )
-    config = robby_with(tmp_path, *given, "scale_vel_to_dev: 2000", "scale_vel_from_dev: 0.0005")
+    config = robby_with(tmp_path, *inputs, "scale_vel_to_dev: 2000", "scale_vel_from_dev: 0.0005")
     assert meanings(layout_of(config, linear={("left_drive", 0)}), "left_drive") == {
         0x607A: (0.00025, -0.025, "m"),
         0x60FF: (0.0005, 0, "m/s"),
@@ -84,8 +84,8 @@ def test_a_prismatic_joint_has_metres_and_offsets_belong_to_positions(tmp_path):
 
 def test_what_bus_yml_does_not_report_has_no_unit(tmp_path):
     assert meanings(layout_of(robby_with(tmp_path), linear=()), "left_drive") == {}
-    given = robby_with(tmp_path, "scale_pos_to_dev: 1000.0", "scale_pos_from_dev: 0.001")
-    assert set(meanings(layout_of(given, linear=()), "left_drive")) == {0x607A, 0x6064}, (
+    inputs = robby_with(tmp_path, "scale_pos_to_dev: 1000.0", "scale_pos_from_dev: 0.001")
+    assert set(meanings(layout_of(inputs, linear=()), "left_drive")) == {0x607A, 0x6064}, (
         "as upstream's default, but said"
     )
 

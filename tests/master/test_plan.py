@@ -1,4 +1,4 @@
-"""What a node is told before it may run, against the golden writes of the robby tutorial."""
+"""Writes to a node before it may run, compared with the golden writes of the robby tutorial."""
 
 import json
 import textwrap
@@ -120,7 +120,7 @@ def read_plan(folder, node="", dcf="generic_cia402.eds", defaults="{}"):
         f"master: {{node_id: 1}}\ndefaults: {defaults}\nnodes:\n  drive:\n    dcf: {dcf}\n    node_id: 3\n{keys}"
     )
     config, problems = inspect_bus(path)
-    return config.plans["drive"], config.notes, [str(each) for each in problems.errors]
+    return config.plans["drive"], config.notes, [str(error) for error in problems.errors]
 
 
 def final(plan, index, subindex=0, unwritten=None):
@@ -137,8 +137,10 @@ def test_a_cycle_in_which_the_heartbeat_is_too_late_for_the_nodes_is_reported(tm
         f"master: {{node_id: 1, sync_period: {period}}}\n"
         "nodes: {drive: {dcf: generic_cia402.eds, node_id: 3, heartbeat_multiplier: 3}}\n"
     )
-    told = [str(each) for each in inspect_bus(path)[1].warnings if "reports the master as lost" in str(each)]
-    assert [words in text for text in told] == ([True] if words else [])
+    reported = [
+        str(warning) for warning in inspect_bus(path)[1].warnings if "reports the master as lost" in str(warning)
+    ]
+    assert [words in text for text in reported] == ([True] if words else [])
 
 
 def test_supervision_is_written_last_and_a_file_does_not_switch_it_off(tmp_path):
@@ -243,8 +245,8 @@ def test_guarding_is_advised_only_where_the_node_has_it(tmp_path, guarded, words
     text = text if guarded else text.replace("[100C]", "[500C]").replace("[100D]", "[500D]")
     (tmp_path / "silent.eds").write_text(text)
     _, notes, _ = read_plan(tmp_path, dcf="silent.eds")
-    (told,) = [note for note in notes if "the master cannot detect the loss of this node" in note]
-    assert words in told
+    (reported,) = [note for note in notes if "the master cannot detect the loss of this node" in note]
+    assert words in reported
 
 
 def test_what_a_device_beats_without_end_is_watched_instead_of_guarding(tmp_path):
@@ -320,7 +322,7 @@ def test_a_pdo_that_the_sdo_list_configures_is_one_that_bus_yml_lists(tmp_path):
     listed = f"sdo: [{mapping}, {{index: 0x1802, sub_index: 1, value: 0x383}}]"
     plan, _, errors = read_plan(tmp_path, listed)
     assert not errors
-    assert [(each.number, each.cob_id, [o.index for o in each.objects]) for each in plan.tpdos] == [
+    assert [(tpdo.number, tpdo.cob_id, [o.index for o in tpdo.objects]) for tpdo in plan.tpdos] == [
         (3, 0x383, [0x606C])
     ]
     order = [(w.index, w.subindex) for w in plan.writes if w.index in (0x1802, 0x1A02)]
@@ -347,15 +349,15 @@ def test_the_sdo_list_does_not_enable_a_drive(tmp_path, values):
         assert sum(f"sdo[{number}]: 0x6040 = 0x{value:X} is not written" in note for note in dict.fromkeys(notes)) == 1
 
 
-@pytest.mark.parametrize(("word", "told"), [(0x0F, 1), (0, 0)])
-def test_a_file_does_not_enable_a_drive(tmp_path, word, told):
+@pytest.mark.parametrize(("word", "reported"), [(0x0F, 1), (0, 0)])
+def test_a_file_does_not_enable_a_drive(tmp_path, word, reported):
     (tmp_path / "on.bin").write_bytes(
         encode_concise(((0x6040, 0, word.to_bytes(2, "little")), (0x6083, 0, b"\5\0\0\0")))
     )
     plan, notes, errors = read_plan(tmp_path, "configuration_file: on.bin")
     assert not errors
     assert (written(plan, 0x6040), written(plan, 0x6083)) == ([], [(0, "05000000")])
-    assert sum("0x6040 = 0xF from on.bin is not written" in note for note in dict.fromkeys(notes)) == told
+    assert sum("0x6040 = 0xF from on.bin is not written" in note for note in dict.fromkeys(notes)) == reported
 
 
 def test_the_sdo_list_does_not_enable_a_second_axis(tmp_path):
@@ -387,7 +389,7 @@ def saved_for(folder, node_id, object_name="Node-ID"):
 
 
 @pytest.mark.parametrize(
-    ("saved", "keys", "name", "told"),
+    ("saved", "keys", "name", "reported"),
     [
         (7, "", "Node-ID", ["RPDO 1 0x207", "Node-ID (0x2F00) = 7"]),
         (7, "rpdo: {1: {cob_id: auto}}", "Node ID", ["Node ID (0x2F00) = 7"]),
@@ -395,11 +397,11 @@ def saved_for(folder, node_id, object_name="Node-ID"):
         (3, "", "Node-ID", []),
     ],
 )
-def test_a_dcf_that_was_saved_for_another_node_is_reported(tmp_path, saved, keys, name, told):
+def test_a_dcf_that_was_saved_for_another_node_is_reported(tmp_path, saved, keys, name, reported):
     _, notes, errors = read_plan(tmp_path, keys, saved_for(tmp_path, saved, name))
     assert not errors
-    found = [note for note in dict.fromkeys(notes) if "was saved for node" in note]
-    assert len(found) == bool(told)
-    for text in told:
-        assert text in found[0]
-    assert not found or "saved for node 7, and node 3 gets values of that node" in found[0]
+    result = [note for note in dict.fromkeys(notes) if "was saved for node" in note]
+    assert len(result) == bool(reported)
+    for text in reported:
+        assert text in result[0]
+    assert not result or "saved for node 7, and node 3 gets values of that node" in result[0]

@@ -32,7 +32,7 @@ def read_of_plan_interpolation(folder, period, asked):
     assert not problems.errors, problems.errors
     writes = [write for write in config.plans["joint_1_drive"].writes if write.index == 0x60C2]
     values = tuple(int.from_bytes(write.data, "little", signed=write.subindex == 2) for write in writes)
-    return values, [str(each) for each in problems.warnings if "60C2" in str(each)]
+    return values, [str(warning) for warning in problems.warnings if "60C2" in str(warning)]
 
 
 def test_another_time_in_a_dcf_is_reported_at_the_file(tmp_path):
@@ -44,9 +44,9 @@ def test_another_time_in_a_dcf_is_reported_at_the_file(tmp_path):
         "master: {node_id: 1, sync_period: 20000}\nnodes:\n  lift:\n    node_id: 2\n    dcf: drive.dcf\n    sdo:\n"
         "      - {index: 0x6081, sub_index: 0, value: 5}\n"
     )
-    (told,) = [str(each) for each in inspect_bus(path)[1].warnings if "60C2" in str(each)]
-    assert "bus.yml:5:" in told
-    assert "0x60C2 is 10 * 10^-3 s" in told
+    (reported,) = [str(warning) for warning in inspect_bus(path)[1].warnings if "60C2" in str(warning)]
+    assert "bus.yml:5:" in reported
+    assert "0x60C2 is 10 * 10^-3 s" in reported
 
 
 @pytest.mark.parametrize(
@@ -81,21 +81,21 @@ def test_a_period_that_the_object_cannot_hold_is_reported_with_what_to_do(tmp_pa
 @pytest.mark.parametrize(("value", "exponent"), [(2, -2), (200, -4), (20, -3)])
 def test_the_same_time_in_another_unit_is_not_an_error(tmp_path, value, exponent):
     lines = [f"    - {{index: 0x60C2, sub_index: {sub}, value: {each}}}\n" for sub, each in ((1, value), (2, exponent))]
-    asked = "".join(lines)
-    values, warnings = read_of_plan_interpolation(tmp_path, 20000, asked)
+    requested = "".join(lines)
+    values, warnings = read_of_plan_interpolation(tmp_path, 20000, requested)
     assert (values, warnings) == ((value, exponent), [])
 
 
 @pytest.mark.parametrize(
-    "asked",
+    "requested",
     [
         "    - {index: 0x60C2, sub_index: 1, value: 50}\n    - {index: 0x60C2, sub_index: 2, value: -3}\n",
         "    - {index: 0x60C2, sub_index: 1, value: 0}\n    - {index: 0x60C2, sub_index: 2, value: -3}\n",
         "    - {index: 0x60C2, sub_index: 1, value: 200}\n",  # in the unit that the EDS has
     ],
 )
-def test_another_time_than_syncs_is_reported_with_where_it_stands(tmp_path, asked):
-    _, warnings = read_of_plan_interpolation(tmp_path, 20000, asked)
+def test_another_time_than_syncs_is_reported_with_where_it_stands(tmp_path, requested):
+    _, warnings = read_of_plan_interpolation(tmp_path, 20000, requested)
     assert len(warnings) == 1
     assert "remove 0x60C2, the boot writes the SYNC period" in warnings[0]
     assert "bus.yml:20:7: defaults.sdo[1]" in warnings[0]
@@ -117,8 +117,8 @@ def rpdos(folder, asked, *edits):
     config, problems = inspect_bus(path)
     assert not problems.errors, problems.errors
     plan = config.plans["joint_1_drive"]
-    found = {each.number: (each.transmission_type, [mapped.index for mapped in each.objects]) for each in plan.rpdos}
-    return found, [str(each) for each in problems.warnings]
+    result = {rpdo.number: (rpdo.transmission_type, [mapped.index for mapped in rpdo.objects]) for rpdo in plan.rpdos}
+    return result, [str(warning) for warning in problems.warnings]
 
 
 def test_nothing_is_mapped_unless_it_is_asked_for(tmp_path):
@@ -126,14 +126,14 @@ def test_nothing_is_mapped_unless_it_is_asked_for(tmp_path):
 
 
 def test_without_space_next_to_the_target_an_unused_rpdo_is_used_with_its_transmission(tmp_path):
-    found, warnings = rpdos(tmp_path, "[velocity, effort]")
-    assert found == {1: (1, [0x6040, 0x6060, 0x607A]), 2: (1, [0x60B1, 0x60B2])}
+    result, warnings = rpdos(tmp_path, "[velocity, effort]")
+    assert result == {1: (1, [0x6040, 0x6060, 0x607A]), 2: (1, [0x60B1, 0x60B2])}
     assert warnings == []
 
 
 def test_it_follows_the_target_position_if_it_fits(tmp_path):
-    found, warnings = rpdos(tmp_path, "[effort]", (MODE, ""))
-    assert found == {1: (1, [0x6040, 0x607A, 0x60B2])}
+    result, warnings = rpdos(tmp_path, "[effort]", (MODE, ""))
+    assert result == {1: (1, [0x6040, 0x607A, 0x60B2])}
     assert warnings == []
 
 
@@ -143,15 +143,15 @@ def test_of_two_pdos_with_space_the_one_with_the_target_position_is_used(tmp_pat
     text = (data_path("config", "arm6") / "bus.yml").read_text()
     begin = text.index("  rpdo:\n")
     old = text[begin : text.index("    3: {enabled: false}\n", begin)]
-    found, _ = rpdos(tmp_path, "[velocity]", (old, "  rpdo:\n" + first + second))
-    assert found == {1: (1, [0x6040]), 2: (1, [0x607A, 0x60B1])}
+    result, _ = rpdos(tmp_path, "[velocity]", (old, "  rpdo:\n" + first + second))
+    assert result == {1: (1, [0x6040]), 2: (1, [0x607A, 0x60B1])}
 
 
 def test_what_bus_yml_maps_already_is_not_mapped_again(tmp_path):
     mapped = "    2: {transmission: 1, mapping: [{index: 0x60B1}]}\n"
-    found, _ = rpdos(tmp_path, "[velocity]", ("  rpdo:\n", "  rpdo:\n" + mapped), (_DISABLED, ""))
-    assert found[2] == (1, [0x60B1])
-    assert sum(0x60B1 in indices for _, indices in found.values()) == 1
+    result, _ = rpdos(tmp_path, "[velocity]", ("  rpdo:\n", "  rpdo:\n" + mapped), (_DISABLED, ""))
+    assert result[2] == (1, [0x60B1])
+    assert sum(0x60B1 in indices for _, indices in result.values()) == 1
 
 
 _DISABLED = """        - {index: 0x607A, sub_index: 0}   # target position
@@ -159,14 +159,16 @@ _DISABLED = """        - {index: 0x607A, sub_index: 0}   # target position
 """
 
 
-@pytest.mark.parametrize("asked", ["[speed]", "velocity", "[velocity, 3]"])
-def test_what_cannot_be_fed_forward_is_refused_with_its_place(tmp_path, asked):
+@pytest.mark.parametrize("requested", ["[speed]", "velocity", "[velocity, 3]"])
+def test_what_cannot_be_fed_forward_is_refused_with_its_place(tmp_path, requested):
     target = tmp_path / "arm6"
     shutil.copytree(data_path("config", "arm6"), target)
     path = target / "bus.yml"
-    path.write_text(path.read_text().replace("  position_mode: 8 ", f"  feed_forward: {asked}\n  position_mode: 8 "))
+    path.write_text(
+        path.read_text().replace("  position_mode: 8 ", f"  feed_forward: {requested}\n  position_mode: 8 ")
+    )
     _, problems = inspect_bus(path)
-    assert any("feed_forward" in str(each) for each in problems.errors)
+    assert any("feed_forward" in str(error) for error in problems.errors)
 
 
 def test_missing_space_is_reported(tmp_path):
@@ -175,33 +177,33 @@ def test_missing_space_is_reported(tmp_path):
     )
     off = "".join(f"    {number}: {{enabled: false}}\n" for number in (2, 3, 4))
     target = "        - {index: 0x607A, sub_index: 0}   # target position\n"
-    found, warnings = rpdos(tmp_path, "[velocity]", (target + off, target + full))
-    assert all(0x60B1 not in indices for _, indices in found.values())
-    assert any("has room for 0x60B1; feed-forward of velocity" in each for each in warnings)
+    result, warnings = rpdos(tmp_path, "[velocity]", (target + off, target + full))
+    assert all(0x60B1 not in indices for _, indices in result.values())
+    assert any("has room for 0x60B1; feed-forward of velocity" in warning for warning in warnings)
 
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 
 
 def builder(**how):
-    said = {"complain": [], "warn": [], "note": []}
-    made = PlanBuilder(
+    message = {"complain": [], "warn": [], "note": []}
+    plan_builder = PlanBuilder(
         convert(read(f"dcf: TMCM-1270.eds\nnode_id: 3\n{how.pop('keys', '')}"), NodeConfig),
         OD,
-        lambda key, text: said["complain"].append((key, text)),
-        lambda key, text: said["warn"].append((key, text)),
-        lambda key, text: said["note"].append((key, text)),
+        lambda key, text: message["complain"].append((key, text)),
+        lambda key, text: message["warn"].append((key, text)),
+        lambda key, text: message["note"].append((key, text)),
         iter(()),
         **how,
     )
-    return made, said
+    return plan_builder, message
 
 
 def test_a_write_is_encoded_as_the_eds_types_its_object():
-    made, _ = builder()
-    made.write(0x60C2, 2, -3, "sdo[0]")
-    made.write(0x1017, 0, 100, "heartbeat_producer")
-    assert [(write.data, write.name) for write in made.writes] == [
+    created, _ = builder()
+    created.write(0x60C2, 2, -3, "sdo[0]")
+    created.write(0x1017, 0, 100, "heartbeat_producer")
+    assert [(write.data, write.name) for write in created.writes] == [
         (b"\xfd", "Interpolation time index"),
         (b"\x64\0", "Producer heartbeat time"),
     ]
@@ -217,59 +219,59 @@ def test_a_write_is_encoded_as_the_eds_types_its_object():
     ],
 )
 def test_what_does_not_fit_is_complained_of_at_its_key_and_not_planned(address, value, words):
-    made, said = builder()
-    made.write(*address, value, "sdo[4]")
-    assert made.writes == []
-    assert said["complain"][0][0] == "sdo[4]"
-    assert words in said["complain"][0][1]
+    created, text = builder()
+    created.write(*address, value, "sdo[4]")
+    assert created.writes == []
+    assert text["complain"][0][0] == "sdo[4]"
+    assert words in text["complain"][0][1]
 
 
 def test_a_value_outside_the_limits_of_the_eds_is_planned_and_doubted():
-    made, said = builder()
-    made.write(0x2000, 0, 200, "sdo[0]")
+    created, text = builder()
+    created.write(0x2000, 0, 200, "sdo[0]")
     entry = OD[0x2000, 0]
     assert (entry.low, entry.high) != (None, None)
-    assert len(made.writes) == 1
-    assert "outside the limits of the EDS" in said["warn"][0][1]
+    assert len(created.writes) == 1
+    assert "outside the limits of the EDS" in text["warn"][0][1]
 
 
 def test_a_sequence_of_different_values_is_a_procedure_and_the_same_value_twice_is_none():
-    made, _ = builder()
+    created, _ = builder()
     for value in (1, 2):
-        made.write(0x6083, 0, value, "sdo")
-        made.write(0x6084, 0, 5, "sdo")
-    assert [write.compare for write in made.ordered_writes()] == [False, True, False, True]
+        created.write(0x6083, 0, value, "sdo")
+        created.write(0x6084, 0, 5, "sdo")
+    assert [write.compare for write in created.ordered_writes()] == [False, True, False, True]
 
 
 def test_signatures_and_write_only_objects_are_never_read():
-    made, _ = builder()
-    made.write(0x1010, 1, 0x65766173, "sdo")
-    assert made.writes[0].data == b"save"
-    assert not made.writes[0].compare
+    created, _ = builder()
+    created.write(0x1010, 1, 0x65766173, "sdo")
+    assert created.writes[0].data == b"save"
+    assert not created.writes[0].compare
 
 
 def test_bytes_of_a_file_are_taken_as_they_are_if_their_length_is_right():
-    made, said = builder(keys="configuration_file: left.bin", downloads=((0x6083, 0, b"\x07\0\0\0"),))
-    made.write_raw(0x6083, 0, b"\x07\0\0\0", made.download_reason)
-    made.write_raw(0x6083, 0, b"\x07\0", made.download_reason)
-    made.write_raw(0x5999, 0, b"\x07", made.download_reason)
-    assert [(write.index, write.reason) for write in made.writes] == [
+    created, text = builder(keys="configuration_file: left.bin", downloads=((0x6083, 0, b"\x07\0\0\0"),))
+    created.write_raw(0x6083, 0, b"\x07\0\0\0", created.download_reason)
+    created.write_raw(0x6083, 0, b"\x07\0", created.download_reason)
+    created.write_raw(0x5999, 0, b"\x07", created.download_reason)
+    assert [(write.index, write.reason) for write in created.writes] == [
         (0x6083, "from left.bin"),
         (0x5999, "from left.bin"),
     ]
-    assert "2 bytes, UNSIGNED32 has 4" in said["complain"][0][1]
-    assert "is not in TMCM-1270.eds" in said["warn"][0][1]
+    assert "2 bytes, UNSIGNED32 has 4" in text["complain"][0][1]
+    assert "is not in TMCM-1270.eds" in text["warn"][0][1]
 
 
 def test_the_sdo_list_has_the_last_word_over_a_file_and_a_file_over_the_eds():
     downloads = ((0x60C2, 2, b"\xfc"), (0x1017, 0, b"\x0a\0"))
-    made, _ = builder(keys="sdo: [{index: 0x1017, value: 7}]", downloads=downloads)
-    assert made.requested_value(0x1017) == 7
-    assert made.requested_value(0x60C2, 2) == -4
-    assert made.requested_value(0x60C2, 1) is None
-    assert made.is_requested(0x60C2)
-    assert not made.is_requested(0x6083)
-    assert made.default(0x1800, 1) == 0x40000183
+    created, _ = builder(keys="sdo: [{index: 0x1017, value: 7}]", downloads=downloads)
+    assert created.requested_value(0x1017) == 7
+    assert created.requested_value(0x60C2, 2) == -4
+    assert created.requested_value(0x60C2, 1) is None
+    assert created.is_requested(0x60C2)
+    assert not created.is_requested(0x6083)
+    assert created.default(0x1800, 1) == 0x40000183
 
 
 @pytest.mark.parametrize(("listed", "written"), [("", 0), ("      - {index: 0x60B1, sub_index: 0, value: 7}\n", 7)])

@@ -1,4 +1,4 @@
-"""What a plan says of drives that need more than the profile: two motors in subindices, 0x1006 in IP."""
+"""Plans of drives with special requirements: two motors in subindices, 0x1006 in IP."""
 
 import re
 
@@ -28,7 +28,7 @@ def two_motors(text):
 
 
 def findings(path):
-    return [str(each) for each in check_robot(find_robot(str(path)), CheckOptions()).findings]
+    return [str(finding) for finding in check_robot(find_robot(str(path)), CheckOptions()).findings]
 
 
 def test_two_motors_of_one_drive_are_named_with_what_can_be_done(tmp_path):
@@ -40,12 +40,12 @@ def test_two_motors_of_one_drive_are_named_with_what_can_be_done(tmp_path):
     text = bus.read_text()
     assert "motor_subindices: [1, 2]" in text
     assert [f"{{index: 0x60FF, sub_index: {motor}}}" in text for motor in (0, 1, 2)] == [False, True, True]
-    assert [each for each in findings(tmp_path / "zl") if "motor_subindices" in each] == []
+    assert [finding for finding in findings(tmp_path / "zl") if "motor_subindices" in finding] == []
     bus.write_text(re.sub("  motor_subindices: .*\n", "", text))
-    found = findings(tmp_path / "zl")
-    assert any("give `motor_subindices: [1, 2]` to move both" in each for each in found)
-    assert any("`velocity_target: 0x60FF:01`" in each for each in found)
-    assert [each for each in found if "map one of them" in each or "map 0x60" in each] == []
+    result = findings(tmp_path / "zl")
+    assert any("give `motor_subindices: [1, 2]` to move both" in item for item in result)
+    assert any("`velocity_target: 0x60FF:01`" in item for item in result)
+    assert [item for item in result if "map one of them" in item or "map 0x60" in item] == []
 
 
 def test_one_of_two_motors_can_be_moved(tmp_path):
@@ -57,8 +57,8 @@ def test_one_of_two_motors_can_be_moved(tmp_path):
             "2: {enabled: false}",
         )
     )
-    assert not any("motor_subindices" in each for each in findings(tmp_path))
-    assert not any("error" in each and "0x60FF" in each for each in findings(tmp_path))
+    assert not any("motor_subindices" in finding for finding in findings(tmp_path))
+    assert not any("error" in finding and "0x60FF" in finding for finding in findings(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -73,6 +73,6 @@ def test_one_of_two_motors_can_be_moved(tmp_path):
 def test_the_period_of_sync_that_a_drive_in_ip_counts_on_is_named(tmp_path, mode, extra, words):
     bus = folder(tmp_path, mode) / "bus.yml"
     bus.write_text(bus.read_text().replace("  tpdo:\n", extra + "  tpdo:\n", 1))
-    found = [each for each in findings(tmp_path) if "0x1006" in each]
-    assert bool(found) is bool(words)
-    assert all(words in each for each in found)
+    result = [finding for finding in findings(tmp_path) if "0x1006" in finding]
+    assert bool(result) is bool(words)
+    assert all(words in item for item in result)

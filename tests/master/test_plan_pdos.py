@@ -38,19 +38,19 @@ def written(found, index):
 
 
 def warnings(folder, keys="", eds="generic_cia401.eds"):
-    return [str(each) for each in inspect_bus(bus(folder, keys, eds))[1].warnings]
+    return [str(warning) for warning in inspect_bus(bus(folder, keys, eds))[1].warnings]
 
 
 def test_a_module_has_its_signals_and_is_made_safe(tmp_path):
-    found = plan(tmp_path)
-    assert found.profile is Profile.IO
-    assert len(found.signals) == 40
-    assert written(found, 0x6206) == {1: -1, 2: -1}
-    assert written(found, 0x6207) == {1: 0, 2: 0}
-    assert written(found, 0x6443) == dict.fromkeys(range(1, 5), 1)
-    assert written(found, 0x6444) == dict.fromkeys(range(1, 5), 0)
-    assert written(found, 0x1016)[1] == 0x1012C  # the master, 300 ms
-    assert all(write.reason for write in found.writes if write.index >= 0x6000)
+    result = plan(tmp_path)
+    assert result.profile is Profile.IO
+    assert len(result.signals) == 40
+    assert written(result, 0x6206) == {1: -1, 2: -1}
+    assert written(result, 0x6207) == {1: 0, 2: 0}
+    assert written(result, 0x6443) == dict.fromkeys(range(1, 5), 1)
+    assert written(result, 0x6444) == dict.fromkeys(range(1, 5), 0)
+    assert written(result, 0x1016)[1] == 0x1012C  # the master, 300 ms
+    assert all(write.reason for write in result.writes if write.index >= 0x6000)
 
 
 def test_analogue_inputs_are_made_to_come_unless_they_come_anyway(tmp_path):
@@ -63,14 +63,14 @@ def test_analogue_inputs_are_made_to_come_unless_they_come_anyway(tmp_path):
 
 
 def test_inputs_are_read_once_and_outputs_not(tmp_path):
-    assert {(each.index, each.subindex) for each in plan(tmp_path).reads} == {
+    assert {(read.index, read.subindex) for read in plan(tmp_path).reads} == {
         *((0x6000, sub) for sub in (1, 2)),
         *((0x6401, sub) for sub in range(1, 5)),
     }
 
 
 def test_bus_yml_changes_signals_and_adds_others(tmp_path):
-    found = plan(
+    result = plan(
         tmp_path,
         """\
     signals:
@@ -81,19 +81,19 @@ def test_bus_yml_changes_signals_and_adds_others(tmp_path):
       - {name: ao0, factor: 0.01, safe: 5}
 """,
     )
-    signals = found.signals
+    signals = result.signals
     assert (signals["ai0"].factor, signals["ai0"].offset, signals["ai0"].unit) == (0.001, -1.5, "V")
     assert signals["ai0"].invalid == (-32768.0, 32767.0)
     assert (signals["lamp"].output, signals["lamp"].bit, signals["lamp"].safe) == (True, 2, 1.0)
     assert signals["valve"].safe is None
     assert not signals["errors"].output
-    assert written(found, 0x6444)[1] == 500
+    assert written(result, 0x6444)[1] == 500
 
 
 def test_a_named_line_goes_before_the_one_of_the_profile_in_what_is_safe(tmp_path):
-    found = plan(tmp_path, '    signals: [{name: lamp, object: "0x6200:01.2", safe: true}, {name: do0, safe: keep}]\n')
-    assert written(found, 0x6206)[1] == -2
-    assert written(found, 0x6207)[1] == 4
+    result = plan(tmp_path, '    signals: [{name: lamp, object: "0x6200:01.2", safe: true}, {name: do0, safe: keep}]\n')
+    assert written(result, 0x6206)[1] == -2
+    assert written(result, 0x6207)[1] == 4
 
 
 MISTAKES = """\
@@ -115,7 +115,7 @@ MISTAKES = """\
 def test_all_errors_are_reported_at_once_with_their_places(tmp_path):
     with pytest.raises(BusConfigError) as caught:
         plan(tmp_path, MISTAKES)
-    said = str(caught.value)
+    message = str(caught.value)
     for line, text in (
         (7, "the device profile has no signal 'di99' (did you mean 'di9'?); set `object`"),
         (8, "'6401x' is not an object; write 0x6401:01, or 0x6000:01.3 for bit 3"),
@@ -129,7 +129,7 @@ def test_all_errors_are_reported_at_once_with_their_places(tmp_path):
         (16, "signal 'di0' is defined twice; use each name once"),
         (17, "do1 is an output; only an input has a maximum rate"),
     ):
-        assert any(f"bus.yml:{line}:" in each and text in each for each in said.splitlines()), text
+        assert any(f"bus.yml:{line}:" in item and text in item for item in message.splitlines()), text
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_all_errors_are_reported_at_once_with_their_places(tmp_path):
 )
 def test_keys_of_a_signal_are_checked_as_all_others(tmp_path, keys, words):
     problems = inspect_bus(bus(tmp_path, f"    signals: [{keys}]\n"))[1]
-    assert any(words in str(each) for each in (*problems.errors, *problems.warnings))
+    assert any(words in str(item) for item in (*problems.errors, *problems.warnings))
 
 
 def test_what_moves_an_axis_is_not_a_signal(tmp_path):
@@ -161,10 +161,10 @@ def test_outputs_that_keep_what_they_have_are_reported(tmp_path):
     text = EDS_OF_PLAN_SIGNALS.read_text()
     start, end = text.index("[6206]"), text.index("[6207]")
     (tmp_path / "bare.eds").write_text(text[:start] + text[end:].replace("=0x6206", "=0x6207"))
-    assert any("the outputs 0x6200:01, 0x6200:02 keep" in each for each in warnings(tmp_path, "", "bare.eds"))
+    assert any("the outputs 0x6200:01, 0x6200:02 keep" in warning for warning in warnings(tmp_path, "", "bare.eds"))
     accepted = ", ".join(f"{{name: do{number}, safe: keep}}" for number in range(8))
-    (told,) = warnings(tmp_path, f"    signals: [{accepted}]\n", "bare.eds")
-    assert "the outputs 0x6200:02 keep" in told
+    (reported,) = warnings(tmp_path, f"    signals: [{accepted}]\n", "bare.eds")
+    assert "the outputs 0x6200:02 keep" in reported
 
 
 def test_the_profile_of_a_device_with_a_wrong_file_is_given(tmp_path):

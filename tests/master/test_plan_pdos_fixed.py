@@ -1,4 +1,4 @@
-"""PDO records that the EDS does not let be written: what is planned, and what `check` says of them."""
+"""PDO records that are read-only in the EDS: the plan, and the findings of `check`."""
 
 import re
 
@@ -26,7 +26,7 @@ def _inspected(path, edit, change=lambda text: text):
     bus = folder(path, "csv", edit=edit) / "bus.yml"
     bus.write_text(change(bus.read_text()))
     config, problems = inspect_bus(bus)
-    return config.plans["pan_drive"], [str(each) for each in problems.warnings], config.notes
+    return config.plans["pan_drive"], [str(warning) for warning in problems.warnings], config.notes
 
 
 def test_a_cob_id_that_is_right_and_read_only_is_not_planned_to_be_written(tmp_path):
@@ -62,8 +62,8 @@ def test_a_pdo_that_cannot_be_switched_off_is_noted(tmp_path):
 )
 def test_a_record_that_is_read_only_and_another_one_is_named(tmp_path, index, subindex, key, advice):
     _, warnings, _ = _inspected(tmp_path, fixed(index, subindex))
-    assert any(f"rpdo.2.{key}: 0x{index:04X}:{subindex:02X} is ro in device.eds" in each for each in warnings)
-    assert any(advice in each for each in warnings)
+    assert any(f"rpdo.2.{key}: 0x{index:04X}:{subindex:02X} is ro in device.eds" in warning for warning in warnings)
+    assert any(advice in warning for warning in warnings)
 
 
 def test_a_drive_whose_cob_ids_are_read_only_runs(tmp_path):
@@ -98,12 +98,14 @@ def typed(index, data_type):
 @pytest.mark.parametrize("index", [0x60FF, 0x606C, 0x6064])
 def test_a_signed_object_that_the_eds_has_as_unsigned_is_signed_on_the_wire(tmp_path, index):
     plan, _, _ = _inspected(tmp_path, typed(index, "0x0007"))
-    mapped = [each for layout in (*plan.rpdos, *plan.tpdos) for each in layout.objects if each.index == index]
-    assert [each.data_type for each in mapped] == [DataType.INTEGER32]
+    mapped = [item for layout in (*plan.rpdos, *plan.tpdos) for item in layout.objects if item.index == index]
+    assert [item.data_type for item in mapped] == [DataType.INTEGER32]
 
 
 @pytest.mark.parametrize(("mode", "index"), [("csp", 0x607A), ("csp", 0x6064), ("csv", 0x6041)])
 def test_an_object_that_is_too_narrow_is_an_error_of_the_configuration(tmp_path, mode, index):
     path = folder(tmp_path, mode, edit=typed(index, "0x0005"))
-    found = [str(each) for each in check_robot(find_robot(str(path)), CheckOptions()).findings]
-    assert any("error" in each and f"0x{index:04X}:00" in each and "has 8 bits in device.eds" in each for each in found)
+    result = [str(finding) for finding in check_robot(find_robot(str(path)), CheckOptions()).findings]
+    assert any(
+        "error" in item and f"0x{index:04X}:00" in item and "has 8 bits in device.eds" in item for item in result
+    )

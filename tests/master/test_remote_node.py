@@ -1,4 +1,4 @@
-"""A node of the master, against a virtual drive: when it is READY, and what ends that."""
+"""A node of the master with a virtual drive: entry into READY, and its end."""
 
 from types import SimpleNamespace
 

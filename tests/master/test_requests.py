@@ -1,4 +1,4 @@
-"""The words of a boot: what is counted, and what is said of a failure."""
+"""Texts of a boot: counts, and descriptions of failures."""
 
 import pytest
 from support.conversation import NO_OBJECT, Device, plan
@@ -33,7 +33,7 @@ def test_silence_is_not_a_missing_object():
 
 
 def test_an_error_has_the_letter_its_words_and_the_node():
-    said = str(boot_error(plan(), "M", "0x1018:02"))
-    assert said == "node 3 (left_drive): boot error M: another product: 0x1018:02"
+    message = str(boot_error(plan(), "M", "0x1018:02"))
+    assert message == "node 3 (left_drive): boot error M: another product: 0x1018:02"
     assert reason_of(SdoAbort(3, 1, 2, 0x06020000, "no object")) == "abort 0x06020000 (no object)"
     assert reason_of(SdoTimeout(3, 1, 2, 1.5)).startswith("no answer within 1.5 s")

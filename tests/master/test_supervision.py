@@ -96,13 +96,13 @@ def test_ten_emergencies_a_second_pass_and_the_rest_is_summed_up():
 
 
 def test_a_flood_read_once_a_cycle_is_summed_though_it_continues_when_the_second_is_over():
-    gate, told = EmcyGate(), []
+    gate, reported = EmcyGate(), []
     for edge in range(0, 3001, 20):
         for _ in range(4):
             gate.passes(edge * MS)
         if summed := gate.summary(edge * MS):
-            told.append((edge, summed))
-    assert told == [(1000, 194), (2020, 194)]
+            reported.append((edge, summed))
+    assert reported == [(1000, 194), (2020, 194)]
 
 
 def test_two_heartbeats_per_period_are_two_nodes_and_jitter_is_not():
@@ -110,9 +110,9 @@ def test_two_heartbeats_per_period_are_two_nodes_and_jitter_is_not():
     late = [0, 60, 10, 55, 0, 59, 30, 0, 60, 5] * 20
     assert not any(watch.heartbeat(number * PERIOD + lateness * MS) for number, lateness in enumerate(late))
     watch = DuplicateWatch(PERIOD)
-    told = [watch.heartbeat(number * PERIOD // 2) for number in range(100)]
-    assert sum(told) == 1
-    assert told.index(True) < 20
+    reported = [watch.heartbeat(number * PERIOD // 2) for number in range(100)]
+    assert sum(reported) == 1
+    assert reported.index(True) < 20
     assert not DuplicateWatch(0).heartbeat(0)
 
 
@@ -129,9 +129,9 @@ def test_boot_ups_at_equal_distances_are_a_node_that_does_not_start(gap):
     watch = DuplicateWatch(100 * MS)
     watch.reset()
     assert not watch.boot_up(0)
-    told = [watch.boot_up(number * gap * MS + number % 2 * MS) for number in range(1, 6)]
+    reported = [watch.boot_up(number * gap * MS + number % 2 * MS) for number in range(1, 6)]
     assert watch.stuck
-    assert sum(told) == (gap == 50), "the first of them may look like a second device"
+    assert sum(reported) == (gap == 50), "the first of them may look like a second device"
     watch.heartbeat(3000 * MS)
     assert not watch.stuck
 
@@ -179,8 +179,8 @@ def test_a_reset_that_is_never_answered_does_not_hide_a_second_device():
 
 def test_a_second_device_is_found_behind_a_hub_that_stood_still():
     watch = DuplicateWatch(PERIOD)
-    told = [watch.heartbeat(9000 * MS + number // 2 * PERIOD + number % 2 * MS) for number in range(100)]
-    assert sum(told) == 1
+    reported = [watch.heartbeat(9000 * MS + number // 2 * PERIOD + number % 2 * MS) for number in range(100)]
+    assert sum(reported) == 1
 
 
 def test_syncs_of_a_late_process_that_lie_close_together_are_not_three_misses():
@@ -197,8 +197,8 @@ def test_drives_that_are_processes_have_the_time_of_a_process():
     watch = PdoWatch(20 * MS)
     watch.add(pdo)
     watch.min_ns = 250 * MS
-    told = [now for now in range(0, 1000, 20) if watch.sync(now * MS)]
-    assert told == [240], "the first SYNC that nobody answered was one period before it was missed"
+    reported = [now for now in range(0, 1000, 20) if watch.sync(now * MS)]
+    assert reported == [240], "the first SYNC that nobody answered was one period before it was missed"
 
 
 def test_what_waits_to_be_read_has_come():
@@ -217,8 +217,8 @@ def test_heartbeats_and_boot_ups_that_waited_for_a_late_reader_report_nothing_of
     assert not any(watch.heartbeat(2000 * MS + number * PERIOD, 2000 * MS) for number in range(1))
     assert not watch.boot_up(4000 * MS, 2500 * MS)
     assert not watch.boot_up(4000 * MS, 2500 * MS)
-    told = [watch.heartbeat(5000 * MS + number * PERIOD // 2) for number in range(100)]
-    assert sum(told) == 1, "a true one is found afterwards"
+    reported = [watch.heartbeat(5000 * MS + number * PERIOD // 2) for number in range(100)]
+    assert sum(reported) == 1, "a true one is found afterwards"
 
 
 def test_a_second_device_is_reported_again_when_it_was_away():

@@ -1,5 +1,4 @@
-"""What makers write into their EDS, in fragments of our own: a drive with any of these habits boots with a bus.yml
-that does not name what is odd about it."""
+"""Habits of manufacturers in EDS files, as own fragments: a drive with any of them boots with an ordinary bus.yml."""
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -51,9 +50,9 @@ def test_a_unit_finer_than_the_period_needs_is_filled_out(tmp_path):
 def test_an_interpolation_period_that_cannot_be_set_is_done_without_and_reported(tmp_path, od, words):
     plan, notes = plan_of(tmp_path, od)
     assert written(plan, 0x60C2) == []
-    told = [note for note in notes if words in note]
-    assert len(told) == 1
-    assert "not written" in told[0]
+    reported = [note for note in notes if words in note]
+    assert len(reported) == 1
+    assert "not written" in reported[0]
     assert boot(tmp_path, od).node.ready
 
 
@@ -260,7 +259,7 @@ COB_IDS = ["1400_01", "1401_01", "1800_01", "1801_01"]
 @st.composite
 def habits(draw):
     absent = [
-        each if len(each) == 2 else each[0] for each in draw(st.sets(st.sampled_from(SERVICES + SUBS), max_size=6))
+        item if len(item) == 2 else item[0] for item in draw(st.sets(st.sampled_from(SERVICES + SUBS), max_size=6))
     ]
     fields = {}
     for name in draw(st.sets(st.sampled_from(CHANGED), max_size=5)):

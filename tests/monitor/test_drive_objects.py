@@ -37,9 +37,9 @@ LINES = {
 @pytest.mark.parametrize("name", JOBS)
 def test_a_line_becomes_the_arguments_of_its_verb(name):
     text, words = LINES[name]
-    made = work_words(name, text, "left", "robby")
-    assert made == [*words.split(), "--name=robby"]
-    args = parser_of(made[0]).parse_args(made[1:])
+    created = work_words(name, text, "left", "robby")
+    assert created == [*words.split(), "--name=robby"]
+    args = parser_of(created[0]).parse_args(created[1:])
     assert args.name == "robby"
 
 
@@ -55,7 +55,7 @@ def test_a_verb_runs_alongside_and_its_lines_come():
     run = WorkRun(["eds", "show", "TMCM-1270.eds", "0x6081"])
     lines = []
     assert eventually(lambda: lines.extend(run.fresh()) or run.code is not None)
-    assert eventually(lambda: lines.extend(run.fresh()) or any("Profile velocity" in each for each in lines))
+    assert eventually(lambda: lines.extend(run.fresh()) or any("Profile velocity" in line for line in lines))
     assert run.code == 0
     run.end()  # it has ended already
     run.close()
@@ -65,7 +65,7 @@ def test_a_verb_runs_alongside_and_its_lines_come():
 def test_a_verb_that_is_asked_to_end_ends_as_with_ctrl_c(monkeypatch):
     monkeypatch.setattr(drive_objects, "_GRACE_S", TIMEOUT_S)
     run = WorkRun(["simulate", "robby", "--for", "1h", "--speed", "1", "--faults", "none"])
-    assert eventually(lambda: any("runs:" in each for each in run.fresh()))
+    assert eventually(lambda: any("runs:" in item for item in run.fresh()))
     run.close()
     assert run.code == 0, "with the result so far"
 
@@ -109,7 +109,7 @@ class Watched:
         self.watched = []
 
     def watch(self, _screen, node, entries):
-        self.watched.append((node.place.name, [each.index for each in entries]))
+        self.watched.append((node.place.name, [entry.index for entry in entries]))
 
 
 @pytest.fixture
@@ -128,7 +128,7 @@ def test_the_whole_dictionary_is_there_in_the_words_of_the_verb(objects):
     rows = looked_at(objects).rows()
     assert len(rows) == len(OD.entries)
     assert all(len(cells) == len(OBJECT_COLUMNS) for cells in rows.values())
-    assert [str(each) for each in rows["0x6081:00"]] == [
+    assert [str(row) for row in rows["0x6081:00"]] == [
         *("0x6081:00", "Profile velocity", "-", "", "", "-", "UNSIGNED32", "rww"),
     ]
     assert objects.title == "left_drive, node 3"
@@ -150,9 +150,9 @@ def test_what_is_in_sight_is_read_and_shown(objects):
 
 def test_a_search_means_what_it_means_to_the_verb(objects):
     looked_at(objects).search("0x6081,velocity")
-    found = objects.rows()
-    assert {"0x6081:00", "0x606C:00"} <= set(found)
-    assert "0x1017:00" not in found
+    result = objects.rows()
+    assert {"0x6081:00", "0x606C:00"} <= set(result)
+    assert "0x1017:00" not in result
     assert "search: 0x6081,velocity" in objects.title
     with pytest.raises(ConfigError, match="no object 'flux' in the EDS"):
         objects.search("flux")
@@ -185,12 +185,12 @@ def test_what_keeps_it_from_being_read_is_reported(objects, tmp_path):
 @pytest.fixture
 def edited(objects, monkeypatch):
     """The left drive, whose objects are those of a stub."""
-    made = session_with(OD)
-    made.write_value(OD[0x6081, 0], 1000)
+    created = session_with(OD)
+    created.write_value(OD[0x6081, 0], 1000)
 
     @contextlib.contextmanager
     def session(_node):
-        yield made
+        yield created
 
     monkeypatch.setattr(drive_objects.NodeObjects, "session", session)
     return looked_at(objects)
@@ -221,18 +221,18 @@ def test_a_second_undo_waits_for_the_first(edited, monkeypatch):
     monkeypatch.setattr(drive_objects.NodeObjects, "session", slow)
     words = []
     undos = [threading.Thread(target=lambda: words.append(edited.undo())) for _ in range(2)]
-    for each in undos:
-        each.start()
+    for item in undos:
+        item.start()
     assert first.wait(60)
     assert len(inside) == 1
     go_on.set()
-    for each in undos:
-        each.join(60)
-    assert [each.rpartition(": ")[2] for each in words] == ["16 -> 2500", "2500 -> 1000"]
+    for item in undos:
+        item.join(60)
+    assert [word.rpartition(": ")[2] for word in words] == ["16 -> 2500", "2500 -> 1000"]
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("0x6081", r"set 0x6081: write an object and its value, as in 0x6081=1000"),
         ("=5", "write an object and its value"),
@@ -244,8 +244,8 @@ def test_a_second_undo_waits_for_the_first(edited, monkeypatch):
         ("0x9999=1", "no object '0x9999' in the EDS"),
     ],
 )
-def test_what_cannot_be_written_is_reported(edited, text, said):
-    with pytest.raises(ConfigError, match=said):
+def test_what_cannot_be_written_is_reported(edited, text, message):
+    with pytest.raises(ConfigError, match=message):
         edited.write(text)
 
 

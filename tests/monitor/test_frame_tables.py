@@ -17,7 +17,7 @@ def frame(can_id, data=b"\x05", at=0):
 
 def wanted(text, *frames):
     chosen = parse_filter(text, NETWORK)
-    return [each.can_id for each in frames if chosen.wants(each)]
+    return [item.can_id for item in frames if chosen.wants(item)]
 
 
 FRAMES = [frame(0x703), frame(0x702), frame(0x183), frame(0x603, bytes(8)), frame(0x080, b"")]
@@ -71,7 +71,7 @@ def test_a_new_filter_shows_what_is_kept():
     log.fresh()
     log.choose(parse_filter("hb", NETWORK))
     log.add(frame(0x183))
-    assert [each.can_id for each in log.fresh()] == [0x703]
+    assert [item.can_id for item in log.fresh()] == [0x703]
 
 
 def test_the_load_is_that_of_the_last_second():

@@ -28,18 +28,18 @@ def receive_until(tap, found, count):
 
 @pytest.mark.process
 def test_it_receives_what_others_send_and_sends_nothing_itself(channel):
-    found, ports = [], []
+    result, ports = [], []
     watcher = SimpleNamespace(port_changed=ports.append)
     with_others = open_port(channel, label="others")
-    tap = BusTap(NetworkDescription(channel), found.append)
+    tap = BusTap(NetworkDescription(channel), result.append)
     tap.watch(watcher)
     assert tap.problem == "not opened yet"
     tap.tick(0)
     assert (tap.problem, len(ports)) == ("", 1)
     assert list_sockets("bus") == ["tap"]
     with_others.send(pack_records([CanFrame(0x703, b"\x05"), CanFrame(0x000, b"\x01\x00")]))
-    receive_until(tap, found, 2)
-    assert [each.service for each in found] == ["hb", "nmt"]
+    receive_until(tap, result, 2)
+    assert [item.service for item in result] == ["hb", "nmt"]
     assert tap._port.stats.tx == 0
     assert with_others.receive() == b""
     tap.close()

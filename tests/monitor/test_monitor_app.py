@@ -124,8 +124,8 @@ async def test_it_offers_the_write_of_an_object_and_every_verb():
         app.pane.choose()
         await pilot.pause()
         offered = [app.pane.choice.get_option_at_index(at) for at in range(app.pane.choice.option_count)]
-        assert [each.id for each in offered] == [SET, *JOBS]
-        assert all(str(each.prompt).startswith(each.id) for each in offered)
+        assert [item.id for item in offered] == [SET, *JOBS]
+        assert all(str(item.prompt).startswith(item.id) for item in offered)
         app.pane.choice.highlighted = 3
         app.pane.choose()
         assert app.pane.choice.highlighted == 0  # the first one again
@@ -264,7 +264,7 @@ async def test_no_widget_that_can_have_the_focus_eats_the_stop_key(tab):
     async with on_screen() as (app, pilot, source):
         await pilot.press(tab)
         count = 0
-        for widget in [each for each in app.query("*") if each.focusable]:
+        for widget in [item for item in app.query("*") if item.focusable]:
             widget.focus()
             await pilot.pause()
             if app.focused is not widget:
@@ -305,9 +305,9 @@ async def test_a_refusal_is_reported_as_it_is():
             if app._notifications:
                 break
             await pilot.pause(0.01)
-        (told,) = app._notifications
-        assert told.message == "enable left: axis enable is refused [latched]: STOP"
-        assert told.severity == "error"
+        (reported,) = app._notifications
+        assert reported.message == "enable left: axis enable is refused [latched]: STOP"
+        assert reported.severity == "error"
 
 
 # -- the other keys
@@ -346,11 +346,11 @@ async def test_a_listen_only_port_sends_no_request_and_reports_why():
         await pilot.press("space", "e", "r", "f", "E")
         await pilot.pause(0.1)
         assert source.asked == []
-        assert [each.message for each in app._notifications] == [
+        assert [notification.message for notification in app._notifications] == [
             "listening only: this monitor sends nothing, so it cannot stop anything"
         ]
         assert "Enable" not in {
-            each.binding.description for each in app.screen.active_bindings.values() if each.enabled
+            item.binding.description for item in app.screen.active_bindings.values() if item.enabled
         }
 
 
@@ -518,12 +518,12 @@ async def test_a_new_sample_is_drawn_when_it_comes():
 async def test_frames_are_received_only_while_they_are_displayed():
     async with on_screen() as (app, pilot, source):
         app.refresh_picture()
-        wanted = [source.listening]
+        expected = [source.listening]
         for key in ("3", "4", "1"):
             await pilot.press(key)
             app.refresh_picture()
-            wanted.append(source.listening)
-        assert wanted == [False, True, True, False]
+            expected.append(source.listening)
+        assert expected == [False, True, True, False]
 
 
 @pytest.mark.rest
@@ -612,7 +612,7 @@ async def test_a_search_of_objects_is_typed_like_a_filter_and_an_error_is_report
         app.refresh_picture()
         await pilot.press("slash", *"flux", "enter")
         await pilot.pause()
-        assert [each.message for each in app._notifications] == ["no object 'flux' in the EDS"]
+        assert [notification.message for notification in app._notifications] == ["no object 'flux' in the EDS"]
         app.query_one("#filter").value = "velocity"
         await pilot.press("enter")
         await pilot.pause()
@@ -643,7 +643,7 @@ class Objects(FakeObjects):
 
 
 def typed(text):
-    return [{"=": "equals_sign", ".": "full_stop", "-": "minus", ",": "comma"}.get(each, each) for each in text]
+    return [{"=": "equals_sign", ".": "full_stop", "-": "minus", ",": "comma"}.get(item, item) for item in text]
 
 
 async def told(pilot, app):
@@ -653,7 +653,7 @@ async def told(pilot, app):
         await pilot.pause(0.01)
         if app._notifications:
             break
-    return [each.message for each in app._notifications]
+    return [notification.message for notification in app._notifications]
 
 
 @pytest.mark.rest
@@ -711,14 +711,16 @@ async def test_one_verb_runs_at_a_time_and_a_refusal_is_reported():
         await pilot.press("w", "down", "enter", *typed("20rpm"), "enter")
         await pilot.pause()
         assert source.run is first
-        assert "a command is already running; x ends it" in [each.message for each in app._notifications]
+        assert "a command is already running; x ends it" in [
+            notification.message for notification in app._notifications
+        ]
         first.code = 1
         app.refresh_picture()
         assert "ended with 1" in text_of(app, "work")
         source.refusal = "jog: no drive is selected"
         await pilot.press("enter")
         await pilot.pause()
-        assert "jog: no drive is selected" in [each.message for each in app._notifications]
+        assert "jog: no drive is selected" in [notification.message for notification in app._notifications]
         assert app.query_one("#filter").display  # it can be mended
 
 
@@ -741,7 +743,7 @@ async def test_an_object_is_written_and_the_write_is_undone():
             await pilot.pause(0.01)
             if len(app._notifications) == 2:
                 break
-        assert [each.message for each in app._notifications][-1] == "undo: 2500 -> 1000"
+        assert [notification.message for notification in app._notifications][-1] == "undo: 2500 -> 1000"
         assert (source.objects.written, source.objects.undone) == (["0x6081:00=2500"], 1)
 
 

@@ -129,19 +129,19 @@ def test_it_finds_the_robot_loses_it_and_finds_it_again(link):
 
 
 def test_a_link_that_is_closed_while_it_connects_leaves_no_connection(private_folders, monkeypatch):
-    asked, connections = threading.Event(), []
+    requested, connections = threading.Event(), []
 
     class Silent(RobotClient):
         def ask(self, request, timeout=None):
             connections.append(self)
-            asked.set()
+            requested.set()
             next(self.messages(60), None)  # until it is closed
 
     monkeypatch.setattr(module, "RobotClient", Silent)
     with running(real_time=True):
         link = RobotLink()
         link.start()
-        assert asked.wait(60)
+        assert requested.wait(60)
         link.close()
         assert not link._thread.is_alive()
     assert [connection.fileno() for connection in connections] == [-1]
@@ -154,20 +154,20 @@ def test_each_event_is_reported_once_also_those_from_before(link):
         assert sum("mock runs" in text for text in texts) == 1
         assert not [event for event in link.events() if "mock runs" in event.text]
         link.ask(Stop(latch=True, source="test"), 10.0)
-        found = []
-        assert eventually(lambda: found.extend(link.events()) or any(each.kind == "stop_latched" for each in found))
-        assert sum(each.kind == "stop_latched" for each in found) == 1
+        results = []
+        assert eventually(lambda: results.extend(link.events()) or any(item.kind == "stop_latched" for item in results))
+        assert sum(item.kind == "stop_latched" for item in results) == 1
 
 
 def test_a_connection_that_broke_is_made_again_and_what_was_reported_is_not_reported_again(link):
     with running(real_time=True):
         assert eventually(lambda: link.connected)
         first = link._robot
-        told = link.events()
-        assert told
+        reported = link.events()
+        assert reported
         first.close()
         assert eventually(lambda: link.connected and link._robot is not first)
-        assert not [event for event in link.events() if event in told]
+        assert not [event for event in link.events() if event in reported]
 
 
 def test_commands_reach_the_robot_or_report_why_not(link):
@@ -199,13 +199,13 @@ class Bus:
         node = replace(node, name="left")
         network = NetworkDescription("local:x", nodes={3: node})
         self.decoder, self.table = Decoder(network), BusTable(network)
-        self.statusword = next(pdo for pdo in node.pdos if any(each.index == 0x6041 for each in pdo.objects))
+        self.statusword = next(pdo for pdo in node.pdos if any(item.index == 0x6041 for item in pdo.objects))
 
     def hear(self, can_id, data, at=0):
         self.table.feed(self.decoder.decode(CanFrame(can_id, bytes(data)), START + at * MS))
 
     def tpdo(self, statusword, at=0):
-        length = sum(each.bits for each in self.statusword.objects) // 8
+        length = sum(item.bits for item in self.statusword.objects) // 8
         assert self.statusword.objects[0].index == 0x6041
         self.hear(self.statusword.cob_id, statusword.to_bytes(2, "little").ljust(length, b"\0"), at)
 

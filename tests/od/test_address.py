@@ -25,8 +25,8 @@ OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
     ],
 )
 def test_an_object_is_found_by_number_or_name(text, address):
-    found = find_object(text, OD)
-    assert (found.index, found.subindex) == address
+    result = find_object(text, OD)
+    assert (result.index, result.subindex) == address
 
 
 def test_numbers_need_no_eds_and_names_do():
@@ -42,7 +42,7 @@ def test_labels_name_object_and_entry():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("Vendor", "did you mean 0x1018:01 Vendor-ID?"),
         ("nonsense", "no object 'nonsense' in the EDS; numbers are hexadecimal"),
@@ -52,10 +52,10 @@ def test_labels_name_object_and_entry():
         ("", "did you mean"),
     ],
 )
-def test_a_name_that_is_none_is_answered_with_what_may_be_meant(text, said):
+def test_a_name_that_is_none_is_answered_with_what_may_be_meant(text, message):
     with pytest.raises(ConfigError) as caught:
         find_object(text, OD)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_name_that_fits_several_objects_is_refused_with_them():

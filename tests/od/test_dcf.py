@@ -1,4 +1,4 @@
-"""What is written says the same when it is read."""
+"""Written files read back with the same content."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Whole files: what loads, what is refused, what is reported, and what it costs."""
+"""Whole files: accepted and refused content, reports, and reading time."""
 
 import csv
 import itertools
@@ -149,9 +149,9 @@ def test_what_cannot_work_is_an_error_at_the_mapping_entry():
 )
 def test_a_cob_id_that_is_unknown_or_none_is_named(cob_id, words):
     file = parse(record("1800", cob_id, 255), record("1A00", "0x60410010"), STATUSWORD)
-    told = [issue.text for issue in file.issues if issue.code == "cob-id"]
-    assert len(told) == bool(words)
-    assert all(words in text for text in told)
+    texts = [issue.text for issue in file.issues if issue.code == "cob-id"]
+    assert len(texts) == bool(words)
+    assert all(words in text for text in texts)
 
 
 @pytest.mark.parametrize(("index", "value", "wrong"), [("1005", 0, True), ("1005", 128, False), ("1014", 0, True)])
@@ -250,8 +250,8 @@ def test_arrays_and_records_that_are_the_other_are_reported(index, code, types, 
     subs = [sub(f"{index}sub{number}", 0, data_type) for number, data_type in enumerate(types, 1)]
     head = section(index, ParameterName="Record", ObjectType=code, SubNumber=3)
     file = parse(head, sub(f"{index}sub0", 2, 5, "ro"), *subs)
-    found = [each.severity.value for each in file.issues if each.code == "object-code"]
-    assert found == ([] if issue is None else [issue])
+    values = [item.severity.value for item in file.issues if item.code == "object-code"]
+    assert values == ([] if issue is None else [issue])
 
 
 HERE = Path(__file__).parent
@@ -292,7 +292,7 @@ WANTED_VALUES = {
 }
 
 
-@pytest.mark.parametrize("name", [name for name, wanted in INDEX.items() if wanted.startswith("load")])
+@pytest.mark.parametrize("name", [name for name, expected in INDEX.items() if expected.startswith("load")])
 def test_a_file_that_can_be_understood_loads(name):
     file = read_eds(MALFORMED / f"{name}.eds", 5)
     doubts = [issue for issue in file.issues if issue.severity is not Severity.NOTE]
@@ -317,7 +317,7 @@ TOUCHED = {
 }
 
 
-@pytest.mark.parametrize("name", [name for name, wanted in INDEX.items() if wanted.startswith("load")])
+@pytest.mark.parametrize("name", [name for name, expected in INDEX.items() if expected.startswith("load")])
 def test_a_defect_costs_nothing_but_itself(name):
     od = read_eds(MALFORMED / f"{name}.eds", 5).od
     for address, entry in GOOD.od.entries.items():
@@ -325,7 +325,7 @@ def test_a_defect_costs_nothing_but_itself(name):
             assert od[address] == entry
 
 
-@pytest.mark.parametrize("name", [name for name, wanted in INDEX.items() if wanted.startswith("reject")])
+@pytest.mark.parametrize("name", [name for name, expected in INDEX.items() if expected.startswith("reject")])
 def test_what_is_not_a_canopen_eds_is_refused_with_one_clear_error(name):
     path = MALFORMED / f"{name}.eds"
     with pytest.raises(EdsError) as caught:
@@ -536,7 +536,7 @@ def test_a_file_of_absurd_size_is_refused_before_it_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("base", "low", "high", "title", "found"),
+    ("base", "low", "high", "title", "result"),
     [
         (5, 0, 10, "A0", (DataType.UNSIGNED8, 0, 10)),
         (3, -5, 5, "00A0", (DataType.INTEGER16, -5, 5)),
@@ -544,11 +544,11 @@ def test_a_file_of_absurd_size_is_refused_before_it_is_read(tmp_path):
         (0x99, 1, 9, "A0", (DataType.DOMAIN, None, None)),
     ],
 )
-def test_a_type_made_of_a_basic_type_and_its_limits_is_followed(base, low, high, title, found):
+def test_a_type_made_of_a_basic_type_and_its_limits_is_followed(base, low, high, title, result):
     subs = [section(f"{title}sub{n}", ParameterName="x", DefaultValue=v) for n, v in enumerate((base, low, high), 1)]
     od = parse(section(title, ParameterName="T", ObjectType=6), *subs, eds("2000", data_type="0xA0", DefaultValue=3)).od
     entry = od[0x2000, 0]
-    assert (entry.data_type, entry.low, entry.high) == found
+    assert (entry.data_type, entry.low, entry.high) == result
 
 
 def test_a_file_that_cannot_be_read_is_an_eds_error(tmp_path):
@@ -625,7 +625,7 @@ def counted(monkeypatch):
     """Keep files, and count those that are parsed."""
     parsed = []
     monkeypatch.setattr(
-        eds_module, "parse_eds", lambda *given, **named: parsed.append(given) or parse_eds(*given, **named)
+        eds_module, "parse_eds", lambda *inputs, **named: parsed.append(inputs) or parse_eds(*inputs, **named)
     )
     eds_module.keep_files()
     yield parsed

@@ -387,11 +387,11 @@ _PARTS = (
 
 @given(st.lists(st.sampled_from(_PARTS), max_size=30).map(lambda parts: f"[A]\n{''.join(parts)}"))
 def test_a_section_of_plain_lines_is_what_it_is_line_by_line(text):
-    def told(found):
-        sections, issues = found
+    def told(result):
+        sections, issues = result
         return [
-            (each.name, each.title, each.line, each.values, each.written, list(map(each.line_of, each.values)))
-            for each in sections.values()
+            (item.name, item.title, item.line, item.values, item.written, list(map(item.line_of, item.values)))
+            for item in sections.values()
         ], issues
 
     at_once = told(split(text))

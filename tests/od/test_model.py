@@ -101,5 +101,5 @@ def test_a_number_is_the_value_of_the_file_and_none_without_one():
     od.add(entry(0x1402, 1, parameter_value=0, default=5))
     od.add(entry(0x1008, 0, default="drive"))
     od.add(entry(0x1017, 0))
-    found = [od.number(0x1000), od.number(0x1402, 1), od.number(0x1008), od.number(0x1017), od.number(0x1018, 1)]
-    assert found == [0x20192, 0, None, None, None]
+    result = [od.number(0x1000), od.number(0x1402, 1), od.number(0x1008), od.number(0x1017), od.number(0x1018, 1)]
+    assert result == [0x20192, 0, None, None, None]

@@ -10,13 +10,13 @@ from canopen_control.od.model import DataType, communication_type
 
 @pytest.mark.parametrize("file", ["TMCM-1270.eds", "generic_cia402.eds", "generic_cia401.eds"])
 def test_the_bundled_files_have_the_types_of_the_table(file):
-    found = [
+    result = [
         (entry.data_type, communication_type(*entry.address))
         for entry in read_eds(data_path("eds", file), 5).od
         if entry.index < 0x1C00 and communication_type(*entry.address) is not None
     ]
-    assert len(found) > 40
-    assert all(own is standard for own, standard in found)
+    assert len(result) > 40
+    assert all(own is standard for own, standard in result)
 
 
 @pytest.mark.parametrize("address", [(0x1008, 0), (0x1000, 1), (0x1F80, 0), (0x2000, 0), (0x6040, 0)])
@@ -44,9 +44,9 @@ def test_a_mapping_record_without_the_type_of_its_entries_is_read(keys):
     )
     assert [entry.data_type for entry in parsed.od] == [DataType.UNSIGNED8, DataType.UNSIGNED32, DataType.UNSIGNED32]
     assert parsed.od[0x1600, 1].default == 0x62000108
-    said = [issue.text for issue in parsed.issues if issue.code == "data-type"]
-    assert len(said) == 1
-    assert said[0].endswith("; treated as UNSIGNED32, the type in CiA 301 of 0x1600:01")
+    texts = [issue.text for issue in parsed.issues if issue.code == "data-type"]
+    assert len(texts) == 1
+    assert texts[0].endswith("; treated as UNSIGNED32, the type in CiA 301 of 0x1600:01")
 
 
 @pytest.mark.parametrize(("device_type", "typed"), [("0x00020192", True), ("0x00020191", False)])

@@ -15,9 +15,9 @@ WHEELS = {side: AxisSettings(f"{side}_wheel_joint", 100.0) for side in ("left", 
 
 def body(urdf, *axes, free=None, floor=None):
     description = parse_description(urdf, "robot.urdf")
-    made = repaired(description)
+    created = repaired(description)
     robot = prepared(
-        read_spec(made, "robot.urdf"),
+        read_spec(created, "robot.urdf"),
         description,
         {axis.joint: axis for axis in axes},
         floor or FloorContact(),
@@ -35,23 +35,23 @@ def robby(**how):
 
 
 def test_a_robot_on_wheels_has_a_free_root_and_all_its_weight():
-    made = robby()
-    assert made.model.joint(BASE_JOINT).id == 0
-    assert made.base == made.model.body("base_footprint").id
-    assert float(made.model.body_subtreemass[0]) == pytest.approx(3.0 + 2 * 0.15 + 0.014, abs=1e-3)
+    created = robby()
+    assert created.model.joint(BASE_JOINT).id == 0
+    assert created.base == created.model.body("base_footprint").id
+    assert float(created.model.body_subtreemass[0]) == pytest.approx(3.0 + 2 * 0.15 + 0.014, abs=1e-3)
 
 
 @pytest.mark.parametrize(("urdf", "free"), [(BRAKED, None), (robby_urdf(), False)])
 def test_another_is_bolted_to_the_ground(urdf, free):
     axes = [AxisSettings("swing", 1.0)] if urdf == BRAKED else WHEELS.values()
-    made = body(urdf, *axes, free=free)
-    assert made.base is None
-    assert "no wheel carries the robot, so its root is fixed to the ground" in made.notes
+    created = body(urdf, *axes, free=free)
+    assert created.base is None
+    assert "no wheel carries the robot, so its root is fixed to the ground" in created.notes
 
 
 def test_wheels_become_ellipsoids_with_the_grip_of_the_floor():
-    made = robby(floor=FloorContact(friction=0.3, caster_friction=0.01))
-    model = made.model
+    created = robby(floor=FloorContact(friction=0.3, caster_friction=0.01))
+    model = created.model
     kinds = {model.geom(index).name.partition(" shape")[0]: index for index in range(model.ngeom)}
     assert int(model.geom_type[kinds["left_wheel"]]) == 4  # an ellipsoid
     assert model.geom_size[kinds["left_wheel"]].tolist() == [0.035, 0.035, 0.01]
@@ -88,12 +88,12 @@ def test_what_the_file_specifies_of_a_motor_holds():
 def test_the_friction_and_damping_of_a_driven_joint_are_those_of_the_description():
     urdf = BRAKED.replace("</joint>", '<dynamics damping="0.7" friction="0.3"/></joint>', 1)
     assert "dynamics" in urdf
-    made = body(urdf, AxisSettings("swing", 1.0))
-    place = made.joints["swing"]
-    assert (made.model.dof_damping[place.dof], made.model.dof_frictionloss[place.dof]) == (0.7, 0.3)
+    created = body(urdf, AxisSettings("swing", 1.0))
+    place = created.joints["swing"]
+    assert (created.model.dof_damping[place.dof], created.model.dof_frictionloss[place.dof]) == (0.7, 0.3)
     assert (place.motor.damping, place.motor.friction) == (0.7, 0.3)
-    made = body(urdf, AxisSettings("swing", 1.0, friction=0.1))
-    assert (made.model.dof_damping[place.dof], made.model.dof_frictionloss[place.dof]) == (0.7, 0.1)
+    created = body(urdf, AxisSettings("swing", 1.0, friction=0.1))
+    assert (created.model.dof_damping[place.dof], created.model.dof_frictionloss[place.dof]) == (0.7, 0.1)
 
 
 def test_a_steered_wheel_without_an_axle_rolls():
@@ -104,9 +104,9 @@ def test_a_steered_wheel_without_an_axle_rolls():
         '<link name="wheel"><visual><origin rpy="1.57 0 0"/><geometry><cylinder radius="0.2" length="0.1"/></geometry>'
         "</visual></link>"
     )
-    made = body(f'<robot name="r">{wheel}</robot>', AxisSettings("steer", 1.0))
-    assert "the robot stands on no driven wheels, wheel turning freely" in made.notes
-    assert made.model.njnt == 3  # the root, the steering, the axle
+    created = body(f'<robot name="r">{wheel}</robot>', AxisSettings("steer", 1.0))
+    assert "the robot stands on no driven wheels, wheel turning freely" in created.notes
+    assert created.model.njnt == 3  # the root, the steering, the axle
 
 
 def test_what_is_drawn_on_a_wheel_touches_nothing():

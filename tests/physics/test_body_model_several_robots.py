@@ -89,9 +89,9 @@ def test_what_happens_to_one_does_not_to_the_other(tmp_path):
 def test_a_range_finder_detects_the_other_robot(tmp_path):
     plant = ROBBY.replace("axes:", "sensors: {{front: {{kind: range, link: caster, reach: 3}}}}\naxes:")
     left, right = both(shared(tmp_path, plant=plant))
-    seen = [side.world.describe().sensors["front"][0] for side in (left, right)]
-    assert seen[0] == pytest.approx(seen[1], abs=1e-3)
-    assert 0.5 < seen[0] < 1.0
+    observed = [side.world.describe().sensors["front"][0] for side in (left, right)]
+    assert observed[0] == pytest.approx(observed[1], abs=1e-3)
+    assert 0.5 < observed[0] < 1.0
     right.world.act(PushRobot(force=(0.0, 0.0, 1000.0), seconds=0.2))
     go((left, right), 0.3)
     assert left.world.describe().sensors["front"] == (-1.0,)
@@ -100,8 +100,8 @@ def test_a_range_finder_detects_the_other_robot(tmp_path):
 def test_the_other_robot_is_among_the_shapes(tmp_path):
     world = shared(tmp_path, HALL + "patches: [{{at: [1, 2], size: [1, 3], friction: 0.1, heading: 90}}]\n")
     shapes = world.side("left").shapes()
-    assert {each.robot for each in shapes} == {"", "right"}
-    assert {each.kind for each in shapes if each.robot} >= {"ellipsoid"}
+    assert {shape.robot for shape in shapes} == {"", "right"}
+    assert {shape.kind for shape in shapes if shape.robot} >= {"ellipsoid"}
     patch = shapes[0]
     assert (patch.kind, patch.size[:2], patch.grip) == ("patch", (1.0, 3.0), 0.1)
     assert patch.rotation == pytest.approx((math.sqrt(0.5), 0, 0, math.sqrt(0.5)))

@@ -19,9 +19,9 @@ def state_home(tmp_path, monkeypatch):
 
 @pytest.fixture
 def robot(request, state_home):
-    made = PhysicsRobot(f"physics-{request.node.name[:20]}", **getattr(request, "param", {}))
-    yield made
-    made.close()
+    physics_robot = PhysicsRobot(f"physics-{request.node.name[:20]}", **getattr(request, "param", {}))
+    yield physics_robot
+    physics_robot.close()
 
 
 def test_without_mujoco_it_is_reported_with_what_to_install(tmp_path, monkeypatch):

@@ -18,13 +18,13 @@ def wheel(name="wheel", pos="0 0.2 -0.1", axis="0 1 0", shape=CYLINDER):
 
 
 def test_a_cylinder_that_turns_about_its_axis_is_a_wheel_and_the_robot_stands_on_it():
-    found = ground(wheel())
-    assert [(each.geom, each.part, each.joint) for each in found.touches] == [
+    result = ground(wheel())
+    assert [(touche.geom, touche.part, touche.joint) for touche in result.touches] == [
         ("wheel", ContactPart.WHEEL, "wheel turns")
     ]
-    assert found.touches[0].radius == pytest.approx(0.1)
-    assert found.lift == pytest.approx(-0.1)  # the root is drawn so that the wheel floats 10 cm above 0
-    assert found.rolls
+    assert result.touches[0].radius == pytest.approx(0.1)
+    assert result.lift == pytest.approx(-0.1)  # the root is drawn so that the wheel floats 10 cm above 0
+    assert result.rolls
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def test_a_cylinder_that_turns_about_its_axis_is_a_wheel_and_the_robot_stands_on
     ],
 )
 def test_what_does_not_turn_about_its_own_axis_is_not_a_wheel(axis, shape, part):
-    assert [each.part for each in ground(wheel(axis=axis, shape=shape)).touches] == [part]
+    assert [touche.part for touche in ground(wheel(axis=axis, shape=shape)).touches] == [part]
 
 
 def test_casters_alone_carry_no_robot_that_rolls():

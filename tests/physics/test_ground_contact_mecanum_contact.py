@@ -1,4 +1,4 @@
-"""A base on mecanum wheels goes where its wheels say, sideways too, as a whole robot in simulated time."""
+"""A base on mecanum wheels moves according to its wheels, also sideways, as a whole robot in simulated time."""
 
 import contextlib
 
@@ -16,10 +16,10 @@ RADIUS, REACH = 0.08, 0.42
 def robot(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
-        made = PhysicsRobot("mecanum-contact", config="mecanum", controllers=[BASE])
-        made.start()
-        yield made
-        made.close()
+        physics_robot = PhysicsRobot("mecanum-contact", config="mecanum", controllers=[BASE])
+        physics_robot.start()
+        yield physics_robot
+        physics_robot.close()
 
 
 def went(robot, twist, seconds=0.4):
@@ -32,8 +32,8 @@ def went(robot, twist, seconds=0.4):
     robot.run(1100)
     base = robot.world.describe().base
     fl, fr, rr, rl = (RADIUS * (end - begin) for begin, end in zip(wheels, positions(robot), strict=True))
-    said = [(fl + fr + rr + rl) / 4, (-fl + fr - rr + rl) / 4, (-fl + fr + rr - rl) / (4 * REACH)]
-    return said, [base.x - pose.x, base.y - pose.y, base.heading - pose.heading]
+    text = [(fl + fr + rr + rl) / 4, (-fl + fr - rr + rl) / 4, (-fl + fr + rr - rl) / (4 * REACH)]
+    return text, [base.x - pose.x, base.y - pose.y, base.heading - pose.heading]
 
 
 def positions(robot):

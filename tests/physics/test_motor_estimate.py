@@ -17,11 +17,11 @@ def motor(effort=0.0, said=None, **settings):
 
 
 def test_a_joint_gets_twice_what_its_weight_and_an_acceleration_need():
-    found = motor()
+    result = motor()
     weight, inertia = 2.0 * 9.81 * 0.5, 2.0 * 0.5**2
-    assert found.rated_torque == pytest.approx(2.0 * (weight + 10.0 * inertia), rel=0.05)
-    assert found.peak_torque == pytest.approx(2.0 * found.rated_torque)
-    assert found.brake
+    assert result.rated_torque == pytest.approx(2.0 * (weight + 10.0 * inertia), rel=0.05)
+    assert result.peak_torque == pytest.approx(2.0 * result.rated_torque)
+    assert result.brake
 
 
 def test_the_effort_of_the_description_is_the_peak_and_the_file_wins():
@@ -31,8 +31,8 @@ def test_the_effort_of_the_description_is_the_peak_and_the_file_wins():
 
 
 def test_friction_and_damping_are_the_settings_else_those_of_the_description_else_the_motors():
-    said = Described(8.0, friction=0.3, damping=0.0)
-    assert (motor(said=said).friction, motor(said=said).damping) == (0.3, 0.0)
-    assert (motor(said=said, friction=0.1).friction, motor(said=said, damping=0.2).damping) == (0.1, 0.2)
-    found = motor(effort=8.0)
-    assert (found.friction, found.damping) == (pytest.approx(0.02 * 4.0), pytest.approx(0.001 * 4.0))
+    described = Described(8.0, friction=0.3, damping=0.0)
+    assert (motor(said=described).friction, motor(said=described).damping) == (0.3, 0.0)
+    assert (motor(said=described, friction=0.1).friction, motor(said=described, damping=0.2).damping) == (0.1, 0.2)
+    result = motor(effort=8.0)
+    assert (result.friction, result.damping) == (pytest.approx(0.02 * 4.0), pytest.approx(0.001 * 4.0))

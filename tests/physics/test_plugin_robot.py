@@ -37,7 +37,7 @@ def test_everything_can_be_reported():
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "text"),
     [
         ({"min_angle": "left"}, "min_angle is 'left'; it must be a finite number"),
         ({"max_angle": "inf"}, "max_angle is 'inf'"),
@@ -52,17 +52,17 @@ def test_everything_can_be_reported():
         ({"laserscan_topic": " "}, "laserscan_topic is empty"),
     ],
 )
-def test_what_is_wrong_is_reported_with_its_place(changed, said):
-    with pytest.raises(PhysicsError) as told:
+def test_what_is_wrong_is_reported_with_its_place(changed, text):
+    with pytest.raises(PhysicsError) as reported:
         found(ANGLES | changed)
-    assert str(told.value).startswith("robot.urdf:7:5: sensor lidar: ")
-    assert said in str(told.value)
+    assert str(reported.value).startswith("robot.urdf:7:5: sensor lidar: ")
+    assert text in str(reported.value)
 
 
 def test_all_that_is_missing_is_reported_at_once_and_a_rate_that_is_none():
-    with pytest.raises(PhysicsError) as told:
+    with pytest.raises(PhysicsError) as reported:
         found({"min_angle": "0"})
-    assert [line.split(": ")[2].split(";")[0] for line in str(told.value).splitlines()] == [
+    assert [line.split(": ")[2].split(";")[0] for line in str(reported.value).splitlines()] == [
         "no max_angle",
         "no angle_increment",
     ]
@@ -88,9 +88,9 @@ def scanner(frame="base", turned=0.0, low=-math.pi / 2, **more):
     data = mujoco.MjData(model)
     data.qpos[3:7] = [math.cos(turned / 2), 0.0, 0.0, math.sin(turned / 2)]
     mujoco.mj_forward(model, data)
-    given = {"range_min": 0.1, "range_max": 10.0, "noise": 0.0, "seed": 0} | more
+    inputs = {"range_min": 0.1, "range_max": 10.0, "noise": 0.0, "seed": 0} | more
     settings = LidarSettings(
-        "lidar", frame, "/scan", low, math.pi, math.pi / 2, rate=10.0, place="robot.urdf:7:5", **given
+        "lidar", frame, "/scan", low, math.pi, math.pi / 2, rate=10.0, place="robot.urdf:7:5", **inputs
     )
     return LidarScanner(model, data, settings)
 
@@ -154,7 +154,7 @@ class Moved:
         self.system.configure()
         self.system.activate()
         self.system.perform_command_mode_switch([f"swing/{interface}"], [])
-        self.command = next(each for each in self.system.command_interfaces if each.name == f"swing/{interface}")
+        self.command = next(item for item in self.system.command_interfaces if item.name == f"swing/{interface}")
         self.now = 0
 
     def go(self, value, seconds):
@@ -165,7 +165,7 @@ class Moved:
         return self.states()
 
     def states(self):
-        return {each.name: each.value for each in self.system.state_interfaces}
+        return {interface.name: interface.value for interface in self.system.state_interfaces}
 
 
 def test_a_position_is_gone_to_and_held_against_the_weight():

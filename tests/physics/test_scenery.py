@@ -22,8 +22,8 @@ def scene(**parts):
 
 def height(model, data, x, y):
     """Return how high the first thing below a point in the sky is."""
-    sky, down, found = np.array([x, y, 10.0]), np.array([0.0, 0.0, -1.0]), np.zeros(1, dtype=np.int32)
-    way = float(mujoco.mj_ray(model, data, sky, down, None, 1, -1, found))
+    sky, down, result = np.array([x, y, 10.0]), np.array([0.0, 0.0, -1.0]), np.zeros(1, dtype=np.int32)
+    way = float(mujoco.mj_ray(model, data, sky, down, None, 1, -1, result))
     return None if way < 0 else 10.0 - way
 
 

@@ -11,7 +11,9 @@ from canopen_control.physics.sdf_world import convex_parts, read_sdf_world
 
 def stl(*triangles):
     """Return triangles as binary STL."""
-    rows = b"".join(struct.pack("<12fH", *(0.0,) * 3, *(n for corner in each for n in corner), 0) for each in triangles)
+    rows = b"".join(
+        struct.pack("<12fH", *(0.0,) * 3, *(n for corner in triangle for n in corner), 0) for triangle in triangles
+    )
     return bytes(80) + struct.pack("<I", len(triangles)) + rows
 
 
@@ -24,7 +26,7 @@ def cube(x, size):
 
 def test_each_piece_that_hangs_together_is_a_part_at_the_scale():
     parts = convex_parts(stl(*cube(0.0, 1.0), *cube(3.0, 0.5)), (1.0, 2.0, 1.0))
-    bounds = sorted((*each.corners.min(axis=0), *each.corners.max(axis=0)) for each in parts)
+    bounds = sorted((*part.corners.min(axis=0), *part.corners.max(axis=0)) for part in parts)
     assert np.allclose(bounds, [(0, 0, 0, 1, 2, 1), (3, 0, 0, 3.5, 1, 0.5)])
 
 
@@ -65,7 +67,7 @@ def link(inside, pose=""):
 
 
 def places(world):
-    return [tuple(round(number, 9) for number in each.pose.position) for each in world.solids]
+    return [tuple(round(number, 9) for number in solid.pose.position) for solid in world.solids]
 
 
 @pytest.mark.parametrize(
@@ -121,7 +123,7 @@ def test_a_file_that_is_included_has_the_pose_and_the_name_of_the_include(tmp_pa
     named = include.format("models/shelf/new.sdf", "")
     world = world_of(tmp_path, here + named + include.format("model://sun", ""))
     assert places(world) == [(2.0, 0.0, 0.0), (9.0, 0.0, 0.0)]
-    assert [each.name for each in world.solids] == ["s1::l::c", "m::l::c"]
+    assert [solid.name for solid in world.solids] == ["s1::l::c", "m::l::c"]
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", str(tmp_path / "models"))
     assert places(world_of(tmp_path / "elsewhere", include.format("model://shelf", ""))) == [(9.0, 0.0, 0.0)]
@@ -226,5 +228,5 @@ def test_a_world_in_yaml_names_one_in_sdf(tmp_path):
     world_of(tmp_path, model(link(BOX)))
     (tmp_path / "hall.yml").write_text("sdf: hall.sdf\nwalls: [{from: [0, 2], to: [4, 2]}]\n")
     world = read_world_description(tmp_path / "hall.yml")
-    assert [each.name for each in world.solids] == ["m::l::c"]
+    assert [solid.name for solid in world.solids] == ["m::l::c"]
     assert len(world.walls) == 1

@@ -29,13 +29,13 @@ def repair(body, path="<urdf>"):
 
 def shapes(text, link):
     root = ET.fromstring(text)
-    return [each.find("geometry")[0].tag for each in root.find(f"link[@name='{link}']").findall("collision")]
+    return [item.find("geometry")[0].tag for item in root.find(f"link[@name='{link}']").findall("collision")]
 
 
 def test_what_is_only_seen_touches_and_weighs():
-    made = repair('<link name="part"><visual><geometry><sphere radius="1"/></geometry></visual></link>')
-    assert shapes(made.text, "part") == ["sphere"]
-    assert made.guessed == ("base", "part")
+    created = repair('<link name="part"><visual><geometry><sphere radius="1"/></geometry></visual></link>')
+    assert shapes(created.text, "part") == ["sphere"]
+    assert created.guessed == ("base", "part")
 
 
 def test_a_collision_is_taken_and_what_is_seen_dropped():
@@ -44,10 +44,10 @@ def test_a_collision_is_taken_and_what_is_seen_dropped():
         '<collision><geometry><sphere radius="1"/></geometry></collision>'
         '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
     )
-    made = repair(body)
-    assert shapes(made.text, "part") == ["sphere"]
-    assert made.guessed == ("base",)
-    assert "<visual>" not in made.text
+    created = repair(body)
+    assert shapes(created.text, "part") == ["sphere"]
+    assert created.guessed == ("base",)
+    assert "<visual>" not in created.text
 
 
 @pytest.mark.parametrize("inertial", ["", '<inertial><mass value="0"/></inertial>'])
@@ -80,10 +80,10 @@ def test_a_mesh_that_cannot_be_used_is_left_out_and_reported(tmp_path, name, why
     body = f'<link name="part">{mesh}<collision><geometry><sphere radius="1"/></geometry></collision></link>'
     for file, content in (("part.ply", ""), ("part.glb", "glTF"), ("broken.stl", "no mesh"), ("flat.obj", FLAT)):
         (tmp_path / file).write_text(content)
-    made = repair(body, str(tmp_path / "robot.urdf"))
-    assert shapes(made.text, "part") == ["sphere"]
-    assert why in made.notes[0]
-    assert made.notes[0].startswith("link part: ")
+    created = repair(body, str(tmp_path / "robot.urdf"))
+    assert shapes(created.text, "part") == ["sphere"]
+    assert why in created.notes[0]
+    assert created.notes[0].startswith("link part: ")
 
 
 def test_a_mesh_is_found_next_to_the_description_and_in_its_package_and_read_once(tmp_path):
@@ -94,21 +94,21 @@ def test_a_mesh_is_found_next_to_the_description_and_in_its_package_and_read_onc
         f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
         for name in ("part.obj", "package://my_robot/part.obj")
     )
-    made = repair(f'<link name="part">{shapes}</link>', str(folder / "robot.urdf"))
-    assert made.text.count('filename="part_0.stl"') == 2
-    assert list(made.meshes) == ["part_0.stl"]
-    assert made.notes == ()
+    created = repair(f'<link name="part">{shapes}</link>', str(folder / "robot.urdf"))
+    assert created.text.count('filename="part_0.stl"') == 2
+    assert list(created.meshes) == ["part_0.stl"]
+    assert created.notes == ()
 
 
 @pytest.mark.parametrize("name", ["part.obj", "part.dae", "part.stl"])
 def test_a_mesh_weighs_what_it_does_at_its_scale_whatever_its_format(tmp_path, name):
     (tmp_path / name).write_text({"part.obj": WEDGE, "part.dae": COLLADA, "part.stl": solid()}[name])
     mesh = f'<mesh filename="{name}" scale="0.1 0.1 0.2"/>'
-    made = repair(
+    created = repair(
         f'<link name="part"><visual><geometry>{mesh}</geometry></visual></link>', str(tmp_path / "robot.urdf")
     )
-    model = compiled(read_spec(made, "robot.urdf"), "robot.urdf")
-    assert made.notes == ()
+    model = compiled(read_spec(created, "robot.urdf"), "robot.urdf")
+    assert created.notes == ()
     assert model.body("part").mass[0] == pytest.approx(1000.0 * 0.1 * 0.1 * 0.2 / 6)
     assert model.body("part").ipos == pytest.approx([0.025, 0.025, 0.05])
 
@@ -135,18 +135,18 @@ def simulated(made):
 
 
 def test_an_inertia_that_no_body_has_is_reported_with_its_link_and_the_nearest_possible_one_counts():
-    made = repair(with_inertia((1, 2, 5, 0, 0, 0)))
-    assert made.notes == (
+    created = repair(with_inertia((1, 2, 5, 0, 0, 0)))
+    assert created.notes == (
         "<urdf>:3:1: link part: its moments of inertia 1, 2, 5 kg m² are impossible, the largest is more than the sum "
         "of the others; simulated with 3 instead of 5",
     )
-    assert simulated(made) == pytest.approx([1.0, 2.0, 3.0])
+    assert simulated(created) == pytest.approx([1.0, 2.0, 3.0])
 
 
 def test_rounded_numbers_of_a_flat_body_are_neither_reported_nor_replaced_by_a_mean():
-    made = repair(with_inertia((1, 1, 2.0000001, 0, 0, 0)))
-    assert made.notes == ()
-    assert simulated(made) == pytest.approx([1.0, 1.0, 2.0], rel=1e-6)
+    created = repair(with_inertia((1, 1, 2.0000001, 0, 0, 0)))
+    assert created.notes == ()
+    assert simulated(created) == pytest.approx([1.0, 1.0, 2.0], rel=1e-6)
 
 
 @pytest.mark.parametrize("moments", [(1, 1, -1, 0, 0, 0), (0, 0, 0, 0, 0, 0), (1, 1, 1, 3, 0, 0)])

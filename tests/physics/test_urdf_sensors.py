@@ -1,4 +1,4 @@
-"""The <sensor> tags that a world measures, and what is wrong of them; MuJoCo is not needed."""
+"""The <sensor> tags supported by a world, and errors in them; MuJoCo is not needed."""
 
 import sys
 
@@ -31,12 +31,12 @@ def test_an_orientation_alone_is_an_imus_and_other_sensors_are_none_of_a_world()
 
 
 def test_link_noise_seed_and_reach_are_parameters():
-    given = part("range", frame_id="imu_link", noise="0.5", seed="7", range_max="3")
-    assert found(given) == {"one": SensorSettings(RANGE, "imu_link", 0.5, 3.0, 7)}
+    inputs = part("range", frame_id="imu_link", noise="0.5", seed="7", range_max="3")
+    assert found(inputs) == {"one": SensorSettings(RANGE, "imu_link", 0.5, 3.0, 7)}
 
 
 @pytest.mark.parametrize(
-    ("parameters", "said"),
+    ("parameters", "text"),
     [
         ({"noise": "-1"}, "noise is '-1'; it must be 0 or more"),
         ({"noise": "nan"}, "noise is 'nan'"),
@@ -50,10 +50,10 @@ def test_link_noise_seed_and_reach_are_parameters():
         ({"mujoco_type": "imo"}, "no mujoco_type 'imo' (did you mean 'imu'"),
     ],
 )
-def test_what_is_wrong_is_reported_with_its_line(parameters, said):
-    with pytest.raises(PhysicsError) as told:
+def test_what_is_wrong_is_reported_with_its_line(parameters, text):
+    with pytest.raises(PhysicsError) as reported:
         found(part("range", **parameters))
-    assert str(told.value).startswith(f"robot.urdf:7:5: sensor one: {said}")
+    assert str(reported.value).startswith(f"robot.urdf:7:5: sensor one: {text}")
 
 
 def test_reading_tags_does_not_need_mujoco():

@@ -23,10 +23,10 @@ def reader(*sensors, speed=0.0, steps=3, seed=0):
 
 def test_an_imu_feels_gravity_and_turning():
     numbers = reader(WorldSensor("imu", IMU, "tip"), speed=2.0, steps=1).read()["imu"]
-    told = dict(zip(INTERFACES[IMU], numbers, strict=True))
-    assert told["orientation.w"] == pytest.approx(1.0, abs=1e-3)
-    assert told["angular_velocity.z"] == pytest.approx(2.0, rel=1e-3)
-    assert told["linear_acceleration.z"] == pytest.approx(10.0, rel=1e-3)
+    reported = dict(zip(INTERFACES[IMU], numbers, strict=True))
+    assert reported["orientation.w"] == pytest.approx(1.0, abs=1e-3)
+    assert reported["angular_velocity.z"] == pytest.approx(2.0, rel=1e-3)
+    assert reported["linear_acceleration.z"] == pytest.approx(10.0, rel=1e-3)
 
 
 def test_a_range_finder_looks_ahead_and_reports_when_there_is_nothing():
@@ -41,9 +41,9 @@ def test_a_range_finder_looks_ahead_and_reports_when_there_is_nothing():
 
 
 def test_a_force_torque_sensor_carries_the_weight():
-    told = dict(zip(INTERFACES[FORCE], reader(WorldSensor("wrist", FORCE, "tip")).read()["wrist"], strict=True))
-    assert abs(told["force.z"]) == pytest.approx(20.0, rel=1e-3)
-    assert told["torque.x"] == pytest.approx(0.0, abs=1e-6)
+    reported = dict(zip(INTERFACES[FORCE], reader(WorldSensor("wrist", FORCE, "tip")).read()["wrist"], strict=True))
+    assert abs(reported["force.z"]) == pytest.approx(20.0, rel=1e-3)
+    assert reported["torque.x"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_link_that_is_not_there_is_reported():

@@ -1,4 +1,4 @@
-"""A robot and another ROS program that looks, for all tests of a file, and the bridge between them for all files."""
+"""A robot and another ROS program for all tests of a file, and the bridge between them for all files."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def own_bridge(request, tmp_path_factory):
     if not hasattr(request.module, "ARGUMENTS"):
         yield request.getfixturevalue("common_bridge")()
         return
-    with bridged(folder_for(tmp_path_factory), *request.module.ARGUMENTS) as found:
-        yield found
+    with bridged(folder_for(tmp_path_factory), *request.module.ARGUMENTS) as result:
+        yield result
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""When a goal's client is gone, and how often he is told; what goals do in ROS: the tests of the two actions."""
+"""Loss of a goal's client, and the number of notifications; the goals in ROS are in the tests of the two actions."""
 
 from __future__ import annotations
 
@@ -51,6 +51,6 @@ def test_one_that_cannot_be_reported_from_others_is_gone_with_the_last_of_them()
 def test_he_is_reported_at_the_rate_of_the_verdict():
     followed = goal()
     followed.verdict = GripperVerdict(accepted=True, feedback_rate=10.0)
-    told = [time for time in range(100) if followed.feedback_due(5.0 + time / 100)]
-    assert len(told) == 10
+    reported = [time for time in range(100) if followed.feedback_due(5.0 + time / 100)]
+    assert len(reported) == 10
     assert followed.feedback_due(1.0), "the clock was set back"

@@ -39,14 +39,14 @@ def piece(*times):
 
 
 def times(request):
-    return [each.time_from_start for each in request.points]
+    return [point.time_from_start for point in request.points]
 
 
 def test_a_piece_is_sent_when_the_one_before_was_answered_and_the_last_one_with_the_request(scene):
     scene.send(piece(1.0), piece(2.0), piece(3.0))
     for count, kind in enumerate((TrajectoryData, TrajectoryData, SetTrajectory), 1):
-        asked = scene.clients[0].asked
-        assert (len(asked), type(asked[-1][0]), times(asked[-1][0])) == (count, kind, [float(count)])
+        requested = scene.clients[0].asked
+        assert (len(requested), type(requested[-1][0]), times(requested[-1][0])) == (count, kind, [float(count)])
         assert scene.answers == []
         scene.answer(Done())
     assert scene.answers == [(Done(), None)]
@@ -68,8 +68,8 @@ def test_a_connection_reports_that_the_bridge_is_at_work_several_times_within_wh
     scene.send(piece(1.0))
     scene.answer(Done())
     scene.send(piece(2.0))
-    ((said, every_ns),) = scene.clients[0].said
-    assert isinstance(said, TrajectoryHeartbeat)
+    ((text, every_ns),) = scene.clients[0].said
+    assert isinstance(text, TrajectoryHeartbeat)
     assert every_ns * 4 < HEARTBEAT_S * 1e9
 
 

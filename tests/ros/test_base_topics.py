@@ -82,14 +82,14 @@ def test_a_plain_twist_on_the_stamped_topic_is_taken_as_in_ros_1_and_a_stamped_o
 
         def taken():
             driving.robot.time += 0.1  # of the looks
-            return any(each["linear"] == 0.4 for each in twists(driving))
+            return any(item["linear"] == 0.4 for item in twists(driving))
 
         assert eventually(taken)
     driving.peer.order("publish", topic=topic, of=STAMPED, data={"twist": twist(0.6, 0.0)}, rate=20)
 
     def taken_again():
         driving.robot.time += 0.1
-        return any(each["linear"] == 0.6 for each in twists(driving))
+        return any(item["linear"] == 0.6 for item in twists(driving))
 
     assert eventually(taken_again)
     driving.peer.order("silence", topic=topic)
@@ -100,9 +100,9 @@ def test_a_twist_that_is_not_finite_is_dropped(driving):
     for bad in (twist(math.nan, 0.0), twist(0.0, math.inf)):
         driving.peer.order("publish", topic=topic, of=PLAIN, data=bad)
     driving.peer.order("publish", topic=topic, of=PLAIN, data=twist(0.3, 0.3), rate=20)
-    assert eventually(lambda: any(each["linear"] == 0.3 for each in twists(driving)))
+    assert eventually(lambda: any(item["linear"] == 0.3 for item in twists(driving)))
     driving.peer.order("silence", topic=topic)
-    assert not any(each["linear"] == 0.0 for each in twists(driving))
+    assert not any(item["linear"] == 0.0 for item in twists(driving))
 
 
 def test_odometry_is_published_once_for_each_new_sample(driving):
@@ -127,17 +127,17 @@ def test_odometry_is_published_once_for_each_new_sample(driving):
 
 @pytest.mark.parametrize(("axes", "lateral"), [(("linear.x", "angular.z"), 0.0), (HOLONOMIC, 0.4)])
 def test_what_goes_sideways_is_for_a_base_that_can(axes, lateral):
-    given = Ros()
-    commands = TwistCommands(given, reading(axes))
+    inputs = Ros()
+    commands = TwistCommands(inputs, reading(axes))
     message = Twist()
     message.linear.x, message.linear.y, message.angular.z = 0.5, 0.4, 0.3
-    given.publish("base/cmd_vel_unstamped", message)
-    (sent,) = given.commanded
+    inputs.publish("base/cmd_vel_unstamped", message)
+    (sent,) = inputs.commanded
     assert (sent.linear, sent.lateral, sent.angular) == (0.5, lateral, 0.3)
     message.linear.y = math.nan
-    given.publish("base/cmd_vel_unstamped", message)
-    assert len(given.commanded) == (1 if lateral else 2)
-    assert given.told == (
+    inputs.publish("base/cmd_vel_unstamped", message)
+    assert len(inputs.commanded) == (1 if lateral else 2)
+    assert inputs.told == (
         ["base: a twist is not finite: linear.x 0.5, linear.y nan, angular.z 0.3; it was dropped"] * bool(lateral)
     )
     commands.close()
@@ -182,31 +182,31 @@ def test_odometry_is_reset_by_a_service_without_fields(monkeypatch):
 
 def test_odometry_is_set_by_a_service_in_the_plane_alone(monkeypatch):
     monkeypatch.setattr(base_topics, "interface", interface, raising=False)
-    given = Ros()
-    endpoint = OdometrySetting(given, reading(HOLONOMIC))
-    response, asked = given.call("base/set_odometry", {}, x=1.0, y=-2.0, yaw=0.5)
+    inputs = Ros()
+    endpoint = OdometrySetting(inputs, reading(HOLONOMIC))
+    response, requested = inputs.call("base/set_odometry", {}, x=1.0, y=-2.0, yaw=0.5)
     assert (response.success, response.message) == (True, "")
-    assert asked == [SetOdometry(controller="base", x=1.0, y=-2.0, heading=0.5)]
-    response, _ = given.call("base/set_odometry", "base is inactive", yaw=0.5)
+    assert requested == [SetOdometry(controller="base", x=1.0, y=-2.0, heading=0.5)]
+    response, _ = inputs.call("base/set_odometry", "base is inactive", yaw=0.5)
     assert (response.success, response.message) == (False, "base is inactive")
-    response, asked = given.call("base/set_odometry", z=0.5, pitch=0.1)
-    assert (response.success, asked) == (False, [])
+    response, requested = inputs.call("base/set_odometry", z=0.5, pitch=0.1)
+    assert (response.success, requested) == (False, [])
     assert response.message == "base moves only in the plane; z, pitch must be 0"
     endpoint.close()
-    assert given.left == ["base/set_odometry"]
+    assert inputs.left == ["base/set_odometry"]
 
 
 def test_the_publishers_on_all_topics_of_a_base_are_watched_together():
-    given = Ros()
-    given.controllers = {"base": reading(("linear.x", "angular.z"))}
-    commands, shared = TwistCommands(given, given.controllers["base"]), SharedTwist(given, "cmd_vel", "Twist")
+    inputs = Ros()
+    inputs.controllers = {"base": reading(("linear.x", "angular.z"))}
+    commands, shared = TwistCommands(inputs, inputs.controllers["base"]), SharedTwist(inputs, "cmd_vel", "Twist")
     message = Twist()
     message.linear.x = 0.5
     for topic in ("cmd_vel", "base/cmd_vel", "base/cmd_vel_unstamped"):
-        given.publish(topic, message)
+        inputs.publish(topic, message)
     message.linear.x = math.nan
-    given.publish("cmd_vel", message)
+    inputs.publish("cmd_vel", message)
     watched = [("base", topic, (0.5, 0.0, 0.0)) for topic in ("cmd_vel", "base/cmd_vel", "base/cmd_vel_unstamped")]
-    assert given.watched == watched
+    assert inputs.watched == watched
     commands.close()
     shared.close()

@@ -1,4 +1,4 @@
-"""What steering and mecanum controllers tell, with what ROS and the robot are to them; nothing is sent."""
+"""Messages of steering and mecanum controllers, with stand-ins for ROS and the robot; nothing is sent."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ def ros(monkeypatch):
     [("steering", PLANAR, "SteeringControllerStatus"), ("mecanum", HOLONOMIC, "MecanumDriveControllerState")],
 )
 def test_they_have_upstreams_topics(ros, tells, axes, kind):
-    made = controller_endpoints.endpoints_for(ros, reading(tells, axes))
-    assert [type(each) for each in made[:3]] == [TwistCommands, OdometrySetting, TfOdometry]
+    created = controller_endpoints.endpoints_for(ros, reading(tells, axes))
+    assert [type(item) for item in created[:3]] == [TwistCommands, OdometrySetting, TfOdometry]
     assert list(ros.services) == ["base/set_odometry"]
-    assert [(each.topic, each.kind.__name__) for each in ros.publishers] == [
+    assert [(publisher.topic, publisher.kind.__name__) for publisher in ros.publishers] == [
         ("base/tf_odometry", "TFMessage"),
         ("base/odometry", "Odometry"),
         ("base/controller_state", kind),
     ]
-    assert all(each.quality is SYSTEM_DEFAULT for each in ros.publishers)
+    assert all(publisher.quality is SYSTEM_DEFAULT for publisher in ros.publishers)
     kind, _, quality = ros.subscriptions["base/reference"]
     assert kind.__name__ == "TwistStamped"
     assert (quality.depth, quality.reliability.name) == (1, "BEST_EFFORT")
@@ -59,7 +59,7 @@ def test_they_have_upstreams_topics(ros, tells, axes, kind):
 def test_an_omni_base_has_the_topics_of_the_diff_drive(ros):
     controller_endpoints.endpoints_for(ros, reading("odometry", HOLONOMIC, "cmd_vel"))
     assert list(ros.subscriptions) == ["base/cmd_vel", "base/cmd_vel_unstamped"]
-    assert [each.topic for each in ros.publishers] == ["base/odom"]
+    assert [publisher.topic for publisher in ros.publishers] == ["base/odom"]
     assert list(ros.services) == ["base/set_odometry"]
 
 
@@ -69,25 +69,25 @@ def test_a_steered_base_reports_its_wheels(ros):
         **WHERE, traction_velocities=[1.0, None], steering=[0.25], traction_commands=[2.0, 3.0], steering_commands=[0.5]
     )
     state.on_state(StateSample(samples={"base": sample}))
-    (told,) = ros.publishers[0].told
-    assert (told.header.stamp.sec, told.header.frame_id) == (5, "map")
-    assert list(told.traction_wheels_position) == []
-    assert told.traction_wheels_velocity[0] == 1.0
-    assert math.isnan(told.traction_wheels_velocity[1])
-    assert (list(told.steer_positions), list(told.steering_angle_command)) == ([0.25], [0.5])
-    assert list(told.linear_velocity_command) == [2.0, 3.0]
+    (reported,) = ros.publishers[0].told
+    assert (reported.header.stamp.sec, reported.header.frame_id) == (5, "map")
+    assert list(reported.traction_wheels_position) == []
+    assert reported.traction_wheels_velocity[0] == 1.0
+    assert math.isnan(reported.traction_wheels_velocity[1])
+    assert (list(reported.steer_positions), list(reported.steering_angle_command)) == ([0.25], [0.5])
+    assert list(reported.linear_velocity_command) == [2.0, 3.0]
 
 
 def test_a_base_on_mecanum_wheels_reports_them_and_its_twist(ros):
     state = publisher_of(ros, reading("mecanum", HOLONOMIC), "controller_state")
     sample = MecanumSample(**WHERE, wheels=[1.0, 2.0, 3.0, None], reference=[0.1, 0.2, None])
     state.on_state(StateSample(samples={"base": sample}))
-    (told,) = ros.publishers[0].told
-    found = (told.front_left_wheel_velocity, told.back_left_wheel_velocity, told.back_right_wheel_velocity)
-    assert found == (1.0, 2.0, 3.0)
-    assert math.isnan(told.front_right_wheel_velocity)
-    assert (told.reference_velocity.linear.x, told.reference_velocity.linear.y) == (0.1, 0.2)
-    assert math.isnan(told.reference_velocity.angular.z)
+    (reported,) = ros.publishers[0].told
+    result = (reported.front_left_wheel_velocity, reported.back_left_wheel_velocity, reported.back_right_wheel_velocity)
+    assert result == (1.0, 2.0, 3.0)
+    assert math.isnan(reported.front_right_wheel_velocity)
+    assert (reported.reference_velocity.linear.x, reported.reference_velocity.linear.y) == (0.1, 0.2)
+    assert math.isnan(reported.reference_velocity.angular.z)
 
 
 @pytest.mark.parametrize("broadcast", [True, False])

@@ -36,7 +36,7 @@ def scene(ros_folder):
 
 
 def children(message):
-    return {each["child_frame_id"]: each for each in message["transforms"]}
+    return {item["child_frame_id"]: item for item in message["transforms"]}
 
 
 def test_fixed_joints_are_latched_for_late_subscribers(scene):
@@ -96,7 +96,7 @@ def reached(peer, buffer, frame):
 def test_every_odometry_is_found_in_the_transforms_and_so_is_each_link_at_its_time(scene):
     robot, peer = scene
     robot.switch(base="active", joint_state_broadcaster="active")
-    buffer, told = TransformBuffer(), []
+    buffer, reported = TransformBuffer(), []
     peer.order("subscribe", topic="/tf_static", of=TYPE, qos="latched")
     buffer.take(peer.message("/tf_static"), fixed=True)
     peer.order("subscribe", topic="/two/base/odom", of="nav_msgs/msg/Odometry")
@@ -106,12 +106,12 @@ def test_every_odometry_is_found_in_the_transforms_and_so_is_each_link_at_its_ti
         robot.time = 1_700_000_100.0 + number / 16
         turned = {"x": 0.1 * number, "heading": 0.2 * number, "time": robot.time}
         robot.samples = {"base": {**ODOMETRY, **turned}}
-        told.append(
+        reported.append(
             peer.message("/two/base/odom", lambda message, at=robot.time: ros.stamp_of(message) == round(at, 2))
         )
-    last = stamp_ns(told[-1]["header"])
+    last = stamp_ns(reported[-1]["header"])
     assert ros.eventually(lambda: reached(peer, buffer, "two/wheel") > last)
-    for message in told:
+    for message in reported:
         odom, base, now = message["header"]["frame_id"], message["child_frame_id"], stamp_ns(message["header"])
         pose = message["pose"]["pose"]
         place, turn = buffer.lookup(odom, base, now)

@@ -20,7 +20,7 @@ def driving(fresh):
 
 def seen(stage, linear):
     stage.robot.time += 0.01  # the bridge looks at the graph by the robot's clock
-    return any(each["linear"] == linear for each in stage.robot.commands("twist"))
+    return any(command["linear"] == linear for command in stage.robot.commands("twist"))
 
 
 def test_the_type_is_that_of_the_publisher_and_changes_when_it_has_left(driving):

@@ -19,7 +19,7 @@ class Ros:
 
     def _info(self, topic):
         self.looks += 1
-        return [SimpleNamespace(topic_type=each) for each in self.published]
+        return [SimpleNamespace(topic_type=item) for item in self.published]
 
     def subscribe(self, message, topic, callback, qos):
         self.types.append(message.__name__)
@@ -43,10 +43,10 @@ def follow(graph):
     from canopen_control.ros.base_topics import TwistSubscription
 
     def follow(*published, **how):
-        made = TwistSubscription(graph, "cmd_vel", print, **how)
+        twist_subscription = TwistSubscription(graph, "cmd_vel", print, **how)
         for number, graph.published in enumerate(published, 1):
-            made.check_types(StateSample(time=float(number)))
-        made.close()
+            twist_subscription.check_types(StateSample(time=float(number)))
+        twist_subscription.close()
         return graph.types
 
     return follow
@@ -76,7 +76,7 @@ def test_the_first_type_holds_until_the_other_one_alone_is_there(follow):
 def test_it_checks_four_times_a_second_at_any_rate_and_clock(graph):
     from canopen_control.ros.base_topics import TwistSubscription
 
-    made = TwistSubscription(graph, "cmd_vel", print)
+    twist_subscription = TwistSubscription(graph, "cmd_vel", print)
     for time in (5.0, 5.1, 5.2, 5.3, 1.0, 1.1):
-        made.check_types(StateSample(time=time))
+        twist_subscription.check_types(StateSample(time=time))
     assert graph.looks == 3, "at 5.0, 5.3, and after the clock was set back"

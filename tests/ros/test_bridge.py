@@ -1,4 +1,4 @@
-"""The bridge as a process: how it starts, what ends it, and the whole path from a topic to the wheels and back."""
+"""The bridge as a process: start, end, and the complete path from a topic to the wheels and back."""
 
 from __future__ import annotations
 
@@ -214,14 +214,16 @@ def test_the_frames_of_two_robots_in_one_graph_have_their_namespaces(number):
         peer.order("subscribe", topic="/tf", of="tf2_msgs/msg/TFMessage")
         with ros.FakeRobot("two") as two, ros.bridge(number, "--frame-prefix", "second/", name="two"):
             two.samples = one.samples
-            seen = set()
+            observed = set()
 
             def both():
                 for message in peer.waiting("/tf"):
-                    seen.update((each["header"]["frame_id"], each["child_frame_id"]) for each in message["transforms"])
+                    observed.update(
+                        (item["header"]["frame_id"], item["child_frame_id"]) for item in message["transforms"]
+                    )
                 for robot in (one, two):
                     robot.samples["base"]["time"] += 0.01
-                return {("one/odom", "one/base_link"), ("second/odom", "second/base_link")} <= seen
+                return {("one/odom", "one/base_link"), ("second/odom", "second/base_link")} <= observed
 
             assert ros.eventually(both)
 
@@ -248,9 +250,9 @@ class Robby:
 
     def bridge_pid(self):
         """Wait for the bridge; its command line is empty for a moment while the ROS wheels start it anew."""
-        found = []
-        assert ros.eventually(lambda: found.append(self._find_bridge()) or found[-1] is not None)
-        return found[-1]
+        results = []
+        assert ros.eventually(lambda: results.append(self._find_bridge()) or results[-1] is not None)
+        return results[-1]
 
     def _find_bridge(self):
         for pid in filter(str.isdigit, os.listdir("/proc")):
@@ -308,7 +310,7 @@ def test_the_death_of_the_bridge_is_reported_and_the_robot_continues(number):
         assert ros.eventually(lambda: runs() is not None)
         os.kill(robby.bridge_pid(), signal.SIGKILL)
         assert ros.eventually(
-            lambda: any(each["kind"] == "process_ended" for each in (runs() or {"events": []})["events"])
+            lambda: any(item["kind"] == "process_ended" for item in (runs() or {"events": []})["events"])
         )
     assert robby.process.returncode == 0
 
@@ -357,7 +359,7 @@ def test_the_wheels_stop_with_a_killed_bridge_at_once_and_another_one_is_started
                 if isinstance(message, RobotEvent):
                     kinds.append(message.kind)
                 elif "commander_gone" in kinds:
-                    stood = all(each.command == 0.0 for each in message.joints.values())
+                    stood = all(joint.command == 0.0 for joint in message.joints.values())
                     break
             assert stood
             assert kinds[0] in ("commander_gone", "process_ended")

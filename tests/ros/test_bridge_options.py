@@ -16,8 +16,8 @@ from canopen_control.yamlfile.reader import tree
 class Node:
     """As much of a node as is asked: parameters that were given from outside win when they are declared."""
 
-    def __init__(self, **given):
-        self.given, self.declared = given, {}
+    def __init__(self, **inputs):
+        self.given, self.declared = inputs, {}
 
     def has_parameter(self, name):
         return name in self.declared
@@ -36,10 +36,10 @@ def test_without_parameters_the_arguments_count():
     assert with_parameters(Node(), BridgeOptions(rate=20.0)) == BridgeOptions(rate=20.0)
 
 
-@pytest.mark.parametrize("given", [{"rate": -1.0}, {"rate": 1000.1}, {"rate": "fast"}, {"cmd_vel_type": "twist"}])
-def test_a_value_that_does_not_fit_is_one_sentence(given):
-    with pytest.raises(ConfigError, match=f"parameter {next(iter(given))}"):
-        with_parameters(Node(**given), BridgeOptions())
+@pytest.mark.parametrize("inputs", [{"rate": -1.0}, {"rate": 1000.1}, {"rate": "fast"}, {"cmd_vel_type": "twist"}])
+def test_a_value_that_does_not_fit_is_one_sentence(inputs):
+    with pytest.raises(ConfigError, match=f"parameter {next(iter(inputs))}"):
+        with_parameters(Node(**inputs), BridgeOptions())
 
 
 EXAMPLES = Path(bridge_options.__file__).parent / "share/examples"
@@ -47,9 +47,9 @@ EXAMPLES = Path(bridge_options.__file__).parent / "share/examples"
 
 def test_the_example_file_has_every_parameter_with_its_default():
     path = EXAMPLES / "bridge.yaml"
-    told = tree(path).value["/**/canopen_control_bridge"]["ros__parameters"]
+    reported = tree(path).value["/**/canopen_control_bridge"]["ros__parameters"]
     assert '\n    # frame_prefix: ""' in path.read_text(), "its default follows from the namespace"
-    assert {**told, "frame_prefix": ""} == dataclasses.asdict(BridgeOptions())
+    assert {**reported, "frame_prefix": ""} == dataclasses.asdict(BridgeOptions())
 
 
 @pytest.mark.ros
@@ -64,15 +64,15 @@ context, node = rcl.start("canopen_control_bridge", sys.argv[1], ["--ros-args", 
 print(bridge_options.with_parameters(node, bridge_options.BridgeOptions(frame_prefix="two/")))
 context.shutdown()
 """
-    said = run_ros(code, arguments=[namespace, str(path)])
-    assert "rate=33.0" in said
-    assert "frame_prefix='two/'" in said
+    text = run_ros(code, arguments=[namespace, str(path)])
+    assert "rate=33.0" in text
+    assert "frame_prefix='two/'" in text
 
 
 def test_the_example_for_another_controller_manager_names_our_topics_and_never_falls_silent():
     (hardware,) = ET.parse(EXAMPLES / "topic_hardware.urdf").getroot().iter("hardware")
-    told = {each.get("name"): each.text for each in hardware.findall("param")}
-    assert told == {
+    reported = {item.get("name"): item.text for item in hardware.findall("param")}
+    assert reported == {
         "joint_commands_topic": BridgeOptions().joint_commands_topic,
         "joint_states_topic": BridgeOptions().joint_states_topic,
         "trigger_joint_command_threshold": "-1",

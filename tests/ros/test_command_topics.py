@@ -27,7 +27,9 @@ def test_every_quality_of_service_is_accepted(fresh):
         topic = TOPIC
         fresh.peer.order("renew", topic=topic)
         fresh.peer.order("publish", topic=topic, of=TYPE, data={"data": [number, 7.0]}, qos=qos, rate=50)
-        assert eventually(lambda wanted=[number, 7.0]: any(each["values"] == wanted for each in commands(fresh))), qos
+        assert eventually(
+            lambda expected=[number, 7.0]: any(command["values"] == expected for command in commands(fresh))
+        ), qos
     fresh.peer.order("silence", topic=TOPIC)
 
 
@@ -36,17 +38,17 @@ def test_values_that_are_not_finite_and_wrong_sizes_never_reach_the_robot(fresh)
         for _ in range(3):
             fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": data})
     fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [3.0, 3.0]}, rate=50)
-    assert eventually(lambda: any(each["values"] == [3.0, 3.0] for each in commands(fresh)))
+    assert eventually(lambda: any(command["values"] == [3.0, 3.0] for command in commands(fresh)))
     fresh.peer.order("silence", topic=TOPIC)
-    assert {len(each["values"]) for each in commands(fresh)} == {2}
-    assert not any(value in (1.0, 2.0) for each in commands(fresh)[:-1] for value in each["values"])
+    assert {len(command["values"]) for command in commands(fresh)} == {2}
+    assert not any(value in (1.0, 2.0) for command in commands(fresh)[:-1] for value in command["values"])
 
 
 def test_a_controller_that_is_not_active_gets_nothing_until_it_is(fresh):
     fresh.robot.switch(forward="inactive")
     fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [4.0, 4.0]}, rate=50)
     watched = len(fresh.robot.told)
-    assert eventually(lambda: any(each["method"] == "controllers" for each in fresh.robot.told))
+    assert eventually(lambda: any(item["method"] == "controllers" for item in fresh.robot.told))
     before = len(commands(fresh))
     fresh.robot.switch(forward="active")
     assert eventually(lambda: len(commands(fresh)) > before)
@@ -60,14 +62,14 @@ def test_a_flood_arrives_as_one_command_per_cycle_with_the_newest_value(fresh):
     fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [3000.0, 0.0]}, rate=20)
     assert eventually(lambda: commands(fresh) and commands(fresh)[-1]["values"] == [3000.0, 0.0])
     fresh.peer.order("silence", topic=TOPIC)
-    values = [each["values"][0] for each in commands(fresh)]
+    values = [command["values"][0] for command in commands(fresh)]
     assert values == sorted(values)
     assert 0 < sum(value < 3000.0 for value in values) < 1000, "superseded, not queued"
 
 
 def test_two_publishers_that_alternate_are_named_in_one_warning_of_the_robot(fresh):
     def told():
-        return [each["text"] for each in fresh.robot.commands("tell") if "publish alternately" in each["text"]]
+        return [command["text"] for command in fresh.robot.commands("tell") if "publish alternately" in command["text"]]
 
     with Peer(fresh.domain) as other:
         for peer, value in ((fresh.peer, 1.0), (other, 2.0)):

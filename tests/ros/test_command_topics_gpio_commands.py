@@ -1,4 +1,4 @@
-"""The topic with what ROS and the robot are to it, nothing is sent; its way through ROS is that of the other topics."""
+"""The topic with stand-ins for ROS and the robot; the transport by ROS is that of the other topics."""
 
 from __future__ import annotations
 
@@ -33,9 +33,11 @@ def command(**values):
 
 def message(*parts):
     """Return a message of (gpio, names, values)."""
-    made, inner = (interface(f"control_msgs/msg/{each}") for each in ("DynamicInterfaceGroupValues", "InterfaceValue"))
+    created, inner = (
+        interface(f"control_msgs/msg/{name}") for name in ("DynamicInterfaceGroupValues", "InterfaceValue")
+    )
     values = [inner(interface_names=list(names), values=list(values)) for _, names, values in parts]
-    return made(interface_groups=[gpio for gpio, _, _ in parts], interface_values=values)
+    return created(interface_groups=[gpio for gpio, _, _ in parts], interface_values=values)
 
 
 @pytest.fixture
@@ -64,7 +66,7 @@ def test_a_message_sets_what_it_names_and_ends_with_the_bridge(ros):
 
 
 @pytest.mark.parametrize(
-    ("parts", "told"),
+    ("parts", "reported"),
     [
         ([("io", ["lamp", "horn"], [1.0])], "io: 2 interface_names with 1 values; give equal numbers"),
         ([("io", ["lamp"], [1.0, 1.0])], "io: 1 interface_names with 2 values; give equal numbers"),
@@ -75,11 +77,11 @@ def test_a_message_sets_what_it_names_and_ends_with_the_bridge(ros):
         ([("io", ["lamp"], [1.0]), ("io", ["lamp"], [0.0])], "io/lamp is named twice"),
     ],
 )  # fmt: skip
-def test_a_message_that_does_not_fit_is_dropped_whole_with_a_sentence(ros, parts, told):
+def test_a_message_that_does_not_fit_is_dropped_whole_with_a_sentence(ros, parts, reported):
     GpioCommands(ros, reading())
     ros.publish(TOPIC, message(*parts))
     assert ros.asked == []
-    assert ros.told == [f"{TOPIC}: {told}; the message was dropped"]
+    assert ros.told == [f"{TOPIC}: {reported}; the message was dropped"]
 
 
 def test_what_comes_before_the_answer_is_put_together_and_nothing_is_lost(ros):

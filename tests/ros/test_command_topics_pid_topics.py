@@ -1,4 +1,4 @@
-"""The topics with what ROS and the robot are to them, nothing is sent."""
+"""The topics with stand-ins for ROS and the robot; nothing is sent."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def reading(*interfaces, state="active"):
     return ControllerReading(
         name="pid", type="pid_controller/PidController", state=state, topic="reference", tells="pid",
         required_command_interfaces=("a/effort", "b/effort") if interfaces else (),
-        reference_interfaces=tuple(f"pid/{dof}/{each}" for each in interfaces for dof in ("x", "left/y")),
+        reference_interfaces=tuple(f"pid/{dof}/{item}" for item in interfaces for dof in ("x", "left/y")),
     )  # fmt: skip
 
 
@@ -41,9 +41,9 @@ def ros(monkeypatch):
 
 class TestReferences:
     def take(self, ros, values, rates=(), names=()):
-        made = interface("control_msgs/msg/MultiDOFCommand")
-        ros.publish(TOPIC, made(dof_names=list(names), values=list(values), values_dot=list(rates)))
-        return [each.values for each in ros.commanded]
+        created = interface("control_msgs/msg/MultiDOFCommand")
+        ros.publish(TOPIC, created(dof_names=list(names), values=list(values), values_dot=list(rates)))
+        return [item.values for item in ros.commanded]
 
     def test_the_subscription_is_as_upstreams(self, ros):
         references = PidReferences(ros, reading("position"))
@@ -78,7 +78,7 @@ class TestReferences:
         assert "values_dot is ignored" in ros.told[0]
 
     @pytest.mark.parametrize(
-        ("values", "rates", "names", "told"),
+        ("values", "rates", "names", "reported"),
         [
             ([1.0], [], [], "values has 1 numbers for x, left/y; give 2"),
             ([], [], [], "values has 0 numbers for x, left/y; give 2"),
@@ -91,10 +91,10 @@ class TestReferences:
             ([1.0], [], ["x"], "dof_names is x; give each of x, left/y once"),
         ],
     )
-    def test_what_is_not_whole_is_dropped_with_the_joints_name(self, ros, values, rates, names, told):
+    def test_what_is_not_whole_is_dropped_with_the_joints_name(self, ros, values, rates, names, reported):
         PidReferences(ros, reading("position", "velocity"))
         assert self.take(ros, values, rates, names) == []
-        assert ros.told == [f"{TOPIC}: {told}; the message was dropped"]
+        assert ros.told == [f"{TOPIC}: {reported}; the message was dropped"]
 
 
 class TestState:
@@ -108,7 +108,7 @@ class TestState:
     def test_what_is_not_known_is_nan(self, ros):
         publisher_of(ros, reading("position"), "controller_state").on_state(self.sample(1.0))
         fields = ("name", "reference", "feedback", "feedback_dot", "error", "error_dot", "time_step", "output")
-        x, y = ([getattr(each, name) for name in fields] for each in ros.publishers[0].told[0].dof_states)
+        x, y = ([getattr(state, name) for name in fields] for state in ros.publishers[0].told[0].dof_states)
         assert x == ["x", 1.0, 0.75, 0.5, 0.25, -0.5, 0.01, 2.0]
         assert [y[0], y[6], y[7]] == ["left/y", 0.01, 0.0]
         assert all(map(math.isnan, y[1:6]))
@@ -124,7 +124,7 @@ class TestFeedForward:
         request, answer = ros.asked[-1]
         assert request == SetFeedForward(controller="pid", enabled=wanted)
         answer(None if error else Done(), error)
-        return [(each.success, each.message) for each in replies]
+        return [(reply.success, reply.message) for reply in replies]
 
     def test_it_is_switched_and_a_refusal_is_the_response(self, ros):
         switch = FeedForwardSwitch(ros, reading("position"))
@@ -149,8 +149,8 @@ class TestMeasuredStates:
 
     def test_a_message_becomes_what_was_measured_in_the_order_of_the_degrees_of_freedom(self, ros):
         PidMeasuredStates(ros, reading("position", "velocity"))
-        made = interface("control_msgs/msg/MultiDOFCommand")
-        message = made(dof_names=["left/y", "x"], values=[1.0, 2.0], values_dot=[0.1, 0.2])
+        created = interface("control_msgs/msg/MultiDOFCommand")
+        message = created(dof_names=["left/y", "x"], values=[1.0, 2.0], values_dot=[0.1, 0.2])
         ros.publish(self.TOPIC, message)
         ((request, answer),) = ros.asked
         assert request == SetMeasuredStates(controller="pid", values=[2.0, 1.0, 0.2, 0.1])

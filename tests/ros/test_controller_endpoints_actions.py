@@ -1,4 +1,4 @@
-"""The action, as a client of rclpy.action in another process sees it; the robot is one that says what it is told to."""
+"""The action as seen by a client of rclpy.action in another process; the robot returns scripted results."""
 
 from __future__ import annotations
 
@@ -68,20 +68,20 @@ def accepted(robot, peer, name, data=None, action=ACTION):
 
 
 def result(peer, name):
-    told = peer.message(name, lambda message: "status" in message)
-    return told["status"], told["error_code"], told["error_string"]
+    reported = peer.message(name, lambda message: "status" in message)
+    return reported["status"], reported["error_code"], reported["error_string"]
 
 
 def test_its_endpoints_are_those_of_upstreams_server(arm, maker):
-    topics = {each.replace("/x/", f"{ACTION}/"): told for each, told in WIRE.items()}
-    told = {}
+    topics = {each.replace("/x/", f"{ACTION}/"): reported for each, reported in WIRE.items()}
+    reported = {}
 
     def seen():
-        told.update(maker.order("wire", topics=list(topics))["found"])
-        return set(told) == set(topics)
+        reported.update(maker.order("wire", topics=list(topics))["found"])
+        return set(reported) == set(topics)
 
     assert eventually(seen)
-    assert told == topics
+    assert reported == topics
 
 
 def test_a_goal_is_accepted_followed_and_succeeds(robot, maker):
@@ -89,13 +89,13 @@ def test_a_goal_is_accepted_followed_and_succeeds(robot, maker):
     sent = accepted(robot, maker, "one", goal(
         path_tolerance=tolerance, goal_tolerance=tolerance, goal_time_tolerance={"sec": 0, "nanosec": 500_000_000},
     ))  # fmt: skip
-    told = {"joint": "a", "position": 0.1, "velocity": -1.0, "acceleration": 0.0}
+    reported = {"joint": "a", "position": 0.1, "velocity": -1.0, "acceleration": 0.0}
     assert sent == {
         "controller": "arm", "joints": ["a", "b"], "source": "ros", "dead_man": True, "goal_time_tolerance": 0.5,
         "heartbeat": 3.0,
         "points": [{"positions": [1.0, 2.0], "velocities": [0.0, 0.0], "accelerations": [], "effort": [],
                     "time_from_start": 1.5}],
-        "path_tolerance": [told], "goal_tolerance": [told],
+        "path_tolerance": [reported], "goal_tolerance": [reported],
     }  # fmt: skip
     robot.samples = {"arm": sample(1_700_000_000.5)}
     feedback = maker.message("one", lambda message: "feedback" in message)["feedback"]
@@ -116,8 +116,8 @@ def test_feedback_comes_at_the_controllers_rate_and_only_while_it_is_executed(ro
         maker.order("graph")  # a moment
     robot.samples = {"arm": sample(1_700_000_020.0, executing=False)}
     received = [maker.message("fed", lambda message: "feedback" in message), *maker.waiting("fed")]
-    stamps = [each["feedback"]["header"]["stamp"] for each in received]
-    times = [each["sec"] + each["nanosec"] / 1e9 for each in stamps]
+    stamps = [item["feedback"]["header"]["stamp"] for item in received]
+    times = [stamp["sec"] + stamp["nanosec"] / 1e9 for stamp in stamps]
     assert max(times) < 1_700_000_020.0
     assert all(later - earlier > 0.0199 for earlier, later in itertools.pairwise(times))
     robot.release_one(ENDED)

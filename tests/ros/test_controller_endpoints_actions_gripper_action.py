@@ -1,4 +1,4 @@
-"""The actions, as a client of rclpy.action in another process sees them; the robot says what it is told to."""
+"""The actions as seen by a client of rclpy.action in another process; the robot returns scripted results."""
 
 from __future__ import annotations
 

@@ -50,8 +50,8 @@ def test_the_six_services_are_below_the_name(robot):
 
 
 def test_names_are_listed_with_their_prefixes(robot):
-    response, asked = robot.call("base/list_parameters", READINGS_OF_PARAMETER_SERVICES)
-    assert asked == [GetParameters(controller="base")]
+    response, requested = robot.call("base/list_parameters", READINGS_OF_PARAMETER_SERVICES)
+    assert requested == [GetParameters(controller="base")]
     assert list(response.result.names) == ["joints", "linear.x.max_velocity", "timeout"]
     assert list(response.result.prefixes) == ["linear.x"]
     response, _ = robot.call("base/list_parameters", READINGS_OF_PARAMETER_SERVICES, prefixes=["linear"])
@@ -64,8 +64,8 @@ def test_values_types_and_descriptors_come_in_the_order_of_the_request(robot):
     assert list(
         robot.call("base/get_parameter_types", READINGS_OF_PARAMETER_SERVICES, names=["timeout", "joints"])[0].types
     ) == [3, 9]
-    told = robot.call("base/describe_parameters", READINGS_OF_PARAMETER_SERVICES, names=["joints"])[0].descriptors
-    assert [(each.name, each.read_only) for each in told] == [("joints", True)]
+    reported = robot.call("base/describe_parameters", READINGS_OF_PARAMETER_SERVICES, names=["joints"])[0].descriptors
+    assert [(item.name, item.read_only) for item in reported] == [("joints", True)]
 
 
 @pytest.mark.parametrize("service", ["get_parameters", "get_parameter_types", "describe_parameters"])
@@ -82,22 +82,22 @@ def test_a_robot_that_refuses_leaves_the_answer_empty_and_why_is_reported(robot)
 
 
 def test_each_is_set_on_its_own_in_order(robot):
-    wanted = parameters(timeout=1.5, wrong=2.0, other=3.0)
-    response, asked = robot.call("base/set_parameters", Done(), "it is read-only", Done(), parameters=wanted)
-    assert [(each.successful, each.reason) for each in response.results] == [
+    expected = parameters(timeout=1.5, wrong=2.0, other=3.0)
+    response, requested = robot.call("base/set_parameters", Done(), "it is read-only", Done(), parameters=expected)
+    assert [(result.successful, result.reason) for result in response.results] == [
         (True, ""), (False, "it is read-only"), (True, ""),
     ]  # fmt: skip
-    assert asked[0] == SetParameters(
+    assert requested[0] == SetParameters(
         controller="base", values=(ParameterValue(name="timeout", kind="double", value=1.5),)
     )
-    assert [each.values[0].name for each in asked] == ["timeout", "wrong", "other"]
+    assert [item.values[0].name for item in requested] == ["timeout", "wrong", "other"]
 
 
 def test_together_they_are_one_request_and_one_result(robot):
-    wanted = parameters(timeout=1.5, other=3.0)
-    response, (asked,) = robot.call("base/set_parameters_atomically", "no", parameters=wanted)
+    expected = parameters(timeout=1.5, other=3.0)
+    response, (requested,) = robot.call("base/set_parameters_atomically", "no", parameters=expected)
     assert (response.result.successful, response.result.reason) == (False, "no")
-    assert [each.name for each in asked.values] == ["timeout", "other"]
+    assert [value.name for value in requested.values] == ["timeout", "other"]
     assert robot.publishers == [], "nothing has changed"
 
 
@@ -106,7 +106,7 @@ def test_set_parameters_are_published_to_clients_that_show_them(robot):
     (publisher,) = robot.publishers
     assert publisher.topic == "/parameter_events"
     (event,) = publisher.told
-    assert (event.node, [each.name for each in event.changed_parameters]) == ("/robot/base", ["timeout"])
+    assert (event.node, [parameter.name for parameter in event.changed_parameters]) == ("/robot/base", ["timeout"])
     robot.endpoint.close()
     assert publisher in robot.left
 
@@ -119,10 +119,10 @@ def test_a_relative_file_of_parameters_is_the_callers_where_the_caller_has_it(fr
             for number, path in enumerate(paths)
         ]
         fresh.peer.call("/controller_manager/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=named)
-        return [each["values"][0]["value"] for each in fresh.robot.commands("set_parameters")]
+        return [command["values"][0]["value"] for command in fresh.robot.commands("set_parameters")]
 
     here = Path.cwd()
-    (name, *_) = [each.name for each in here.iterdir() if each.is_file()]
+    (name, *_) = [item.name for item in here.iterdir() if item.is_file()]
     assert setting(name, "nowhere.yaml", "/whole.yaml") == [str(here / name), "nowhere.yaml", "/whole.yaml"]
 
 
@@ -161,7 +161,7 @@ def test_each_controller_and_the_manager_is_a_node_as_long_as_it_is_loaded(fresh
     expected = {"/base", "/forward", "/joint_state_broadcaster", "/controller_manager", "/canopen_control_bridge"}
     assert eventually(lambda: expected <= nodes(fresh))
     assert fresh.peer.publisher("/joint_states")["node"] == "joint_state_broadcaster"
-    base = next(each for each in fresh.robot.controllers if each["name"] == "base")
+    base = next(controller for controller in fresh.robot.controllers if controller["name"] == "base")
     fresh.robot.on_loop(lambda: fresh.robot.controllers.remove(base))
     try:
         assert eventually(lambda: "/base" not in nodes(fresh))
@@ -173,8 +173,8 @@ def test_each_controller_and_the_manager_is_a_node_as_long_as_it_is_loaded(fresh
 @pytest.mark.parametrize("node", ["base", "controller_manager"])
 def test_rclpys_own_client_lists_reads_describes_and_sets(fresh, ros_folder, node):
     fresh.robot.answers["parameters"] = READINGS
-    told = run_ros(CLIENT, fresh.domain, [f"/{node}"], ROS_LOG_DIR=ros_folder["ROS_LOG_DIR"])
-    names, values, read_only, types, results, together = json.loads(told)
+    ros = run_ros(CLIENT, fresh.domain, [f"/{node}"], ROS_LOG_DIR=ros_folder["ROS_LOG_DIR"])
+    names, values, read_only, types, results, together = json.loads(ros)
     assert names == ["cmd_vel_timeout", "wheel_radius"]
     assert (values, read_only, types) == ([0.5, 0.1], [False, True], [3, 3])
     assert (results, together) == ([True], True)

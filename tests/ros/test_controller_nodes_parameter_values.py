@@ -56,7 +56,7 @@ def test_a_descriptor_has_meaning_type_range_and_choices():
 
 
 @pytest.mark.parametrize(
-    ("prefixes", "depth", "found"),
+    ("prefixes", "depth", "result"),
     [
         ([], 0, ["a", "a.b", "a.b.c", "ab"]),
         ([], 1, ["a", "ab"]),
@@ -67,5 +67,5 @@ def test_a_descriptor_has_meaning_type_range_and_choices():
         (["x"], 0, []),
     ],
 )
-def test_names_are_listed_below_prefixes_to_a_depth(prefixes, depth, found):
-    assert [name for name in ("a", "a.b", "a.b.c", "ab") if matches(name, prefixes, depth)] == found
+def test_names_are_listed_below_prefixes_to_a_depth(prefixes, depth, result):
+    assert [name for name in ("a", "a.b", "a.b.c", "ab") if matches(name, prefixes, depth)] == result

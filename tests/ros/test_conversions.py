@@ -38,8 +38,8 @@ def test_a_joint_that_is_not_in_the_state_is_omitted():
     assert joint_arrays(JOINTS, ("gone", "left")).names == ["left"]
 
 
-def broadcaster(**told):
-    (view,) = controllers_of([{"name": "states", **told}])
+def broadcaster(**reported):
+    (view,) = controllers_of([{"name": "states", **reported}])
     return view
 
 
@@ -128,7 +128,7 @@ def test_a_transform_is_reported_alone():
     assert moved is not None
     assert (moved.parent, moved.child, moved.pose.position) == ("map", "gps", (1.0, 2.0, 3.0))
     assert moved.pose.rotation == (0.9, 0.1, 0.2, 0.3)
-    assert [transform_of(each) for each in (lost, silent, off, nowhere)] == [None] * 4
+    assert [transform_of(item) for item in (lost, silent, off, nowhere)] == [None] * 4
     samples = dict(enumerate((odometry, pose, lost, silent, off, nowhere)))
     assert located_frames(StateSample(samples={str(key): each for key, each in samples.items()})) == {
         "base",

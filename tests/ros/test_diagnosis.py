@@ -21,8 +21,8 @@ def state(more=(), **changes):
 
 def told(name, **changes):
     statuses = {
-        each.name: each
-        for each in diagnose("robby", state(**changes), {view.name: view for view in controllers_of(CONTROLLERS)})
+        item.name: item
+        for item in diagnose("robby", state(**changes), {view.name: view for view in controllers_of(CONTROLLERS)})
     }
     return statuses[f"robby: {name}"]
 
@@ -79,6 +79,6 @@ def test_a_robot_whose_drives_are_off_is_a_warning_with_what_to_call():
 def test_what_a_diagnostics_broadcaster_reports_is_among_them():
     judged = {"name": "left", "level": 3, "message": "no news for 0.75 s", "values": {"age": 0.75, "x": None}}
     sample = state({"samples": {"drives": {"kind": "diagnostics", "time": 1.0, "joints": [judged]}}})
-    (status,) = (each for each in diagnose("robby", sample, {}) if each.name == "robby: drives: left")
+    (status,) = (item for item in diagnose("robby", sample, {}) if item.name == "robby: drives: left")
     assert (status.level, status.message) == (Health.STALE, "no news for 0.75 s")
     assert status.values == {"age": "0.75", "x": "unknown"}

@@ -1,4 +1,4 @@
-"""`/NODE/*` services: names and answers of ros2_canopen, and stop verbs that wait for nobody."""
+"""`/NODE/*` services: names and answers of ros2_canopen, and stop services that never wait."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def call(fresh, maker):
 def test_a_trigger_that_is_done_answers_with_an_empty_message(fresh, call, name):
     assert call(f"/left_drive/{name}") == {"success": True, "message": ""}
     request = TRIGGERS[name]("left_drive", None)
-    said = {key: value for key, value in plain(request).items() if value is not None}
-    assert fresh.robot.commands(ROBOT.of(type(request)).name) == [said]
+    text = {key: value for key, value in plain(request).items() if value is not None}
+    assert fresh.robot.commands(ROBOT.of(type(request)).name) == [text]
 
 
 def test_each_axis_of_a_node_with_several_is_commanded_alone_below_its_channel(fresh, call):
@@ -68,7 +68,7 @@ def test_the_names_are_those_of_ros2_canopen_and_more():
 
 def test_recover_resets_the_fault_and_does_not_enable(fresh, call):
     call("/left_drive/recover")
-    assert [each["action"] for each in fresh.robot.commands("axis")] == ["fault-reset"]
+    assert [command["action"] for command in fresh.robot.commands("axis")] == ["fault-reset"]
 
 
 def test_a_trigger_that_was_done_to_the_whole_base_reports_this(fresh, call):
@@ -83,7 +83,7 @@ def test_a_trigger_that_was_done_to_the_whole_base_reports_this(fresh, call):
 def test_namespace_and_remappings_of_a_node_are_followed(fresh, call):
     assert call("/test1/right_drive/enable")["success"]
     assert call("/start")["success"]
-    assert [each["node"] for each in fresh.robot.commands("axis")] == ["right_drive"] * 2
+    assert [command["node"] for command in fresh.robot.commands("axis")] == ["right_drive"] * 2
 
 
 @pytest.mark.parametrize("stop", ["halt", "disable", "quick_stop"])
@@ -111,14 +111,14 @@ def test_a_target_goes_through_the_controller_and_leaves_the_other_joint_what_it
 def _commands(stage, call, target):
     stage.robot.told.clear()
     assert call("/left_drive/target", TARGET, target=target) == {"success": True}
-    return [each["values"] for each in stage.robot.commands()]
+    return [command["values"] for command in stage.robot.commands()]
 
 
 def test_a_target_is_refused_without_a_controller_or_when_it_is_not_a_number(fresh, call):
     assert call("/left_drive/target", TARGET, target=math.nan) == {"success": False}
     fresh.robot.switch(forward="inactive")
     assert ros.eventually(lambda: call("/left_drive/target", TARGET, target=1.0) == {"success": False})
-    assert all(math.isfinite(each["values"][0]) for each in fresh.robot.commands())
+    assert all(math.isfinite(command["values"][0]) for command in fresh.robot.commands())
 
 
 def test_a_node_that_moves_nothing_has_the_services_of_a_proxy_alone(fresh, call):
@@ -145,4 +145,4 @@ def test_a_target_of_a_drive_that_does_not_follow_is_answered_false_with_the_rea
 
 def _refused_with(stage, call, reason):
     assert call("/left_drive/target", TARGET, target=1.0) == {"success": False}
-    return any(reason in each["text"] for each in stage.robot.commands("tell"))
+    return any(reason in command["text"] for command in stage.robot.commands("tell"))

@@ -50,7 +50,7 @@ def test_emcy_messages_of_this_node_alone_are_reported_in_words_and_in_parts(lis
     (status,) = message["status"]
     assert (status["name"], status["hardware_id"], status["level"]) == ("left_drive", "node 3", 1)
     assert status["message"] == text
-    assert {each["key"]: each["value"] for each in status["values"]} == {
+    assert {item["key"]: item["value"] for item in status["values"]} == {
         "error_code": "0x8130", "error_register": "0x11", "data": "01 02 03 04 05",
     }  # fmt: skip
     (status,) = listening.message("/left_drive/emcy")["status"]
@@ -69,8 +69,8 @@ def test_a_subscriber_to_rpdos_gets_everything_first_and_then_changes(listening,
     assert listening.message(topic) == {"index": 0x60FD, "subindex": 0, "data": 3}
     with ros.Peer(fresh.domain, "--interfaces") as later:
         later.order("subscribe", topic=topic, of=OBJECT, qos="reliable")
-        told = [later.message(topic) for _ in range(3)]
-        assert {each["index"]: each["data"] for each in told} == {0x6041: 0x218, 0x6064: 0xFFFFFFF6, 0x60FD: 3}
+        reported = [later.message(topic) for _ in range(3)]
+        assert {item["index"]: item["data"] for item in reported} == {0x6041: 0x218, 0x6064: 0xFFFFFFF6, 0x60FD: 3}
         assert robot.watching_process_data
     listening.order("unsubscribe", topic=topic)
     assert ros.eventually(lambda: not robot.watching_process_data)
@@ -100,7 +100,7 @@ def test_what_no_rpdo_maps_is_written_by_sdo_but_not_what_moves_the_drive(listen
     listening.order("publish", topic=topic, of=OBJECT, data={"index": 0x4000, "subindex": 1, "data": 5}, rate=20)
     assert ros.eventually(lambda: fresh.robot.commands("sdo_write"))
     listening.order("silence", topic=topic)
-    assert {each["index"] for each in fresh.robot.commands("sdo_write")} == {0x4000}
+    assert {command["index"] for command in fresh.robot.commands("sdo_write")} == {0x4000}
     assert fresh.robot.commands("sdo_write")[0] == {
         "node": "left_drive", "index": 0x4000, "subindex": 1, "data": "0500",
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""The topics and services with what ROS and the robot are to them, nothing is sent."""
+"""The topics and services with stand-ins for ROS and the robot; nothing is sent."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ def made(ros, kind, joint):
     controller = reading(kind, joint)
     endpoint = (ProxyNode if kind == "Proxy" else DeviceNode)(ros, controller)
     endpoint.on_controller(controller)
-    for wanted, answer in ((GetNodes(), NODES), (GetLayout(), LAYOUT)):
-        request, told = ros.asked.pop()
-        assert request == wanted
-        told(answer, None)
+    for expected, answer in ((GetNodes(), NODES), (GetLayout(), LAYOUT)):
+        request, reported = ros.asked.pop()
+        assert request == expected
+        reported(answer, None)
     return endpoint
 
 
@@ -70,8 +70,8 @@ def call(ros, name, error=None, answer=None, **fields):
     kind, handler = ros.services[f"/robot/io/{name}"]
     replies = []
     handler(kind.Request(**fields), kind.Response(), replies.append)
-    request, told = ros.asked.pop()
-    told(answer, error)
+    request, reported = ros.asked.pop()
+    reported(answer, error)
     return request, replies[0]
 
 
@@ -79,7 +79,7 @@ def test_a_proxy_has_the_names_of_ros2_canopen_below_its_own_and_nothing_that_mo
     made(ros, "Proxy", "terminal")
     services = {name.removeprefix("/robot/io/") for name in ros.services}
     assert services == {*THEIRS, "get_objects", "set_objects"}
-    assert {"/robot/io/rpdo", "/robot/io/nmt_state"} <= {each.topic for each in ros.publishers}
+    assert {"/robot/io/rpdo", "/robot/io/nmt_state"} <= {publisher.topic for publisher in ros.publishers}
     assert list(ros.subscriptions) == ["/robot/io/tpdo"]
 
 
@@ -143,10 +143,10 @@ def test_states_and_process_data_of_its_node_are_published(ros):
         {"terminal": [MappedValue(0x6000, 1, b"\x07")], "left_drive": [MappedValue(1, 1, b"\x00")]}
     )
     endpoint.on_event(RobotEvent(time=1.0, kind="emcy", node="terminal", level="error", text="no power"))
-    told = {each.topic: each.told for each in ros.publishers}
-    assert [each.data for each in told["/robot/io/nmt_state"]] == ["START"]
-    assert [(each.index, each.subindex, each.data) for each in told["/robot/io/rpdo"]] == [(0x6000, 1, 7)]
-    assert [each.status[0].message for each in told["/robot/io/emcy"]] == ["no power"]
+    reported = {publisher.topic: publisher.told for publisher in ros.publishers}
+    assert [item.data for item in reported["/robot/io/nmt_state"]] == ["START"]
+    assert [(item.index, item.subindex, item.data) for item in reported["/robot/io/rpdo"]] == [(0x6000, 1, 7)]
+    assert [item.status[0].message for item in reported["/robot/io/emcy"]] == ["no power"]
 
 
 def test_a_joint_that_is_not_a_nodes_and_no_node_is_reported(ros):

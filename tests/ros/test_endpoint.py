@@ -80,9 +80,9 @@ asking.stop(5), spinner.stop(5), other.shutdown(), context.shutdown()
         assert run_ros(code, number, fallback) == ""
 
 
-@pytest.mark.parametrize(("error", "told"), [(None, (True, "")), ("it is off", (False, "it is off"))])
-def test_a_service_with_a_message_field_returns_the_refusal_of_the_robot(error, told):
+@pytest.mark.parametrize(("error", "reported"), [(None, (True, "")), ("it is off", (False, "it is off"))])
+def test_a_service_with_a_message_field_returns_the_refusal_of_the_robot(error, reported):
     response, replies = SimpleNamespace(success=None, message=None), []
     success_of(response, replies.append)(None, error)
     assert replies == [response]
-    assert (response.success, response.message) == told
+    assert (response.success, response.message) == reported

@@ -1,4 +1,4 @@
-"""What endpoints of one node are given, with a node that only remembers."""
+"""The context of endpoints of one node, with a node that only records calls."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ pytestmark = pytest.mark.ros
 
 @pytest.fixture
 def scene(monkeypatch):
-    told, gone, made, later = [], [], {}, []
+    warned, gone, created, later = [], [], {}, []
     node = SimpleNamespace(
-        create_subscription=lambda _kind, topic, callback, _qos: made.setdefault(topic, callback),
+        create_subscription=lambda _kind, topic, callback, _qos: created.setdefault(topic, callback),
         destroy_subscription=gone.append,
         destroy_service=gone.append,
     )
     shared = SimpleNamespace(
-        robot="robby", controllers={}, publishers={}, warn_of=lambda of, _key, text: told.append((of is node, text)),
+        robot="robby", controllers={}, publishers={}, warn_of=lambda of, _key, text: warned.append((of is node, text)),
         hand_over=later.append, call=lambda function: function(),
     )  # fmt: skip
     for name in ("command", "connect", "watch_process_data", "ask", "unix", "frame", "leave_out"):
         setattr(shared, name, lambda *_: None)
     monkeypatch.setattr(endpoint, "interface", lambda name: name)
-    monkeypatch.setattr(endpoint, "serve", lambda _node, _kind, name, taken: made.setdefault(name, taken))
-    return SimpleNamespace(ros=NodeContext(shared, node), told=told, gone=gone, made=made, later=later, shared=shared)
+    monkeypatch.setattr(endpoint, "serve", lambda _node, _kind, name, taken: created.setdefault(name, taken))
+    return SimpleNamespace(
+        ros=NodeContext(shared, node), told=warned, gone=gone, made=created, later=later, shared=shared
+    )
 
 
 def test_what_a_callback_raises_is_a_warning_of_the_node(scene):

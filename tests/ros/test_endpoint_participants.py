@@ -36,7 +36,7 @@ def test_a_process_is_known_by_its_lower_16_bits_and_one_that_has_ended_does_not
         folder = tmp_path / str(number)
         folder.mkdir()
         (folder / "stat").write_text(f"{number} (a) b) {state} 1 2")
-    assert [runs(each, tmp_path) for each in (7, 8, 9, 11)] == [False, False, True, True]
+    assert [runs(value, tmp_path) for value in (7, 8, 9, 11)] == [False, False, True, True]
     assert runs(os.getpid() % 65536)
 
 
@@ -48,7 +48,7 @@ def graph(monkeypatch):
     def look(topic, no_mangle):
         assert no_mangle
         gids = {"rq/arm/_action/send_goalRequest": graph.clients, "rt/arm/_action/status": [graph.server]}[topic]
-        return [SimpleNamespace(endpoint_gid=each) for each in gids]
+        return [SimpleNamespace(endpoint_gid=item) for item in gids]
 
     monkeypatch.setattr(endpoint, "runs", lambda process: process in graph.running)
     graph.of = ActionClients(SimpleNamespace(get_publishers_info_by_topic=look), "/arm")

@@ -1,4 +1,4 @@
-"""Publishers that command one controller alternately, by what they publish."""
+"""Publishers that command one controller alternately are detected."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ RAMP = [turn * 0.02 for turn in range(50)]
 
 def warnings(commands, names=NAMES, *, seconds=0.05):
     """Return what is reported for commands at equal intervals, on a topic with these publishers."""
-    infos, told = [], []
+    infos, reported = [], []
     for name in names:
         namespace, _, own = name.rpartition("/")
         infos.append(SimpleNamespace(node_namespace=namespace or "/", node_name=own))
     node = SimpleNamespace(get_publishers_info_by_topic=lambda topic: infos if topic == TOPIC else [])
-    context, watch = SimpleNamespace(node=node, warn=lambda _key, text: told.append(text)), PublisherWatch()
+    context, watch = SimpleNamespace(node=node, warn=lambda _key, text: reported.append(text)), PublisherWatch()
     for turn, values in enumerate(commands):
         watch.take(context, TOPIC, values, 100 + turn * seconds)
-    return told
+    return reported
 
 
 @pytest.mark.parametrize("moved", [False, True])
 def test_publishers_on_two_topics_of_one_controller_are_named(moved):
     """Teleop on `/cmd_vel` and a program on `~/cmd_vel`; a topic that is quiet does not count."""
     of = {"cmd_vel": "teleop", "base/cmd_vel": "program"}
-    told, watch = [], PublisherWatch()
+    reported, watch = [], PublisherWatch()
     node = SimpleNamespace(
         get_publishers_info_by_topic=lambda topic: [SimpleNamespace(node_namespace="/", node_name=of[topic])]
     )
-    context = SimpleNamespace(node=node, warn=lambda _key, text: told.append(text))
+    context = SimpleNamespace(node=node, warn=lambda _key, text: reported.append(text))
     if moved:
         watch.take(context, "cmd_vel", (1.0,), 90.0)
     for turn in range(20):
         topic = "base/cmd_vel" if moved or turn % 2 else "cmd_vel"
         watch.take(context, topic, (float(turn % 2),), 100 + turn * 0.05)
-    assert told == ([] if moved else [
+    assert reported == ([] if moved else [
         "cmd_vel and base/cmd_vel: /teleop and /program publish alternately, so the motion jerks; each newer command "
         "applies; end all but one of them"
     ])  # fmt: skip
@@ -65,8 +65,8 @@ def test_two_that_alternate_are_named_once_with_what_to_do(commands):
 
 
 def test_publishers_of_one_node_are_counted():
-    (told,) = warnings([(1.0,), (2.0,)] * 10, ["/one", "/one"])
-    assert told.startswith(f"{TOPIC}: 2 publishers of /one publish alternately")
+    (reported,) = warnings([(1.0,), (2.0,)] * 10, ["/one", "/one"])
+    assert reported.startswith(f"{TOPIC}: 2 publishers of /one publish alternately")
 
 
 @pytest.mark.parametrize(

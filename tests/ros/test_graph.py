@@ -1,4 +1,4 @@
-"""The graph as the command line sees it; each way of using it runs in tests/cli/test_ros.py."""
+"""The graph as used by the command line; its uses run in tests/cli/test_ros.py."""
 
 from __future__ import annotations
 
@@ -81,9 +81,9 @@ def test_plain_data_is_what_json_holds():
     message = made(
         one={"x": math.nan, "name": "n"}, many=[{"x": 2}], data=[1.5, math.inf], flag=True, raw=7, names=["a"]
     )
-    told = plain(message)
-    assert json.loads(json.dumps(told, allow_nan=False)) == told
-    assert told == {
+    reported = plain(message)
+    assert json.loads(json.dumps(reported, allow_nan=False)) == reported
+    assert reported == {
         "one": {"x": None, "name": "n"}, "many": [{"x": 2.0, "name": ""}], "data": [1.5, None], "three": [0, 0, 0],
         "few": [], "flag": True, "raw": 7, "names": ["a"], "index": 0,
     }  # fmt: skip

@@ -90,8 +90,8 @@ def test_the_installed_rclpy_is_found_without_importing_it(monkeypatch):
 RANGE, PROFILES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
-def prepared(wheels=True, **given):
-    environment = dict(given)
+def prepared(wheels=True, **inputs):
+    environment = dict(inputs)
     prepare(environment, wheels=wheels, prefix="/venv")
     return environment
 
@@ -123,10 +123,10 @@ def test_another_middleware_needs_no_profile_of_fast_dds():
 def test_the_profile_binds_to_the_loopback_address_alone():
     root = ET.parse(PROFILE).getroot()
     space = {"d": "http://www.eprosima.com"}
-    assert [each.text for each in root.findall(".//d:interfaceWhiteList/d:address", space)] == ["127.0.0.1"]
+    assert [item.text for item in root.findall(".//d:interfaceWhiteList/d:address", space)] == ["127.0.0.1"]
     assert root.find(".//d:useBuiltinTransports", space).text == "false"
-    described = {each.text for each in root.findall(".//d:transport_descriptor/d:transport_id", space)}
-    assert {each.text for each in root.findall(".//d:userTransports/d:transport_id", space)} == described
+    described = {item.text for item in root.findall(".//d:transport_descriptor/d:transport_id", space)}
+    assert {item.text for item in root.findall(".//d:userTransports/d:transport_id", space)} == described
 
 
 @pytest.mark.parametrize(

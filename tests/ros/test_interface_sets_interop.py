@@ -1,4 +1,4 @@
-"""The bridge with the interface packages of other releases: what a host lacks is left out alone, and the run is told.
+"""The bridge with the interface packages of other releases: only missing interfaces are omitted, and they are reported.
 
 `tests/data/ros_interfaces`: control_msgs and controller_manager_msgs of Jazzy's first release, of a later one and of
 rolling, by their versions.
@@ -87,12 +87,12 @@ def whole():
 @pytest.mark.parametrize("path", SETS, ids=lambda path: path.stem)
 def test_what_a_host_lacks_is_left_out_alone(path, whole):
     kinds = json.loads(ros.run_ros(OTHER.format(path=str(path)) + ENDPOINTS))
-    assert all(not lacking for _, lacking in whole.values())
-    lacking = {kind: set(each) for kind, (_, each) in kinds.items() if each}
-    assert lacking == LACKING[path.stem]
+    assert all(not missing for _, missing in whole.values())
+    missing = {kind: set(each) for kind, (_, each) in kinds.items() if each}
+    assert missing == LACKING[path.stem]
     for kind, (names, _) in whole.items():
         lost = set(names) - set(kinds[kind][0])
-        assert len(lost) <= len(lacking.get(kind, ())) + (kind == "gpio"), (kind, lost)
+        assert len(lost) <= len(missing.get(kind, ())) + (kind == "gpio"), (kind, lost)
 
 
 @pytest.fixture(scope="module", params=SETS, ids=lambda path: path.stem)
@@ -118,26 +118,26 @@ def host(request, tmp_path_factory):
 def test_controllers_and_hardware_are_listed_and_odometry_continues(host):
     name, robot, peer = host
     kind = "controller_manager_msgs/srv"
-    told = peer.call("/controller_manager/list_controllers", f"{kind}/ListControllers")["controller"]
-    assert [each["name"] for each in told] == [each["name"] for each in robot.controllers]
+    reported = peer.call("/controller_manager/list_controllers", f"{kind}/ListControllers")["controller"]
+    assert [item["name"] for item in reported] == [controller["name"] for controller in robot.controllers]
     parts = peer.call("/controller_manager/list_hardware_components", f"{kind}/ListHardwareComponents")["component"]
-    assert [(each["name"], each["plugin_name"]) for each in parts] == [("drives", "package/System")]
-    assert [each["name"] for each in parts[0]["command_interfaces"]] == ["left/velocity"]
+    assert [(part["name"], part["plugin_name"]) for part in parts] == [("drives", "package/System")]
+    assert [part["name"] for part in parts[0]["command_interfaces"]] == ["left/velocity"]
     services = peer.order("graph")["services"]
     assert ("/controller_manager/cleanup_controller" in services) == (name == "rolling")
     assert {"/controller_manager/set_hardware_component_state", "/controller_manager/unload_controller"} <= set(
         services
     )
     if name != "rolling":
-        lacking = "ROS: topics and services of these interfaces are left out, which ROS lacks on this host: "
+        missing = "ROS: topics and services of these interfaces are left out, which ROS lacks on this host: "
 
         def said():  # all that comes up within a second is one sentence
-            return [each["text"] for each in robot.commands("tell") if each["text"].startswith(lacking)]
+            return [command["text"] for command in robot.commands("tell") if command["text"].startswith(missing)]
 
         assert ros.eventually(said)
-        told = said()
-        assert len(told) == 1
-        assert "controller_manager_msgs/srv/CleanupController" in told[0]
+        reported = said()
+        assert len(reported) == 1
+        assert "controller_manager_msgs/srv/CleanupController" in reported[0]
     robot.switch(base="active")
     sample = {"kind": "odometry", "x": 1.0, "y": 0.0, "heading": 0.0, "linear": 0.0, "angular": 0.0}
     peer.order("subscribe", topic="/base/odom", of="nav_msgs/msg/Odometry")

@@ -1,4 +1,4 @@
-"""The call sequences of `ros2 control` and of the spawner, made by a ROS program with classes of its own making."""
+"""The call sequences of `ros2 control` and of the spawner, from a ROS program with generated classes."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def asked(scene, method):
 
 
 def test_list_controllers_shows_type_state_and_claims(call):
-    listed = {each["name"]: each for each in call("list_controllers", "ListControllers")["controller"]}
+    listed = {item["name"]: item for item in call("list_controllers", "ListControllers")["controller"]}
     assert set(listed) == {"joint_state_broadcaster", "forward", "base"}
     forward = listed["forward"]
     assert (forward["type"], forward["state"]) == ("forward_command_controller/ForwardCommandController", "active")
@@ -86,7 +86,7 @@ def test_list_controllers_shows_the_chains(monkeypatch):
     below, above, broadcaster = response.controller
     assert broadcaster.required_state_interfaces == ["left/position", "right/position"]
     assert (below.is_chainable, below.is_chained, above.is_chainable, above.is_chained) == (True, True, False, False)
-    assert below.reference_interfaces == [each.removeprefix("loops/") for each in names]
+    assert below.reference_interfaces == [item.removeprefix("loops/") for item in names]
     assert below.exported_state_interfaces == ["left/position"]
     assert (below.chain_connections, above.reference_interfaces) == ([], [])
     (connection,) = above.chain_connections
@@ -134,8 +134,8 @@ def test_hardware_is_listed_with_its_interfaces(call):
     assert component["state"] == {"id": 3, "label": "active"}
     assert component["rw_rate"] == 50
     interfaces = call("list_hardware_interfaces", "ListHardwareInterfaces")
-    assert [each["name"] for each in interfaces["state_interfaces"]] == ["left/position", "right/position"]
-    assert [each["is_available"] for each in interfaces["state_interfaces"]] == [False, True]
+    assert [interface["name"] for interface in interfaces["state_interfaces"]] == ["left/position", "right/position"]
+    assert [interface["is_available"] for interface in interfaces["state_interfaces"]] == [False, True]
     (command,) = interfaces["command_interfaces"]
     assert command == {"name": "left/velocity", "data_type": "double", "is_available": True, "is_claimed": True}
 

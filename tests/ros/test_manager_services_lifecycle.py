@@ -18,8 +18,8 @@ def call(fresh, maker):
 @pytest.fixture(params=["/lifecycle_manager", "/master", "/left_drive"])
 def change(request, call):
     def change(number=0, label=""):
-        wanted = {"id": number, "label": label}
-        return call(request.param, "change_state", "ChangeState", transition=wanted)["success"]
+        expected = {"id": number, "label": label}
+        return call(request.param, "change_state", "ChangeState", transition=expected)["success"]
 
     change.path = request.param
     change.state = lambda: call(request.param, "get_state", "GetState")["current_state"]["label"]

@@ -10,8 +10,8 @@ from canopen_control.rpc.messages.robot import NodeListing, NodePlace
 from canopen_control.rpc.messages.state import AxisReading, NodeReading
 
 
-def only(bridges="/", /, **told):
-    (node,) = nodes_of(NodeListing(nodes=[NodePlace(name="left_drive", node_id=3, **told)]), bridges)
+def only(bridges="/", /, **reported):
+    (node,) = nodes_of(NodeListing(nodes=[NodePlace(name="left_drive", node_id=3, **reported)]), bridges)
     return node
 
 
@@ -41,9 +41,9 @@ def test_what_the_runtime_does_not_report_has_defaults():
     assert only() == RosNode("left_drive", 3, "/")
 
 
-def two_axes(**told):
+def two_axes(**reported):
     states = {"arm": NodeReading(name="arm", node_id=5, axes=(AxisReading("shoulder", 0), AxisReading("elbow", 1)))}
-    (node,) = nodes_of(NodeListing(nodes=[NodePlace(name="arm", node_id=5, **told)]), "/robot", None, states)
+    (node,) = nodes_of(NodeListing(nodes=[NodePlace(name="arm", node_id=5, **reported)]), "/robot", None, states)
     return node
 
 
@@ -69,9 +69,9 @@ def test_private_names_are_below_the_node():
 
 @given(st.text(min_size=1))
 def test_any_name_becomes_one_that_ros_allows(name):
-    made = ros_name(name)
-    assert made.isascii()
-    assert made.isidentifier()
+    created = ros_name(name)
+    assert created.isascii()
+    assert created.isidentifier()
 
 
 def test_a_node_that_moves_nothing_is_a_proxy_and_may_be_a_drive_all_the_same():

@@ -41,21 +41,21 @@ def event(text="it happened", level="error", **more):
 def test_an_event_comes_from_the_node_it_concerns(robot, of, name):
     robot.endpoint.on_event(event(**of))
     (publisher,) = robot.publishers
-    assert [each.name for each in publisher.told] == [name]
+    assert [item.name for item in publisher.told] == [name]
 
 
 @pytest.mark.parametrize(("level", "number"), [("info", 20), ("warning", 30), ("error", 40)])
 def test_it_has_its_level_time_and_text(robot, level, number):
     robot.endpoint.on_event(event("EMCY 0x8130", level))
-    (told,) = robot.publishers[0].told
-    assert (told.level, told.msg, told.function, told.stamp.sec) == (number, "EMCY 0x8130", "emcy", 12)
+    (reported,) = robot.publishers[0].told
+    assert (reported.level, reported.msg, reported.function, reported.stamp.sec) == (number, "EMCY 0x8130", "emcy", 12)
 
 
 LOST = "no heartbeat for 0.5 s; is it powered and connected?"
 
 
 @pytest.mark.parametrize(
-    ("then", "told"),
+    ("then", "reported"),
     [
         ({"text": f"node 3: lost: {LOST}"}, 1),
         ({"text": f"node 3: lost: {LOST}", "level": "error", "time": 14.0}, 2),
@@ -64,17 +64,17 @@ LOST = "no heartbeat for 0.5 s; is it powered and connected?"
         ({"text": "node 3: lost: another reason"}, 2),
     ],
 )
-def test_one_cause_is_reported_once_but_a_stop_always(robot, then, told):
+def test_one_cause_is_reported_once_but_a_stop_always(robot, then, reported):
     first = event(f"node 3 (left drive): {LOST}", node="left drive")
     robot.endpoint.on_event(first)
     robot.endpoint.on_event(msgspec.structs.replace(first, **then))
-    assert len(robot.publishers[0].told) == told
+    assert len(robot.publishers[0].told) == reported
 
 
 def test_what_is_worse_is_reported_although_the_cause_is_the_same(robot):
     for level in ("warning", "error", "warning"):
         robot.endpoint.on_event(event(f"node 3: {LOST}", level, node="left drive"))
-    assert [each.level for each in robot.publishers[0].told] == [30, 40]
+    assert [item.level for item in robot.publishers[0].told] == [30, 40]
 
 
 def test_its_quality_is_that_of_every_log_so_that_late_comers_have_it(robot):
@@ -97,29 +97,29 @@ def listening(stage):
 
 def told_soon(stage):
     """Let the robot's clock go on until a message has come: the first may be sent before the subscription is known."""
-    found = []
+    results = []
 
     def look():
         stage.robot.time += 1.0
-        found.extend(stage.peer.waiting(TOPIC))
-        return found
+        results.extend(stage.peer.waiting(TOPIC))
+        return results
 
     assert eventually(look)
-    return found[-1]
+    return results[-1]
 
 
 def statuses(message):
-    return {each["name"]: each for each in message["status"]}
+    return {item["name"]: item for item in message["status"]}
 
 
 def test_diagnostics_hold_every_node_every_controller_and_the_cycle(listening, fresh):
-    told = statuses(told_soon(fresh))
-    assert set(told) == {
+    reported = statuses(told_soon(fresh))
+    assert set(reported) == {
         f"fake: {name}" for name in ("left_drive", "right_drive", "joint_state_broadcaster", "forward", "base", "cycle")
     }
-    assert told["fake: left_drive"]["level"] == 0
-    assert told["fake: left_drive"]["hardware_id"] == "node 3"
-    assert {"key": "NMT state", "value": "OPERATIONAL"} in told["fake: left_drive"]["values"]
+    assert reported["fake: left_drive"]["level"] == 0
+    assert reported["fake: left_drive"]["hardware_id"] == "node 3"
+    assert {"key": "NMT state", "value": "OPERATIONAL"} in reported["fake: left_drive"]["values"]
 
 
 def test_what_becomes_worse_is_reported_at_once_in_the_same_second(listening, fresh):

@@ -28,17 +28,17 @@ def call(fresh, maker):
 
 
 @pytest.mark.parametrize(
-    ("service", "kind", "data", "asked"),
+    ("service", "kind", "data", "requested"),
     [
         ("set_pause", "SetPause", {"paused": True}, {"paused": True}),
         ("step_simulation", "StepSimulation", {"steps": 7}, {"steps": 7}),
         ("reset_world", "ResetWorld", {"keyframe": "home"}, {"keyframe": "home"}),
     ],
 )
-def test_the_services_of_mujocos_plugin_ask_the_robot(fresh, call, service, kind, data, asked):
+def test_the_services_of_mujocos_plugin_ask_the_robot(fresh, call, service, kind, data, requested):
     answer = call(f"/ros2_control_node/{service}", kind, **data)
     assert answer == {"success": True, "message": "paused at 1.5 s; a step is a cycle of 20 ms"}
-    assert fresh.robot.commands(METHODS[service])[-1] == asked
+    assert fresh.robot.commands(METHODS[service])[-1] == requested
 
 
 def test_what_the_robot_refuses_and_steps_that_are_none_are_reported(fresh, call):

@@ -1,4 +1,4 @@
-"""The topics of joint_state_topic_hardware_interface, with what that package really sends."""
+"""The topics of joint_state_topic_hardware_interface, with the messages of that package."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def settled(stage):
     send(stage, name=["left", "right"], velocity=[99.0, 99.0])
     last = {"controller": "forward", "source": "ros", "dead_man": True, "values": [99.0, 99.0]}
     assert ros.eventually(lambda: last in commands(stage))
-    return [each["values"] for each in commands(stage) if each["values"] != [99.0, 99.0]]
+    return [command["values"] for command in commands(stage) if command["values"] != [99.0, 99.0]]
 
 
 def commands(stage):
@@ -43,7 +43,7 @@ def matched(stage):
 
 def test_velocities_go_to_the_forward_controller_in_its_order(matched, fresh):
     send(fresh, name=["right", "left"], velocity=[2.0, 1.0])
-    assert ros.eventually(lambda: [1.0, 2.0] in [each["values"] for each in commands(fresh)])
+    assert ros.eventually(lambda: [1.0, 2.0] in [command["values"] for command in commands(fresh)])
 
 
 @pytest.mark.parametrize("velocity", [[1.0], [1.0, 2.0, 3.0]])
@@ -72,7 +72,7 @@ def test_any_message_gives_finite_values_of_named_joints_or_a_sentence(names, on
 def upstream_message(case):
     """What that package's write() publishes in a case, restated; None for silence."""
     command, state = [list(map(float, case[key])) for key in ("command", "state")]
-    quiet = all(abs(wanted - found) <= case["threshold"] for wanted, found in zip(command, state, strict=True))
+    quiet = all(abs(expected - result) <= case["threshold"] for expected, result in zip(command, state, strict=True))
     return None if quiet else {"position": [], "velocity": command, "effort": []}
 
 
@@ -84,6 +84,6 @@ def test_what_upstream_publishes_commands_what_it_means(case):
     if message is None:
         assert case["expect"] == "no JointState published"  # nothing to take: the controller's timeout decides
         return
-    assert str(message["velocity"]) == str([float(each) for each in case["expect"]["velocity"]])  # nan is nan
+    assert str(message["velocity"]) == str([float(item) for item in case["expect"]["velocity"]])  # nan is nan
     moving = [float(value) for value in case["command"] if math.isfinite(float(value))]
     assert list(commanded(wheels, message).values()) == moving

@@ -94,14 +94,14 @@ def test_several_broadcasters_publish_on_their_own_with_their_own_frames(listeni
 
 
 def test_there_is_one_message_per_update_of_the_broadcaster_however_often_the_state_comes(listening, fresh):
-    told = {"kind": "joint_states", "names": ["left"], "joints": {"left": {"position": 4.5}}}
-    fresh.robot.samples["joint_state_broadcaster"] = {**told, "time": 1_750_000_000.0}
+    reported = {"kind": "joint_states", "names": ["left"], "joints": {"left": {"position": 4.5}}}
+    fresh.robot.samples["joint_state_broadcaster"] = {**reported, "time": 1_750_000_000.0}
     fresh.peer.message(TOPIC, lambda message: message["position"] == [4.5])
     pushed = fresh.robot.pushed
     assert eventually(lambda: fresh.robot.pushed > pushed + 30)
     assert fresh.peer.waiting(TOPIC) == []
     for second in (1_750_000_001, 1_750_000_002):
-        fresh.robot.samples["joint_state_broadcaster"] = {**told, "time": float(second)}
+        fresh.robot.samples["joint_state_broadcaster"] = {**reported, "time": float(second)}
         assert fresh.peer.message(TOPIC)["header"]["stamp"] == {"sec": second, "nanosec": 0}
     assert fresh.peer.waiting(TOPIC) == []
 

@@ -1,4 +1,4 @@
-"""The topics with what ROS and the robot are to them, nothing is sent."""
+"""The topics with stand-ins for ROS and the robot; nothing is sent."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_an_imu():
     assert xyz(message.angular_velocity)[:2] == [1.0, 2.0]
     assert math.isnan(message.angular_velocity.z)
     assert xyz(message.linear_acceleration) == [0.0, 0.5, 9.81]
-    assert list(message.orientation_covariance) == [float(each) for each in range(9)]
+    assert list(message.orientation_covariance) == [float(number) for number in range(9)]
     assert message.angular_velocity_covariance[0] == -1.0
     assert list(message.linear_acceleration_covariance) == [0.5] * 9
 
@@ -109,8 +109,8 @@ POWER = ControllerReading(name="power", type="x/Y", state="active", tells="batte
 
 @pytest.fixture
 def ros(monkeypatch):
-    made = {"control_msgs/msg/BatteryStateArray": Array}
-    monkeypatch.setattr(sample_publisher, "interface", lambda name: made.get(name) or interfaces.interface(name))
+    created = {"control_msgs/msg/BatteryStateArray": Array}
+    monkeypatch.setattr(sample_publisher, "interface", lambda name: created.get(name) or interfaces.interface(name))
     return Ros()
 
 

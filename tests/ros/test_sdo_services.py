@@ -184,7 +184,7 @@ def test_the_masters_services_name_the_node_by_its_id(objects, call):
 def test_objects_of_every_type_are_read_with_the_reason_where_it_fails(objects, call):
     names = ["0x6083", "0x1008:00 str", "0x6098 i8", "0x2100:00 f64", "0x2100 bytes", "0x5FFF", "nonsense"]
     values = call("left_drive/get_objects", "rcl_interfaces/srv/GetParameters", names=names)["values"]
-    assert [each["type"] for each in values] == [2, 4, 2, 3, 5, 0, 0]
+    assert [value["type"] for value in values] == [2, 4, 2, 3, 5, 0, 0]
     assert values[0]["integer_value"] == 16000
     assert values[1]["string_value"] == "TMCM-1270"
     assert values[2]["integer_value"] == -1
@@ -204,7 +204,7 @@ def test_objects_are_written_one_after_the_other_with_the_reason_where_it_fails(
         {"name": "0x6083", "value": {"type": 9}},
     ]
     results = call("left_drive/set_objects", "rcl_interfaces/srv/SetParameters", parameters=parameters)["results"]
-    assert [each["successful"] for each in results] == [True, True, True, False, False, False]
+    assert [result["successful"] for result in results] == [True, True, True, False, False, False]
     assert objects.held[0x6083, 0] == b"\x4d\0\0\0"
     assert objects.held[0x1008, 0] == b"name"
     assert "does not fit" in results[3]["reason"]

@@ -83,8 +83,8 @@ def test_events_have_the_time_of_the_clock():
 
 
 def test_a_robot_that_is_simulated_has_its_own_time():
-    clocks, told = Clocks(ros_s=42.0), sample(UNIX, sim_time=3.0)
-    assert clocks.time.state(told) is told
+    clocks, reported = Clocks(ros_s=42.0), sample(UNIX, sim_time=3.0)
+    assert clocks.time.state(reported) is reported
     assert clocks.time.unix(12.5) == 12.5
 
 
@@ -92,11 +92,11 @@ def test_a_robot_that_is_simulated_has_its_own_time():
 def test_with_use_sim_time_the_stamps_of_a_simulated_robot_are_the_simulations(ros_s):
     clocks = Clocks(ros_s=ros_s)
     clocks.time.in_simulation = ros_s is None
-    told = clocks.time.state(sample(UNIX + 3.0, base=UNIX + 2.98, sim_time=3.0, sim_epoch=UNIX))
-    assert (told.time, times(told)) == (3.0, {"states": 3.0, "base": 2.98})
+    reported = clocks.time.state(sample(UNIX + 3.0, base=UNIX + 2.98, sim_time=3.0, sim_epoch=UNIX))
+    assert (reported.time, times(reported)) == (3.0, {"states": 3.0, "base": 2.98})
     assert clocks.time.event(RobotEvent(time=UNIX + 3.5, kind="x", node=None, level="info", text="it is")).time == 3.0
     paused = clocks.time.state(sample(UNIX + 3.0, base=UNIX + 2.98, sim_time=3.0, sim_epoch=UNIX))
-    assert times(paused) == times(told)
+    assert times(paused) == times(reported)
 
 
 def test_the_stamp_of_a_command_is_of_the_clock_that_it_is_nearer_to():
@@ -111,8 +111,8 @@ def test_the_stamp_of_a_command_is_of_the_clock_that_it_is_nearer_to():
 class Answers:
     """A client whose robot's controller manager has parameters, or none that it tells."""
 
-    def __init__(self, *found):
-        self.found = found
+    def __init__(self, *result):
+        self.found = result
 
     def ask(self, _request):
         if not self.found:
@@ -120,9 +120,9 @@ class Answers:
         return [ParameterReading(name="use_sim_time", kind="bool", value=value) for value in self.found]
 
 
-@pytest.mark.parametrize(("client", "wanted"), [(Answers(True), True), (Answers(False), False), (Answers(), False)])
-def test_the_controller_manager_of_the_file_specifies_whether_stamps_are_simulated(client, wanted):
-    assert uses_sim_time(client) is wanted
+@pytest.mark.parametrize(("client", "expected"), [(Answers(True), True), (Answers(False), False), (Answers(), False)])
+def test_the_controller_manager_of_the_file_specifies_whether_stamps_are_simulated(client, expected):
+    assert uses_sim_time(client) is expected
 
 
 def test_a_controller_that_comes_again_is_stamped_again():
@@ -199,12 +199,12 @@ def hardware(state):
 def heard(fresh, maker):
     fresh.robot.answers = {**fresh.robot.answers, "hardware": hardware("active")}
     maker.order("subscribe", topic=TOPIC, of=TYPE_OF_ACTIVITY, qos="latched")
-    yield lambda wanted: maker.message(TOPIC, wanted)
+    yield lambda expected: maker.message(TOPIC, expected)
     maker.order("unsubscribe", topic=TOPIC)
 
 
 def states(named):
-    return {each["name"]: (each["state"]["id"], each["state"]["label"]) for each in named}
+    return {item["name"]: (item["state"]["id"], item["state"]["label"]) for item in named}
 
 
 @pytest.mark.ros
@@ -253,11 +253,11 @@ def test_a_controller_whose_name_ros_refuses_has_no_topics_and_the_next_one_has(
     fresh.robot.controllers += [odd, later]
     try:
         assert eventually(lambda: "/later/commands" in topics(fresh))
-        told = fresh.peer.message("/rosout", lambda message: "not-ros" in message["msg"])["msg"]
+        reported = fresh.peer.message("/rosout", lambda message: "not-ros" in message["msg"])["msg"]
     finally:
         del fresh.robot.controllers[-2:]
-    assert told.startswith("not-ros has no topics, because ROS refuses them: Invalid node name")
-    assert "\n" not in told
+    assert reported.startswith("not-ros has no topics, because ROS refuses them: Invalid node name")
+    assert "\n" not in reported
 
 
 def knows_that_base_is_inactive(robot):
@@ -294,9 +294,9 @@ def test_a_controller_publishing_faster_than_the_bridge_is_reported_once(fresh):
             assert eventually(lambda: fresh.robot.commands("tell"))
     finally:
         del states["publish_rate"]
-    (told,) = fresh.robot.commands("tell")
-    assert told["kind"] == "ros_rate"
-    assert told["text"].startswith("ROS: joint_state_broadcaster (500 Hz): published more often than the samples")
+    (reported,) = fresh.robot.commands("tell")
+    assert reported["kind"] == "ros_rate"
+    assert reported["text"].startswith("ROS: joint_state_broadcaster (500 Hz): published more often than the samples")
 
 
 @pytest.mark.ros

@@ -1,4 +1,4 @@
-"""The topics with what ROS and the robot are to them; over DDS they are seen in tests/integration."""
+"""The topics with stand-ins for ROS and the robot; tests/integration uses them over DDS."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def ros(monkeypatch):
 def trajectory(*firsts, stamp=0):
     message = JointTrajectory(joint_names=["a", "b"])
     message.header.stamp.sec = stamp
-    message.points = [JointTrajectoryPoint(positions=[each, 0.0]) for each in firsts]
+    message.points = [JointTrajectoryPoint(positions=[first, 0.0]) for first in firsts]
     return message
 
 
@@ -71,7 +71,7 @@ class TestTrajectories:
             ros.publish(self.TOPIC, trajectory(first))
         assert len(self.sent(ros)) == 1
         self.answer(ros.clients[0], Done())
-        assert [each.points[0].positions[0] for each in self.sent(ros)] == [1.0, 3.0]
+        assert [item.points[0].positions[0] for item in self.sent(ros)] == [1.0, 3.0]
         self.answer(ros.clients[0], Done())
         assert len(ros.clients) == 1
         assert len(self.sent(ros)) == 2
@@ -94,13 +94,13 @@ class TestTrajectories:
         long = trajectory(*map(float, range(2000)))
         ros.publish(self.TOPIC, long)
         self.answer(ros.clients[1], None, "no more")
-        assert [each.closed for each in ros.clients] == [False, True]
+        assert [client.closed for client in ros.clients] == [False, True]
         ros.publish(self.TOPIC, long)
         while isinstance(ros.clients[2].asked[-1][0], TrajectoryData):
             self.answer(ros.clients[2], Done())
         assert not ros.clients[0].closed
         self.answer(ros.clients[2], Done())
-        assert [each.closed for each in ros.clients] == [True, True, False]
+        assert [client.closed for client in ros.clients] == [True, True, False]
 
     def test_a_robot_that_is_gone_is_reported(self, ros):
         def gone():
@@ -133,8 +133,8 @@ class TestState:
         for _ in range(2):
             later = type(sample)(**{name: getattr(sample, name) for name in sample.__struct_fields__} | {"time": 2.0})
             state.on_state(StateSample(samples={"arm": later}))
-        (told,) = publisher.told
-        assert (told.header.stamp.sec, list(told.reference.positions), told.speed_scaling_factor) == (
+        (reported,) = publisher.told
+        assert (reported.header.stamp.sec, list(reported.reference.positions), reported.speed_scaling_factor) == (
             2,
             [0.1, 0.2],
             0.5,
@@ -149,8 +149,8 @@ class TestQuery:
         request, response, replies = kind.Request(), kind.Response(), []
         request.time.sec = sec
         handler(request, response, replies.append)
-        asked, answer = ros.asked[-1]
-        assert asked == QueryTrajectory(controller="arm", time=float(sec))
+        requested, answer = ros.asked[-1]
+        assert requested == QueryTrajectory(controller="arm", time=float(sec))
         answer(result, error)
         assert replies == [response]
         return response
@@ -158,16 +158,20 @@ class TestQuery:
     def test_what_the_trajectory_reports_is_the_response(self, ros):
         TrajectoryQuery(ros, ARM)
         point = TrajectoryPoint(positions=[0.1], velocities=[0.2], accelerations=[0.3])
-        told = self.ask(ros, 3, TrajectoryAt(known=True, joints=["a"], point=point))
-        assert (told.success, told.message, list(told.name)) == (True, "", ["a"])
-        assert (list(told.position), list(told.velocity), list(told.acceleration)) == ([0.1], [0.2], [0.3])
+        reported = self.ask(ros, 3, TrajectoryAt(known=True, joints=["a"], point=point))
+        assert (reported.success, reported.message, list(reported.name)) == (True, "", ["a"])
+        assert (list(reported.position), list(reported.velocity), list(reported.acceleration)) == ([0.1], [0.2], [0.3])
 
     def test_why_there_is_nothing_is_its_message(self, ros):
         query = TrajectoryQuery(ros, ARM)
-        told = self.ask(ros, 0, None, "arm follows no trajectories")
-        assert (told.success, told.message) == (False, "arm follows no trajectories")
-        told = self.ask(ros, 0, TrajectoryAt(known=False, text="arm is inactive; activate it first"))
-        assert (told.success, told.message, list(told.name)) == (False, "arm is inactive; activate it first", [])
+        reported = self.ask(ros, 0, None, "arm follows no trajectories")
+        assert (reported.success, reported.message) == (False, "arm follows no trajectories")
+        reported = self.ask(ros, 0, TrajectoryAt(known=False, text="arm is inactive; activate it first"))
+        assert (reported.success, reported.message, list(reported.name)) == (
+            False,
+            "arm is inactive; activate it first",
+            [],
+        )
         query.close()
         assert ros.left == ["arm/query_state"]
 
@@ -177,11 +181,11 @@ class TestSpeed:
 
     def test_a_factor_goes_to_the_robot_and_what_is_none_is_reported(self, ros):
         scaling = SpeedScalingTopic(ros, ARM)
-        made = interface("control_msgs/msg/SpeedScalingFactor")
+        created = interface("control_msgs/msg/SpeedScalingFactor")
         for factor in (0.5, -1.0, math.nan, math.inf):
-            ros.publish(self.TOPIC, made(factor=factor))
+            ros.publish(self.TOPIC, created(factor=factor))
         assert [request for request, _ in ros.asked] == [ScaleTrajectory(controller="arm", factor=0.5)]
-        assert [told.partition("scaling of ")[2][:4] for told in ros.told] == ["-1 i", "nan ", "inf "]
+        assert [reported.partition("scaling of ")[2][:4] for reported in ros.told] == ["-1 i", "nan ", "inf "]
         ros.asked[0][1](None, "STOP is latched")
         assert ros.told[-1] == f"{self.TOPIC}: STOP is latched"
         scaling.close()

@@ -60,9 +60,9 @@ class Messages:
 def test_a_point_goes_there_and_back(time, values):
     whole = math.floor(time)
     given_time = duration(whole, min(int((time - whole) * 1e9), 999_999_999))
-    told = point_of(ros_point(positions=tuple(values), effort=tuple(values), time=given_time))
-    sample = TrajectorySample(time=1.0, joints=(), executing=False, holding=False, reference=told, feedback=told,
-                              error=told, output=told)  # fmt: skip
+    point = point_of(ros_point(positions=tuple(values), effort=tuple(values), time=given_time))
+    sample = TrajectorySample(time=1.0, joints=(), executing=False, holding=False, reference=point, feedback=point,
+                              error=point, output=point)  # fmt: skip
     feedback = SimpleNamespace(joint_names=[], desired=ros_point(), actual=ros_point(), error=ros_point())
     fill(Messages(), feedback, TRAJECTORY_FEEDBACK, sample)
     back = feedback.actual
@@ -77,7 +77,7 @@ def test_500_points_of_six_joints_go_in_pieces_that_fit_into_requests():
     points = [ros_point(values, values, values, time=duration(index)) for index in range(500)]
     pieces = list(pieces_of(trajectory(points)))
     assert not is_one_piece(trajectory(points))
-    assert [each.time_from_start for piece in pieces for each in piece] == list(range(500))
+    assert [item.time_from_start for piece in pieces for item in piece] == list(range(500))
     for piece in pieces:
         assert len(request_line(1, "trajectory_data", TrajectoryData(points=piece))) <= MAX_REQUEST
         assert sum(19 for _ in piece) + len(piece) < MAX_VALUES
@@ -109,8 +109,8 @@ def test_too_many_points_are_reported_before_anything_is_made_of_them():
 
 
 def test_tolerances_are_those_of_the_goal_and_nan_is_the_parameters():
-    (told,) = tolerances_of([SimpleNamespace(name="a", position=0.1, velocity=-1.0, acceleration=math.nan)])
-    assert (told.joint, told.position, told.velocity, told.acceleration) == ("a", 0.1, -1.0, 0.0)
+    (reported,) = tolerances_of([SimpleNamespace(name="a", position=0.1, velocity=-1.0, acceleration=math.nan)])
+    assert (reported.joint, reported.position, reported.velocity, reported.acceleration) == ("a", 0.1, -1.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What is typed of the blocking client; how it shares its connection is tested with the robot's, tests/client."""
+"""The types of the blocking client; the shared connection is tested in tests/client."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ class Scene:
 @pytest.fixture
 def scene(tmp_path, monkeypatch):
     use_private_folders(monkeypatch, tmp_path)
-    made = Scene()
-    yield made
-    made.client.close()
-    made.server.close()
-    made.reactor.close()
+    created = Scene()
+    yield created
+    created.client.close()
+    created.server.close()
+    created.reactor.close()
 
 
 def test_answers_find_their_questions_in_any_order_as_what_they_declare(scene):
@@ -162,13 +162,13 @@ class Store:
 
 @pytest.fixture
 def store(private_folders):
-    made = Store()
-    made.thread.start()
-    yield made
-    made.reactor.call_threadsafe(made.server.close)
-    made.reactor.call_threadsafe(made.reactor.stop)
-    made.thread.join(60)
-    made.reactor.close()
+    created = Store()
+    created.thread.start()
+    yield created
+    created.reactor.call_threadsafe(created.server.close)
+    created.reactor.call_threadsafe(created.reactor.stop)
+    created.thread.join(60)
+    created.reactor.close()
 
 
 @pytest.fixture

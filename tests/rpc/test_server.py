@@ -48,22 +48,22 @@ class Store:
 
     def told(self):
         self.reactor.run_for(0)
-        found = self.peer.recv(1 << 20)
-        return [json.loads(line) for line in found.splitlines()]
+        result = self.peer.recv(1 << 20)
+        return [json.loads(line) for line in result.splitlines()]
 
     def ask(self, method, under=1, **params):
         self.tell({"id": under, "method": method, "params": params})
-        return next(each for each in self.told() if "id" in each)
+        return next(item for item in self.told() if "id" in item)
 
 
 @pytest.fixture
 def store(tmp_path, monkeypatch):
     use_private_folders(monkeypatch, tmp_path)
-    made = Store()
-    yield made
-    made.peer.close()
-    made.server.close()
-    made.reactor.close()
+    created = Store()
+    yield created
+    created.peer.close()
+    created.server.close()
+    created.reactor.close()
 
 
 def test_a_new_member_is_greeted(store):
@@ -77,12 +77,12 @@ def test_a_handler_gets_the_request_as_its_type_and_answers_under_its_number(sto
 
 
 def test_what_was_done_is_received_but_not_what_was_read_or_refused(store):
-    heard = []
-    store.server.observer = SimpleNamespace(done=lambda method, params: heard.append((method, bytes(params))))
+    received = []
+    store.server.observer = SimpleNamespace(done=lambda method, params: received.append((method, bytes(params))))
     store.ask("put", key="a", number=2)
     store.ask("get", key="a")
     store.ask("put", number=2)
-    assert heard == [("put", b'{"key": "a", "number": 2}')]
+    assert received == [("put", b'{"key": "a", "number": 2}')]
 
 
 def test_a_refusal_has_the_class_of_its_error(store):
@@ -110,7 +110,7 @@ NO_NUMBER = "NaN or an infinite number (null in JSON) where a finite one is need
 )
 def test_what_is_wrong_is_refused_in_a_sentence_and_the_next_request_is_served(store, method, params, sentence):
     store.tell({"id": 1, "method": method, "params": params})
-    (answer,) = [each for each in store.told() if "id" in each]
+    (answer,) = [item for item in store.told() if "id" in item]
     assert answer["error"] == {"kind": "LocalProtocolError", "message": sentence}
     assert store.ask("put", key="a") == {"id": 1, "result": {}}
 
@@ -118,7 +118,7 @@ def test_what_is_wrong_is_refused_in_a_sentence_and_the_next_request_is_served(s
 def test_a_notification_is_done_and_not_answered(store):
     store.tell({"method": "put", "params": {"key": "a", "number": 4}})
     store.tell({"method": "get", "params": {"key": "nowhere"}})
-    assert [each for each in store.told() if "id" in each or "error" in each] == []
+    assert [item for item in store.told() if "id" in item or "error" in item] == []
     assert store.values == {"a": 4.0}
 
 

@@ -1,4 +1,4 @@
-"""The API as a client sees it, byte by byte, in simulated time."""
+"""The API as seen by a client, byte by byte, in simulated time."""
 
 from __future__ import annotations
 
@@ -187,8 +187,8 @@ def test_stamps_are_the_simulations_after_every_pause(robot):
         robot.ask("pause_simulation", paused=False)
         robot.run(60)
         sample = state_sample(robot.robot)
-        told = sample.samples["joint_state_broadcaster"].time - sample.sim_epoch
-        assert told == pytest.approx(sample.sim_time, abs=1e-6)
+        reported = sample.samples["joint_state_broadcaster"].time - sample.sim_epoch
+        assert reported == pytest.approx(sample.sim_time, abs=1e-6)
 
 
 @pytest.mark.parametrize(("method", "params"), [("simulation", {}), ("step_simulation", {"steps": 1})])
@@ -207,19 +207,21 @@ def base(client):
 
 
 def read(client, name):
-    return {each["name"]: each for each in client.ask("parameters", controller=name)["result"]}
+    return {item["name"]: item for item in client.ask("parameters", controller=name)["result"]}
 
 
 def put(client, controller, **values):
-    wanted = [{"name": name.replace("__", "."), "kind": kind, "value": value} for name, (kind, value) in values.items()]
-    return client.ask("set_parameters", controller=controller, values=wanted)
+    expected = [
+        {"name": name.replace("__", "."), "kind": kind, "value": value} for name, (kind, value) in values.items()
+    ]
+    return client.ask("set_parameters", controller=controller, values=expected)
 
 
 def test_a_controllers_parameters_have_types_and_state_which_may_be_set(client, base):
-    found = read(client, base)
-    assert (found["wheel_radius"]["kind"], found["wheel_radius"]["read_only"]) == ("double", True)
-    assert "read_only" not in found["cmd_vel_timeout"]
-    assert (found["cmd_vel_timeout"]["low"], found["cmd_vel_timeout"]["high"]) == (0.0, 1e9)
+    result = read(client, base)
+    assert (result["wheel_radius"]["kind"], result["wheel_radius"]["read_only"]) == ("double", True)
+    assert "read_only" not in result["cmd_vel_timeout"]
+    assert (result["cmd_vel_timeout"]["low"], result["cmd_vel_timeout"]["high"]) == (0.0, 1e9)
     assert read(client, FORWARD)["interface_name"]["value"] == "velocity"
     assert read(client, FORWARD)["update_rate"]["value"] == 50, "the manager's"
 
@@ -257,9 +259,9 @@ def test_a_controller_that_is_not_loaded_has_none(client):
 
 
 def test_the_managers_parameters_are_those_of_its_block_and_the_types(robby, client):
-    found = read(client, "controller_manager")
-    assert found["update_rate"]["value"] == robby.robot.setup.controllers.update_rate
-    assert found[f"{BASE}.type"]["value"] == "diff_drive_controller/DiffDriveController"
+    result = read(client, "controller_manager")
+    assert result["update_rate"]["value"] == robby.robot.setup.controllers.update_rate
+    assert result[f"{BASE}.type"]["value"] == "diff_drive_controller/DiffDriveController"
     answer = put(client, "controller_manager", update_rate=("integer", 10))
     assert "'update_rate' cannot be set because it is read-only" in answer["error"]["message"]
     answer = put(client, "controller_manager", nonsense=("integer", 10))
@@ -278,7 +280,7 @@ def test_a_spawners_file_makes_a_controller_that_moves(robby, client, tmp_path):
     put(client, "controller_manager", wheels__node_options_args=("string_array", options))
     assert read(client, "controller_manager")["wheels.node_options_args"]["value"] == options
     assert client.ask("load", controller="wheels")["result"] == {}
-    listed = {each["name"]: each for each in client.ask("controllers")["result"]}
+    listed = {item["name"]: item for item in client.ask("controllers")["result"]}
     assert (listed["wheels"]["node_options"], listed[FORWARD]["node_options"]) == (options, [])
     assert read(client, "wheels")["command_timeout"]["value"] == 0.5
     client.ask("switch", activate=["wheels"], deactivate=[FORWARD])
@@ -286,7 +288,7 @@ def test_a_spawners_file_makes_a_controller_that_moves(robby, client, tmp_path):
 
 
 def states(client):
-    return {each["name"]: each["state"] for each in client.ask("controllers")["result"]}
+    return {item["name"]: item["state"] for item in client.ask("controllers")["result"]}
 
 
 def test_a_controller_is_loaded_switched_and_unloaded(robby, client):
@@ -305,8 +307,8 @@ def test_a_controller_is_loaded_switched_and_unloaded(robby, client):
 def test_ros_loads_a_controller_before_it_is_configured(client):
     assert client.ask("load", controller=BASE, configure=False)["result"] == {}
     assert states(client)[BASE] == "unconfigured"
-    found = {each["name"]: each for each in client.ask("parameters", controller=BASE)["result"]}
-    assert (found["wheel_radius"]["value"], found["wheel_radius"]["read_only"]) == (0.035, True)
+    result = {item["name"]: item for item in client.ask("parameters", controller=BASE)["result"]}
+    assert (result["wheel_radius"]["value"], result["wheel_radius"]["read_only"]) == (0.035, True)
     assert "it is unconfigured" in client.ask("switch", activate=[BASE], deactivate=[FORWARD])["error"]["message"]
     assert client.ask("configure", controller=BASE)["result"] == {}
     assert states(client)[BASE] == "inactive"
@@ -316,9 +318,9 @@ def test_the_hardware_is_listed_with_what_is_claimed(client):
     (component,) = client.ask("hardware")["result"]
     assert component["state"] == "active"
     assert component["plugin"].endswith("RobotSystem")
-    claimed = {each["name"]: each["claimed"] for each in component["command_interfaces"]}
+    claimed = {item["name"]: item["claimed"] for item in component["command_interfaces"]}
     assert claimed == {"left_wheel_joint/velocity": True, "right_wheel_joint/velocity": True}
-    assert all(each["available"] for each in component["state_interfaces"])
+    assert all(item["available"] for item in component["state_interfaces"])
 
 
 def test_inactive_hardware_commands_nothing_and_its_controllers_stop(robby, client):
@@ -354,7 +356,7 @@ def test_hardware_is_unconfigured_and_configured_again(robby, client):
     assert robby.speed(LEFT) == 0
     assert states(client)[FORWARD] == "inactive"
     (component,) = client.ask("hardware")["result"]
-    assert not any(each["available"] for each in component["state_interfaces"])
+    assert not any(item["available"] for item in component["state_interfaces"])
     assert "must be active" in client.ask("switch", activate=[FORWARD])["error"]["message"]
     assert client.ask("set_hardware_state", component=name, state="inactive")["result"] == {"state": "inactive"}
     assert client.ask("set_hardware_state", component=name, state="active")["result"] == {"state": "active"}
@@ -413,9 +415,11 @@ def test_two_clients_that_command_one_controller_alternately_are_named_in_one_wa
             assert who.ask("command", controller=FORWARD, values=[speed, speed], source=source)["result"] == {}
             robby.run(50)
     other.close()
-    (told,) = [event for event in client.ask("status")["result"]["events"] if event["kind"] == "two_senders"]
-    assert (told["level"], told["controller"]) == ("warning", FORWARD)
-    assert told["text"].startswith(f"{FORWARD}: teleop (pid {mine}) and command (pid {mine}) command it alternately")
+    (reported,) = [event for event in client.ask("status")["result"]["events"] if event["kind"] == "two_senders"]
+    assert (reported["level"], reported["controller"]) == ("warning", FORWARD)
+    assert reported["text"].startswith(
+        f"{FORWARD}: teleop (pid {mine}) and command (pid {mine}) command it alternately"
+    )
 
 
 def test_one_client_with_several_sources_is_one_sender(robby, client):
@@ -531,9 +535,9 @@ def test_what_clients_are_notified_is_made_between_the_cycles(robby, client, mon
     robby.robot.observers.append(Observer(after_cycle=lambda _now: order.append("cycle")))
     monkeypatch.setattr(api, "state_sample", lambda robot: order.append("state") or state_sample(robot))
     robby.run(100)
-    told = [order[at - 1 : at + 2] for at, what in enumerate(order[:-1]) if what == "state"]
-    assert told
-    assert all(each == ["cycle", "state", "cycle"] for each in told)
+    reported = [order[at - 1 : at + 2] for at, what in enumerate(order[:-1]) if what == "state"]
+    assert reported
+    assert all(item == ["cycle", "state", "cycle"] for item in reported)
     assert order[0] == "cycle"
 
 
@@ -552,18 +556,18 @@ def test_a_subscriber_to_requests_receives_those_of_other_clients(robby, client)
     client.ask("command", controller=FORWARD, values=[1, 2])
     client.ask("status")
     client.ask("command", controller="nobody", values=[1, 2])
-    told = [each["asked"] for each in watcher.messages()]
+    reported = [message["asked"] for message in watcher.messages()]
     watcher.close()
-    assert [(each["method"], each["params"]) for each in told] == [
+    assert [(item["method"], item["params"]) for item in reported] == [
         ("command", {"controller": FORWARD, "values": [1, 2]})
     ]
-    assert told[0]["time"] > 0
+    assert reported[0]["time"] > 0
 
 
 def test_two_subscribers_of_one_rate_get_the_same_sample(robby, client):
     other = Client(robby)
-    for each in (client, other):
-        each.ask("subscribe", state_rate=5)
+    for item in (client, other):
+        item.ask("subscribe", state_rate=5)
     robby.run(400)
     assert client.messages()[-1] == other.messages()[-1]
     other.close()
@@ -594,18 +598,18 @@ def test_an_axis_request_is_reported_with_its_client(robby, client):
     client.ask("axis", action="enable", node="all")
     client.ask("axis", action="enable", node="nobody")
     client.ask("axis", action="mode", node="left_drive", joint="left_wheel_joint", mode="PV", source="jog")
-    told = [event for event in robby.events if event.kind == "axis_asked"]
-    assert [event.node for event in told] == ["left_drive", "", "left_drive"]
-    assert told[2].text == "jog requested mode PV of left_drive (left_wheel_joint)"
-    assert told[0].text == "monitor requested disable of left_drive"
-    assert re.fullmatch(r"client .* \(pid \d+\) requested enable of all axes", told[1].text)
+    reported = [event for event in robby.events if event.kind == "axis_asked"]
+    assert [event.node for event in reported] == ["left_drive", "", "left_drive"]
+    assert reported[2].text == "jog requested mode PV of left_drive (left_wheel_joint)"
+    assert reported[0].text == "monitor requested disable of left_drive"
+    assert re.fullmatch(r"client .* \(pid \d+\) requested enable of all axes", reported[1].text)
 
 
 def test_an_axis_that_a_base_controller_holds_is_answered_for_with_the_whole_base(robby, client):
     client.ask("switch", activate=["robby_base_controller"], deactivate=["robby_forward_controller"])
     robby.until(lambda: robby.joint(LEFT).enabled)
-    told = "robby_base_controller moves left_drive and right_drive together: disable applies to all of them"
-    assert client.ask("axis", action="disable", node="left_drive")["result"] == {"text": told}
+    reported = "robby_base_controller moves left_drive and right_drive together: disable applies to all of them"
+    assert client.ask("axis", action="disable", node="left_drive")["result"] == {"text": reported}
     assert not robby.joint(RIGHT).machine.enabled
     assert client.ask("axis", action="enable", node="all")["result"] == {}
 
@@ -627,7 +631,7 @@ def test_a_client_that_dies_leaves_its_command_to_the_timeout(robby):
 
 def test_the_description_and_the_controllers_are_there_for_the_asking(client):
     assert "<robot" in client.ask("description")["result"]["urdf"]
-    controllers = {each["name"]: each for each in client.ask("controllers")["result"]}
+    controllers = {item["name"]: item for item in client.ask("controllers")["result"]}
     assert controllers[FORWARD]["topic"] == "commands"
     assert controllers["joint_state_broadcaster"]["topic"] is None
 

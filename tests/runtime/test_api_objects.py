@@ -82,13 +82,13 @@ def robot(tmp_path):
 
 
 def objects(told):
-    return {(each.index, each.subindex): each.data for each in told}
+    return {(item.index, item.subindex): item.data for item in told}
 
 
 def test_everything_that_has_come_is_reported_with_the_width_it_was_mapped_with(robot):
-    told = ProcessDataFeed(robot.robot.nodes.values()).everything()
-    assert set(told) == {"drive_one", "drive_two"}
-    one = objects(told["drive_one"])
+    reported = ProcessDataFeed(robot.robot.nodes.values()).everything()
+    assert set(reported) == {"drive_one", "drive_two"}
+    one = objects(reported["drive_one"])
     assert {address: len(data) for address, data in one.items()} == {
         (0x6041, 0): 2, (0x6061, 0): 1, (0x60FD, 0): 4, (0x6064, 0): 4, (0x606C, 0): 4, (0x6077, 0): 2, (0x603F, 0): 2,
     }  # fmt: skip
@@ -112,18 +112,18 @@ def test_only_what_changed_is_reported_and_a_negative_number_as_it_travels(robot
     for bus in robot.robot.buses.values():
         bus.watch()  # else what the drives have sent since the last edge is read at the next one
     robot.run(1)
-    told = feed.changes()
-    assert set(told) == {"drive_two"}
-    position = objects(told["drive_two"])[POSITION, 0]
+    reported = feed.changes()
+    assert set(reported) == {"drive_two"}
+    position = objects(reported["drive_two"])[POSITION, 0]
     assert int.from_bytes(position, "little", signed=True) == robot.drives[3].get(POSITION) < 0
-    assert (0x6061, 0) not in objects(told["drive_two"])
+    assert (0x6061, 0) not in objects(reported["drive_two"])
 
 
 def test_what_is_written_travels_in_the_rpdo_of_the_next_cycle_and_stays(robot):
-    seen = len(robot.bus.history)
+    observed = len(robot.bus.history)
     write_mapped(robot.robot, robot.one, OUTPUTS, 1, bytes.fromhex("00000300"))
     robot.run(20)
-    sent = [frame for label, frame in robot.bus.history[seen:] if label == "master" and frame.can_id == 0x502]
+    sent = [frame for label, frame in robot.bus.history[observed:] if label == "master" and frame.can_id == 0x502]
     assert sent[0].data == bytes.fromhex("00000300")
     robot.run(500)
     assert robot.drives[2].get(OUTPUTS, 1) == 0x30000
@@ -189,13 +189,13 @@ def api(robot, monkeypatch):
 def test_a_subscriber_to_pdos_gets_everything_first_and_then_changes(api):
     watcher, other = Watcher(api), Client(api)
     watcher.send(id=1, method="subscribe", params={"pdos": True})
-    told = watcher.watch(100)
-    assert [len(nodes["drive_one"]) for nodes in told[:2]] == [7, 7], "the first change is from nothing"
+    reported = watcher.watch(100)
+    assert [len(nodes["drive_one"]) for nodes in reported[:2]] == [7, 7], "the first change is from nothing"
     assert watcher.watch(200) == []
     other.ask("command", controller="velocity", values=[1.0, 0.0])
-    told = watcher.watch(200)
-    assert 15 <= len(told) <= 20, "one per cycle of 10 ms, while it accelerates"
-    assert {node for nodes in told for node in nodes} == {"drive_one"}
+    reported = watcher.watch(200)
+    assert 15 <= len(reported) <= 20, "one per cycle of 10 ms, while it accelerates"
+    assert {node for nodes in reported for node in nodes} == {"drive_one"}
     assert other.messages() == []
     other.ask("pdo_write", node="drive_one", index=0x60FE, subindex=1, data=base64_of("00000300"))
     assert (
@@ -257,11 +257,11 @@ def test_the_events_report_what_was_written_and_by_whom(client, robby):
     for source in ({"source": "view"}, {}):
         answer = client.ask("sdo_write", node="left_drive", index=0x6083, data=base64_of("a00f0000"), **source)
         assert answer["result"] == {}
-    told = [event for event in robby.robot.events.recent if event.kind == "object_written"]
-    assert [event.node for event in told] == ["left_drive", "left_drive"]
-    assert told[0].text == "view wrote 4000 to 0x6083:00 Profile acceleration"
-    assert told[1].text.startswith("client ")
-    assert "(pid " in told[1].text
+    reported = [event for event in robby.robot.events.recent if event.kind == "object_written"]
+    assert [event.node for event in reported] == ["left_drive", "left_drive"]
+    assert reported[0].text == "view wrote 4000 to 0x6083:00 Profile acceleration"
+    assert reported[1].text.startswith("client ")
+    assert "(pid " in reported[1].text
 
 
 def test_what_a_node_refuses_was_not_written(client, robby):
@@ -309,10 +309,10 @@ def test_a_client_that_is_gone_does_not_keep_a_node_busy(api):
 def test_the_events_name_the_client_that_took_a_node_out(client, robby):
     for source in ({"source": "view"}, {}):
         assert client.ask("nmt", node="left_drive", command="preop", **source)["result"] == {}
-    told = [event for event in robby.robot.events.recent if event.kind == "nmt_asked"]
-    assert [event.node for event in told] == ["left_drive", "left_drive"]
-    assert told[0].text == "view requested NMT preop"
-    assert told[1].text.startswith("client ")
+    reported = [event for event in robby.robot.events.recent if event.kind == "nmt_asked"]
+    assert [event.node for event in reported] == ["left_drive", "left_drive"]
+    assert reported[0].text == "view requested NMT preop"
+    assert reported[1].text.startswith("client ")
 
 
 @pytest.mark.parametrize(

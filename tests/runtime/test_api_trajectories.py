@@ -178,12 +178,12 @@ def other(arm):
 def points(count=20, seconds=1.5):
     return [
         {
-            "positions": each.positions,
-            "velocities": each.velocities,
-            "accelerations": each.accelerations,
-            "time_from_start": each.time / 1e9,
+            "positions": point.positions,
+            "velocities": point.velocities,
+            "accelerations": point.accelerations,
+            "time_from_start": point.time / 1e9,
         }
-        for each in planned([0.0] * 6, ENDS, seconds, count).points
+        for point in planned([0.0] * 6, ENDS, seconds, count).points
     ]
 
 
@@ -192,11 +192,11 @@ def goal(**how):
 
 
 def points_from(where):
-    return [{"positions": [each * 1.01 for each in where], "time_from_start": 1.0}]
+    return [{"positions": [item * 1.01 for item in where], "time_from_start": 1.0}]
 
 
 def positions(arm):
-    return [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
+    return [arm.robot.registry.state(f"{joint}/position").value for joint in JOINTS]
 
 
 @pytest.mark.rest
@@ -354,7 +354,7 @@ def test_a_goal_that_is_sent_is_accepted_at_once_and_its_end_is_reported_later(a
         ({"stamp": 1.0}, -3),
         ({"points": []}, -1),
         ({"points": [{"positions": [0.0] * 6, "velocities": [1.0] * 6, "time_from_start": 1.0}]}, -1),
-        ({"points": [{"positions": [0.0] * 6, "time_from_start": each} for each in (1.0, 1.0)]}, -1),
+        ({"points": [{"positions": [0.0] * 6, "time_from_start": value} for value in (1.0, 1.0)]}, -1),
         ({"points": [{"positions": [0.0] * 5, "time_from_start": 1.0}]}, -1),
         ({"points": [{"positions": [0.0] * 6, "effort": [1.0] * 6, "time_from_start": 1.0}]}, -1),
         ({"points": [{"positions": [9.0] * 6, "time_from_start": 9.0}]}, -1),

@@ -1,4 +1,4 @@
-"""What the files of a robot make."""
+"""Assembly of a robot from its files."""
 
 import dataclasses
 import errno
@@ -27,11 +27,11 @@ KINDS = [PluginKind.SIMULATION]
 
 
 def setup(simulate=True, plugin=None, **parameters):
-    found = dataclasses.replace(setup_of("diffbot_sim", "memory:simulation-engine"), simulate=simulate)
-    tag = dataclasses.replace(found.description.hardware[0], parameters=parameters)
+    result = dataclasses.replace(setup_of("diffbot_sim", "memory:simulation-engine"), simulate=simulate)
+    tag = dataclasses.replace(result.description.hardware[0], parameters=parameters)
     if plugin is not None:
         tag = dataclasses.replace(tag, plugin=plugin)
-    return dataclasses.replace(found, description=dataclasses.replace(found.description, hardware=(tag,)))
+    return dataclasses.replace(result, description=dataclasses.replace(result.description, hardware=(tag,)))
 
 
 def test_gazebos_plugin_runs_in_physics_and_reports_what_was_guessed():
@@ -136,7 +136,7 @@ def test_a_node_of_any_name_has_them(read):
 
 
 @pytest.mark.parametrize(
-    ("text", "place", "said"),
+    ("text", "place", "message"),
     [
         ("      position: {sholder: {p: 1.0}}\n", "4:18", "no joint 'sholder' in the description's <ros2_control>"),
         ("      position: {wheel: {p: 1.0}}\n", "4:18", "joint wheel has no command interface 'position'; it has vel"),
@@ -151,11 +151,11 @@ def test_a_node_of_any_name_has_them(read):
         ("      velocity: {wheel: {p: 1.0}\n", "", "expected"),
     ],
 )
-def test_what_is_wrong_is_reported_with_its_place(read, text, place, said):
-    with pytest.raises(RobotConfigError) as told:
+def test_what_is_wrong_is_reported_with_its_place(read, text, place, message):
+    with pytest.raises(RobotConfigError) as reported:
         read(text)
-    assert f"pids.yaml:{place}" in str(told.value)
-    assert said in str(told.value)
+    assert f"pids.yaml:{place}" in str(reported.value)
+    assert message in str(reported.value)
 
 
 def test_a_file_without_gains_or_none_at_all_is_reported(read, tmp_path):
@@ -172,18 +172,18 @@ def assemble(config, **how):
 
 
 def test_drives_make_a_bus_nodes_and_joints():
-    made = assemble("robby")
-    assert list(made.buses) == ["can"]
-    assert sorted(made.nodes) == sorted(made.bus_by_node) == ["left_drive", "right_drive"]
-    assert sorted(made.joints) == ["left_wheel_joint", "right_wheel_joint"]
-    assert len(made.systems) == len(made.registry.components) == 1
+    created = assemble("robby")
+    assert list(created.buses) == ["can"]
+    assert sorted(created.nodes) == sorted(created.bus_by_node) == ["left_drive", "right_drive"]
+    assert sorted(created.joints) == ["left_wheel_joint", "right_wheel_joint"]
+    assert len(created.systems) == len(created.registry.components) == 1
 
 
 @pytest.mark.parametrize(("config", "how"), [("diffbot_sim", {}), ("robby", {"mock": True})])
 def test_what_is_on_no_bus_makes_none(config, how):
-    made = assemble(config, **how)
-    assert (made.buses, made.nodes, made.joints, made.systems) == ({}, {}, {}, [])
-    assert len(made.registry.components) == 1
+    created = assemble(config, **how)
+    assert (created.buses, created.nodes, created.joints, created.systems) == ({}, {}, {}, [])
+    assert len(created.registry.components) == 1
 
 
 def test_a_drive_that_no_bus_has_is_refused_with_the_line_of_its_tag(tmp_path):
@@ -203,24 +203,26 @@ def test_a_description_without_hardware_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("channel", "error", "follows", "told"),
+    ("channel", "error", "follows", "reported"),
     [
         ("can0", None, True, []),
         ("local:x", None, False, []),
         ("can0", errno.EPROTONOSUPPORT, False, ["this kernel has no broadcast manager", "this program sends it"]),
     ],
 )
-def test_the_kernel_sends_sync_where_it_can_and_bus_yml_wishes_it(tmp_path, monkeypatch, channel, error, follows, told):
+def test_the_kernel_sends_sync_where_it_can_and_bus_yml_wishes_it(
+    tmp_path, monkeypatch, channel, error, follows, reported
+):
     monkeypatch.setattr(kernel_sync, "_bcm_socket", lambda: Bcm(error))
     files = changed(tmp_path, "robby", bus={"sync_period: 20000": "sync_period: 20000\n  sync_producer: kernel"})
     events = []
     with Reactor(ManualClock()) as reactor:
-        made = Assembly(read_robot(files, can=[channel]), reactor, events.append, print, print)
-        bus = made.buses["can"]
+        assembly = Assembly(read_robot(files, can=[channel]), reactor, events.append, print, print)
+        bus = assembly.buses["can"]
         assert bus.follows_sync is follows
         assert ("by the kernel" in bus.sync_words) is follows
-    assert all(any(word in each.text for each in events) for word in told)
-    assert len(events) == bool(told)
+    assert all(any(word in event.text for event in events) for word in reported)
+    assert len(events) == bool(reported)
 
 
 class Bcm:

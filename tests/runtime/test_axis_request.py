@@ -93,13 +93,13 @@ def test_a_touch_probe_is_read_where_there_is_one(robby, tmp_path):
     servo.start()
     servo.drives[2].store.set(0x60B9, 0, 0x0101)
     servo.drives[2].store.set(0x60BA, 0, -70000)
-    found = []
-    servo.robot.touch_probe("2", found.append)
-    servo.until(lambda: found)
-    assert found[0]["status"] == 0x0101
-    assert found[0]["probe_1_positive"] == -70000
+    results = []
+    servo.robot.touch_probe("2", results.append)
+    servo.until(lambda: results)
+    assert results[0]["status"] == 0x0101
+    assert results[0]["probe_1_positive"] == -70000
     servo.bus.drop(lambda _label, frame: frame.can_id == 0x582)
-    servo.robot.touch_probe("2", found.append)
-    servo.until(lambda: len(found) == 2, ms=20_000)
-    assert "node 2 (drive_one)" in found[1]
+    servo.robot.touch_probe("2", results.append)
+    servo.until(lambda: len(results) == 2, ms=20_000)
+    assert "node 2 (drive_one)" in results[1]
     servo.close()

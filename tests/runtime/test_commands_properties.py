@@ -1,4 +1,4 @@
-"""Nothing moves without an enabled axis and a live command newer than its enable, whatever comes in which order.
+"""Nothing moves without an enabled axis and a live command newer than its enable, for any sequence of events.
 
 A whole robot on the memory bus in simulated time; what is watched are the targets on the bus, cycle by cycle, and the
 rule is told by a model that knows only what was asked for and what the drives themselves say.

@@ -30,14 +30,14 @@ RPDOS = (0x202, 0x203, 0x302, 0x303)
 
 @pytest.fixture
 def benches():
-    made = []
+    created = []
 
     def make(name, **how):
-        made.append(Bench(name, **how))
-        return made[-1]
+        created.append(Bench(name, **how))
+        return created[-1]
 
     yield make
-    for bench in made:
+    for bench in created:
         bench.close()
 
 
@@ -57,12 +57,12 @@ def delay(bench, *delays_ms):
 def test_a_late_cycle_gets_the_time_of_its_edge_and_the_period_of_the_grid(benches):
     bench = benches("cycle1")
     bench.start()
-    seen = watch(bench)
+    observed = watch(bench)
     delay(bench, *[0.0, 5.0, 0.0, 12.0, 19.0] * 10)
     bench.run(1200)
-    assert {later[0] - sooner[0] for sooner, later in itertools.pairwise(seen)} == {PERIOD}
-    assert {period for _, period, _ in seen} == {0.02}
-    lateness = [now - edge for edge, _, now in seen]
+    assert {later[0] - sooner[0] for sooner, later in itertools.pairwise(observed)} == {PERIOD}
+    assert {period for _, period, _ in observed} == {0.02}
+    lateness = [now - edge for edge, _, now in observed]
     assert max(lateness) == pytest.approx(19 * MS, abs=1000)
     assert bench.robot.pacer.missed == 0
 
@@ -72,17 +72,17 @@ def test_skipped_edges_are_caught_up_in_time_up_to_a_bound_and_reported_with_wha
     bench = benches(f"cycle2{edges}")
     bench.start()
     bench.hold(5.0, 5.0, ms=500)
-    seen = watch(bench)
+    observed = watch(bench)
     written = []
     bench.robot.registry.register(Witness(on_write=lambda _now, period: written.append(period)))
     delay(bench, 0.0, 20.0 * edges + 1.0)
     bench.publish(5.0, 5.0)
     bench.run(1500)
     assert set(written) == {0.02}, "no target moves by more than the drive can go in a period"
-    longest = max(period for _, period, _ in seen)
+    longest = max(period for _, period, _ in observed)
     assert longest == pytest.approx(0.02 * (1 + min(edges, CAUGHT_UP)))
-    assert max(later[0] - sooner[0] for sooner, later in itertools.pairwise(seen)) == (1 + edges) * PERIOD
-    (event,) = [each for each in bench.events if each.kind == "cycle_missed"]
+    assert max(later[0] - sooner[0] for sooner, later in itertools.pairwise(observed)) == (1 + edges) * PERIOD
+    (event,) = [item for item in bench.events if item.kind == "cycle_missed"]
     assert event.count == edges
     cost = f"set-points that moving axes missed since they were enabled: left_wheel_joint {edges}"
     assert cost in event.text
@@ -94,7 +94,7 @@ def test_what_stands_misses_nothing_when_edges_are_skipped(benches):
     bench.start()
     delay(bench, 0.0, 50.0)
     bench.run(300)
-    (event,) = [each for each in bench.events if each.kind == "cycle_missed"]
+    (event,) = [item for item in bench.events if item.kind == "cycle_missed"]
     assert "moving axes" not in event.text
 
 
@@ -165,7 +165,7 @@ def test_the_cycle_follows_the_sync_of_a_node(benches, tmp_path, order, behind):
     assert [bench.velocity(node) for node in (LEFT, RIGHT)] == pytest.approx([10.0, -10.0], rel=0.01)
     assert {label for label, frame in bench.bus.history if frame.can_id == 0x80} == {"producer"}
     phases = [(cycle - sent) % period for cycle in cycles[-50:]]
-    assert all(abs(each - behind) <= PERIOD // 64 for each in phases)
+    assert all(abs(phase - behind) <= PERIOD // 64 for phase in phases)
     assert bench.texts("sync_lost") == []
     assert "by another node" in bench.robot.buses["can"].sync_words
     port.close()
@@ -184,8 +184,8 @@ def bench(request):
         return benches[-1]
 
     yield make
-    for each in benches:
-        each.close()
+    for benche in benches:
+        benche.close()
 
 
 @pytest.fixture
@@ -461,12 +461,12 @@ def test_one_robot_on_two_buses_drives_both_wheels_in_one_cycle(tmp_path):
 
 def test_sdo_traffic_of_each_node_is_in_the_status(robby):
     sdo = status_dict(robby.robot)["nodes"]["left_drive"]["sdo"]
-    asked = [
+    requested = [
         frame.data[0] >> 5
         for label, frame in robby.bus.history
         if label == "master" and frame.can_id == 0x600 + LEFT and frame.data[0] >> 5 in (1, 2)
     ]
-    assert (sdo["writes"], sdo["reads"], sdo["failed"]) == (asked.count(1), asked.count(2), 0)
+    assert (sdo["writes"], sdo["reads"], sdo["failed"]) == (requested.count(1), requested.count(2), 0)
     assert sdo["writes"] > 30
 
 

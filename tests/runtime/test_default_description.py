@@ -1,4 +1,4 @@
-"""A bus without ros2_control: which nodes are drives, what they are called, and that the others are good company."""
+"""A bus without ros2_control: which nodes are drives, their names, and the remaining nodes."""
 
 import pytest
 from support.busalone import IO, AloneBench, write_drives, write_io, write_two_axis_drive
@@ -25,8 +25,8 @@ def bench(request):
         return benches[-1]
 
     yield make
-    for each in benches:
-        each.close()
+    for benche in benches:
+        benche.close()
 
 
 def check(config, **how):
@@ -34,7 +34,7 @@ def check(config, **how):
 
 
 def errors(report):
-    return [str(each) for each in report.findings if each.severity is Severity.ERROR]
+    return [str(finding) for finding in report.findings if finding.severity is Severity.ERROR]
 
 
 @pytest.mark.parametrize("nested", [True, False])
@@ -71,7 +71,7 @@ def test_each_drive_is_a_joint_of_its_own_name_and_off_until_it_is_enabled(bench
     assert robot.robot.state is RobotState.DISABLED
     assert "axis enable" in robot.robot.hint
     assert list(robot.robot.joints) == ["drive_one", "drive_two"]
-    assert {each.name: each.joints for each in nodes_message(robot.robot).nodes} == {
+    assert {node.name: node.joints for node in nodes_message(robot.robot).nodes} == {
         "drive_one": ["drive_one"],
         "drive_two": ["drive_two"],
         "io_module": [],
@@ -103,16 +103,16 @@ def test_a_drive_under_a_proxy_driver_is_not_moved_and_a_driver_without_a_drive_
     bus.write_text(text.replace("  drive_two:\n", "  drive_two:\n    driver: ros2_canopen::ProxyDriver\n"))
     setup = read_robot(find_robot(str(config)))
     assert [joint.name for tag in setup.description.hardware for joint in tag.joints] == ["drive_one"]
-    told = [each.text for each in check(config).findings if each.severity is Severity.WARNING]
-    assert any("drive_two" in each and "cannot be enabled" in each for each in told)
-    assert any("io_module" in each and "no controlword" in each for each in told)
+    texts = [finding.text for finding in check(config).findings if finding.severity is Severity.WARNING]
+    assert any("drive_two" in item and "cannot be enabled" in item for item in texts)
+    assert any("io_module" in item and "no controlword" in item for item in texts)
 
 
 def test_a_good_bus_is_good(tmp_path):
     report = check(write_drives(tmp_path, io=""))
     assert errors(report) == []
-    told = [each.text for each in report.findings if each.severity is Severity.WARNING]
-    assert all("outputs" in each for each in told)  # which this I/O module leaves as they are when the master is lost
+    texts = [finding.text for finding in report.findings if finding.severity is Severity.WARNING]
+    assert all("outputs" in item for item in texts)  # which this I/O module leaves as they are when the master is lost
     assert report.budgets["can"].fits
 
 
@@ -120,9 +120,9 @@ def test_all_errors_are_reported_at_once_with_their_places(tmp_path):
     config = write_io(tmp_path, nested=False)
     bus = config / "bus.yml"
     bus.write_text(bus.read_text().replace("node_id: 5", "node_id: 300") + "other: {dcf: absent.eds, node_id: 7}\n")
-    told = errors(check(config))
-    assert len(told) == 2
-    assert all(str(bus) in each for each in told)
+    reported = errors(check(config))
+    assert len(reported) == 2
+    assert all(str(bus) in item for item in reported)
     with pytest.raises(ConfigError, match="absent"):
         read_robot(find_robot(str(config)))
 
@@ -131,9 +131,9 @@ def without(config, *mappings):
     """Take these mappings out of the drives' PDOs."""
     bus = config / "bus.yml"
     text = bus.read_text()
-    for each in mappings:
-        assert each in text
-        text = text.replace(each, "mapping: []")
+    for mapping in mappings:
+        assert mapping in text
+        text = text.replace(mapping, "mapping: []")
     bus.write_text(text)
     return config
 
@@ -152,13 +152,13 @@ def test_a_drive_that_no_pdo_commands_is_a_proxy_and_reported_once_with_what_to_
     report = check(config)
     assert errors(report) == []
     assert not report.passes(strict=True)
-    told = [each.text for each in report.findings if word in each.text]
-    assert len(told) == 2  # drives
-    assert all("it is a proxy, and cannot be enabled; map it in bus.yml" in each for each in told)
+    reported = [finding.text for finding in report.findings if word in finding.text]
+    assert len(reported) == 2  # drives
+    assert all("it is a proxy, and cannot be enabled; map it in bus.yml" in item for item in reported)
     robot = bench(config, (2, 3))
     assert robot.robot.state is RobotState.RUNNING
     assert robot.robot.joints == {}
-    assert sum(word in each for each in robot.texts("doubt")) == 2  # said as it starts
+    assert sum(word in item for item in robot.texts("doubt")) == 2  # said as it starts
 
 
 def test_a_drive_whose_rpdos_carry_no_target_is_watched_homed_and_refuses_what_needs_one(bench, tmp_path):
@@ -166,7 +166,7 @@ def test_a_drive_whose_rpdos_carry_no_target_is_watched_homed_and_refuses_what_n
     report = check(config)
     assert errors(report) == []
     assert not report.passes(strict=True)
-    assert sum("no RPDO carries a target" in each.text for each in report.findings) == 2
+    assert sum("no RPDO carries a target" in finding.text for finding in report.findings) == 2
     robot = bench(config, (2, 3))
     assert list(robot.robot.joints) == ["drive_one", "drive_two"]
     assert robot.at("position") == 0.0
@@ -220,8 +220,8 @@ def test_a_drive_that_no_joint_of_a_robot_names_is_a_proxy_alongside_the_others_
     config = write_generic(tmp_path)
     bus = config / "bus.yml"
     bus.write_text(bus.read_text() + "  spare:\n    node_id: 9\n")
-    told = [each.text for each in check(config, controllers=["velocity"]).findings if "spare" in each.text]
-    assert any("no joint of" in each and "cannot be enabled" in each for each in told)
+    texts = [finding.text for finding in check(config, controllers=["velocity"]).findings if "spare" in finding.text]
+    assert any("no joint of" in item and "cannot be enabled" in item for item in texts)
     setup = read_robot(find_robot(str(config)), controllers=["velocity"])
     assert "spare" not in [joint.name for tag in setup.description.hardware for joint in tag.joints]
 
@@ -237,8 +237,8 @@ def with_spare(folder, driver="ros2_canopen::Cia402Driver", name="spare"):
 @pytest.mark.rest
 def test_a_robot_may_have_a_drive_that_takes_targets_alongside_its_joints(tmp_path):
     config = with_spare(tmp_path)
-    told = [each.text for each in check(config, controllers=["velocity"]).findings if "spare" in each.text]
-    assert any("it has its own controller" in each and "axis enable spare, command spare" in each for each in told)
+    reported = [finding.text for finding in check(config, controllers=["velocity"]).findings if "spare" in finding.text]
+    assert any("it has its own controller" in item and "axis enable spare, command spare" in item for item in reported)
     robot = AloneBench("mixed", config=config, drives=(2, 3, 9), controllers=["velocity"])
     try:
         robot.start()
@@ -254,7 +254,7 @@ def test_a_robot_may_have_a_drive_that_takes_targets_alongside_its_joints(tmp_pa
         robot.power_off(9)  # one stop group, as in any robot
         robot.run(2000)
         assert not robot.powered(2)
-        assert any("stopping" in each and "spare" in each for each in robot.texts("stop"))
+        assert any("stopping" in item and "spare" in item for item in robot.texts("stop"))
     finally:
         robot.close()
 
@@ -289,7 +289,7 @@ def test_a_drive_alongside_the_others_that_need_not_be_there_stops_and_keeps_non
 )
 def test_one_that_is_to_be_none_or_whose_name_is_taken_is_a_proxy(tmp_path, how, why):
     config = with_spare(tmp_path, **how)
-    assert any(why in each.text for each in check(config, controllers=["velocity"]).findings)
+    assert any(why in finding.text for finding in check(config, controllers=["velocity"]).findings)
     setup = read_robot(find_robot(str(config)), controllers=["velocity"])
     assert len([joint for tag in setup.description.hardware for joint in tag.joints]) == 2
 
@@ -304,7 +304,7 @@ def test_there_is_nothing_to_mock(tmp_path):
     config = write_io(tmp_path)
     with pytest.raises(RobotConfigError, match="--mock"):
         read_robot(find_robot(str(config)), mock=True)
-    assert any("--mock" in each for each in errors(check(config, mock=True)))
+    assert any("--mock" in error for error in errors(check(config, mock=True)))
 
 
 def test_a_folder_with_half_of_a_robot_still_reports_what_is_missing(tmp_path):

@@ -1,4 +1,4 @@
-"""Who follows commands, and what is said where nobody does; on whole robots in simulated time."""
+"""Joints that follow commands, and the reports if none does; on whole robots in simulated time."""
 
 import pytest
 from support import makers
@@ -33,8 +33,8 @@ def bench_of_needed_nodes(tmp_path, request):
         return benches[-1]
 
     yield make
-    for each in benches:
-        each.close()
+    for benche in benches:
+        benche.close()
 
 
 @pytest.mark.parametrize("key", ["", "required: false", "mandatory: false"])
@@ -127,8 +127,8 @@ def bench_of_latch(request, tmp_path):
         return benches[-1]
 
     yield make
-    for each in benches:
-        each.close()
+    for benche in benches:
+        benche.close()
 
 
 def stop_of_latch(robby, by="a test"):
@@ -231,8 +231,8 @@ def test_status_and_stream_name_the_client_that_latched_it(bench_of_latch):
     assert [status_dict(robby.robot)[key] for key in ("latched", "latched_by")] == [False, None]
     stop_of_latch(robby, "the page")
     stop_of_latch(robby, "somebody else")
-    for told in (status_dict(robby.robot), state_dict(robby.robot)):
-        assert (told["latched"], told["latched_by"]) == (True, "the page")
+    for reported in (status_dict(robby.robot), state_dict(robby.robot)):
+        assert (reported["latched"], reported["latched_by"]) == (True, "the page")
     assert len(robby.texts("stop_latched")) == 1
 
 
@@ -304,25 +304,25 @@ def test_a_client_without_a_dead_man_or_command_ends_nothing(bench_of_latch):
 
 
 def test_a_latch_outlives_its_process_and_a_release_ends_it(tmp_path):
-    told = []
-    first = StopLatch(told.append)
+    reports = []
+    first = StopLatch(reports.append)
     first.keep(tmp_path / "robby" / "stop_latched")
     assert not first.held
     first.hold("the page", 5)
 
-    second = StopLatch(told.append)
+    second = StopLatch(reports.append)
     second.keep(tmp_path / "robby" / "stop_latched")
     assert second.by == "the page"
     second.report(6)
-    assert "earlier run (by the page)" in told[-1].text
-    assert "canopen-control stop --release" in told[-1].text
+    assert "earlier run (by the page)" in reports[-1].text
+    assert "canopen-control stop --release" in reports[-1].text
     second.release("a test", 7)
 
-    third = StopLatch(told.append)
+    third = StopLatch(reports.append)
     third.keep(tmp_path / "robby" / "stop_latched")
     third.report(8)
     assert not third.held
-    assert [event.kind for event in told] == ["stop_latched", "stop_latched", "stop_released"]
+    assert [event.kind for event in reports] == ["stop_latched", "stop_latched", "stop_released"]
 
 
 @pytest.mark.parametrize("content", ["", "{}", "[1]", '{"by"', "7"])
@@ -335,14 +335,14 @@ def test_a_latch_that_cannot_be_read_is_held(tmp_path, content):
 
 def test_a_latch_that_cannot_be_kept_holds_and_reports_this(tmp_path):
     (tmp_path / "file").write_text("")
-    told = []
-    latch = StopLatch(told.append)
+    reports = []
+    latch = StopLatch(reports.append)
     latch.keep(tmp_path / "file" / "stop_latched")
     latch.by = None
     latch.hold("a test", 5)
     assert latch.held
-    assert told[-1].kind == "latch_not_kept"
-    assert "the next run will not be latched" in told[-1].text
+    assert reports[-1].kind == "latch_not_kept"
+    assert "the next run will not be latched" in reports[-1].text
 
 
 NO_TIMEOUT = {"    command_timeout: 2.0 ": "    # "}
@@ -361,8 +361,8 @@ def bench(request, tmp_path):
         return benches[-1]
 
     yield make
-    for each in benches:
-        each.close()
+    for benche in benches:
+        benche.close()
 
 
 def ask(robby, verb, *how):
@@ -529,9 +529,9 @@ def test_the_api_names_what_is_only_in_the_file_where_it_is_asked(bench):
     api = ApiServer(robby.robot)
     client = Client(robby)
     try:
-        found = {each["name"]: each["state"] for each in client.ask("controllers", all=True)["result"]}
-        assert found["robby_base_controller"] == "unloaded"
-        assert "robby_base_controller" not in {each["name"] for each in client.ask("controllers")["result"]}
+        result = {item["name"]: item["state"] for item in client.ask("controllers", all=True)["result"]}
+        assert result["robby_base_controller"] == "unloaded"
+        assert "robby_base_controller" not in {item["name"] for item in client.ask("controllers")["result"]}
         answer = client.ask("twist", controller="robby_base_controller", linear=0.1, angular=0.0)
         assert "controller switch --activate robby_base_controller" in answer["error"]["message"]
     finally:
@@ -572,8 +572,8 @@ def followed(robby, advice):
 
 
 @pytest.mark.parametrize("command", [NmtCommand.STOP, NmtCommand.ENTER_PRE_OPERATIONAL, NmtCommand.RESET_NODE])
-@pytest.mark.parametrize("told", ["hint", "refused", "stop"])
-def test_the_advice_after_an_nmt_command_works(bench, command, told):
+@pytest.mark.parametrize("reported", ["hint", "refused", "stop"])
+def test_the_advice_after_an_nmt_command_works(bench, command, reported):
     robby = bench()
     robby.hold(5.0, 5.0, ms=600)
     robby.robot.nodes["left_drive"].command(command, robby.reactor.now())
@@ -587,7 +587,7 @@ def test_the_advice_after_an_nmt_command_works(bench, command, told):
         .removesuffix("; an earlier command is refused and not kept")
         .partition("nodes: ")[2],
         "stop": robby.texts("stop")[0].partition("; to continue: ")[2],
-    }[told]
+    }[reported]
     assert advice.count("canopen-control") == 3
     followed(robby, advice)
     assert (robby.robot.state, robby.robot.hint) == (RobotState.RUNNING, None)

@@ -105,12 +105,12 @@ def test_the_drive_that_moves_the_base_is_found_and_asked_again_and_again():
         bench.run(100)
         assert status_message(bench.robot).true_pose.error == pytest.approx((0.25, 0.0, 0.0))
         query.close()
-        asked = world.asked
+        requested = world.asked
         bench.run(200)
-        assert world.asked == asked
+        assert world.asked == requested
     finally:
-        for each in (other, world):
-            each.server.close()
+        for item in (other, world):
+            item.server.close()
         bench.close()
 
 
@@ -122,12 +122,12 @@ def test_a_robot_whose_drives_move_no_base_asks_no_more():
         bench.start()
         query.start()
         bench.run(500)
-        assert [each.asked for each in worlds] == [1, 1]
+        assert [world.asked for world in worlds] == [1, 1]
         assert state_sample(bench.robot).true_pose is None
     finally:
         query.close()
-        for each in worlds:
-            each.server.close()
+        for world in worlds:
+            world.server.close()
         bench.close()
 
 

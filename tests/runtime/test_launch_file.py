@@ -1,4 +1,4 @@
-"""What a robot takes from a launch file: xacro's arguments, and files that are nowhere else."""
+"""Data taken from a launch file: arguments of xacro, and files that are given only there."""
 
 import pytest
 from support.launch_files import LAUNCH, make_package
@@ -21,10 +21,10 @@ XML = """\
 
 def test_python_gives_arguments_and_files_of_the_package_around_it(tmp_path):
     path = make_package(tmp_path)
-    found = launched_robot(path, {})
-    assert found.arguments == {"use_mock_hardware?": "false"}
-    assert found.uncertainties == ()
-    assert found.files == {
+    result = launched_robot(path, {})
+    assert result.arguments == {"use_mock_hardware?": "false"}
+    assert result.uncertainties == ()
+    assert result.files == {
         "description": tmp_path / "robby_bringup/urdf/base/robby.urdf.xacro",
         "controllers": tmp_path / "robby_bringup/config/first/ros2_controllers.yaml",
     }
@@ -33,9 +33,9 @@ def test_python_gives_arguments_and_files_of_the_package_around_it(tmp_path):
 def test_so_does_xml(tmp_path):
     path = make_package(tmp_path).with_name("robby.launch.xml")
     path.write_text(XML)
-    found = launched_robot(path, {"mock": "true"})
-    assert found.arguments == {"use_mock_hardware?": "true"}
-    assert found.files["description"].is_file()
+    result = launched_robot(path, {"mock": "true"})
+    assert result.arguments == {"use_mock_hardware?": "true"}
+    assert result.files["description"].is_file()
 
 
 def test_xml_of_ros_1_gives_them_too(tmp_path):
@@ -95,7 +95,7 @@ def test_a_file_of_the_folder_that_the_launch_file_does_not_name_is_reported_wit
     own.write_text(named.read_text(encoding="utf-8"), encoding="utf-8")
     files = find_robot(str(first), launch=str(path))
     assert files.not_launched == {"--description": (own, named)}
-    warned = [str(each) for each in check_robot(files, CheckOptions()).findings if "launch file" in each.text]
+    warned = [str(finding) for finding in check_robot(files, CheckOptions()).findings if "launch file" in finding.text]
     assert warned == [
         f"{own}: warning: this file of the folder is used; the launch file names {named}; "
         f"give --description {named} to use that one"
@@ -212,9 +212,9 @@ def generate_launch_description():
 
 
 def test_packages_and_files_may_be_arguments_and_the_bus_one_of_the_description(tmp_path):
-    found = launched_robot(make_package(tmp_path, ALL_BY_ARGUMENTS), {})
-    assert found.uncertainties == ()
-    assert found.files == {
+    result = launched_robot(make_package(tmp_path, ALL_BY_ARGUMENTS), {})
+    assert result.uncertainties == ()
+    assert result.files == {
         "description": tmp_path / "robby_bringup/urdf/base/robby.urdf.xacro",
         "controllers": tmp_path / "robby_bringup/config/first/ros2_controllers.yaml",
         "bus": tmp_path / "robby_bringup/config/first/bus.yml",
@@ -273,8 +273,8 @@ def test_what_cannot_be_obeyed_is_refused(tmp_path, words, options, why):
 
 
 def test_an_argument_that_reaches_nothing_is_reported(tmp_path):
-    told = [text for _, _, text in read(tmp_path, "gui:=true").notices]
-    assert any(text.startswith("gui:=true is used neither") for text in told)
+    reported = [text for _, _, text in read(tmp_path, "gui:=true").notices]
+    assert any(text.startswith("gui:=true is used neither") for text in reported)
     assert not any("mock:=false" in text for _, _, text in read(tmp_path / "b", "mock:=false").notices)
 
 
@@ -381,14 +381,14 @@ def sources(tmp_path):
 
 
 def test_files_are_found_where_sources_have_what_cmake_installs_elsewhere(sources):
-    found = launched_robot(sources / "rrbot.launch.py", {})
+    result = launched_robot(sources / "rrbot.launch.py", {})
     package = sources.parents[1]
-    assert found.files == {
+    assert result.files == {
         "description": package / "description/urdf/rrbot.urdf.xacro",
         "controllers": package / "bringup/config/rrbot.yaml",
     }
-    assert found.uncertainties == ()
-    assert found.arguments == {"prefix?": ""}  # a shell takes the quotes of '""' away
+    assert result.uncertainties == ()
+    assert result.arguments == {"prefix?": ""}  # a shell takes the quotes of '""' away
 
 
 def test_the_controllers_that_its_spawners_activate_are_those_that_start(sources):
@@ -407,10 +407,10 @@ def test_a_robot_of_a_launch_file_alone_runs_what_the_file_spawns(sources):
 
 
 def test_included_files_are_followed_with_the_arguments_that_they_are_given(sources):
-    found = launched_robot(sources / "two.launch.py", {})
-    assert found.spawned == ("joint_state_broadcaster", "trajectory_controller")
-    assert found.arguments == {"prefix?": "left_"}
-    assert found.uncertainties == ()  # a simulator's own files are nothing of the robot
+    result = launched_robot(sources / "two.launch.py", {})
+    assert result.spawned == ("joint_state_broadcaster", "trajectory_controller")
+    assert result.arguments == {"prefix?": "left_"}
+    assert result.uncertainties == ()  # a simulator's own files are nothing of the robot
     assert launched_robot(sources / "two.launch.py", {"which": "other"}).idle == ()
 
 
@@ -471,9 +471,9 @@ XML_OF_ROS_2 = """\
 def test_xml_has_spawners_conditions_and_includes_too(sources):
     path = sources / "rrbot.launch.xml"
     path.write_text(XML_OF_ROS_2)
-    found = launched_robot(path, {})
-    assert found.spawned == ("joint_state_broadcaster", "forward_position_controller", "spare")
-    assert found.files["description"].name == "rrbot.urdf.xacro"
+    result = launched_robot(path, {})
+    assert result.spawned == ("joint_state_broadcaster", "forward_position_controller", "spare")
+    assert result.files["description"].name == "rrbot.urdf.xacro"
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def test_a_file_is_read_as_that_in_xml(tmp_path):
     assert [(include.file, include.arguments) for include in launch.includes] == [
         ("other.launch.yaml", {"side": "right"})
     ]
-    assert any("robot.urdf.xacro side:=$(var side)" in each.text for each in launch.texts)
+    assert any("robot.urdf.xacro side:=$(var side)" in item.text for item in launch.texts)
 
 
 def test_a_robot_is_launched_by_it(tmp_path):

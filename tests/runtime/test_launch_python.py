@@ -1,4 +1,4 @@
-"""Launch files in Python, read by their syntax: what they declare, start and name, and what they compute."""
+"""Launch files in Python, read by their syntax: declarations, nodes, names and computed values."""
 
 import pytest
 from hypothesis import given
@@ -10,7 +10,7 @@ from canopen_control.runtime.launch_python import read_python
 
 
 def texts(source):
-    return [each.text for each in read_python(source, "x.launch.py").texts]
+    return [item.text for item in read_python(source, "x.launch.py").texts]
 
 
 def arguments(source):
@@ -22,10 +22,10 @@ def computed(source):
 
 
 def test_arguments_have_their_defaults_and_lines():
-    found = read_python(LAUNCH, "x.launch.py")
-    assert found.generates
-    assert found.arguments == {"mock": "false", "channel": None}
-    assert LAUNCH.splitlines()[found.argument_lines["mock"] - 1].strip().startswith('DeclareLaunchArgument("mock"')
+    python = read_python(LAUNCH, "x.launch.py")
+    assert python.generates
+    assert python.arguments == {"mock": "false", "channel": None}
+    assert LAUNCH.splitlines()[python.argument_lines["mock"] - 1].strip().startswith('DeclareLaunchArgument("mock"')
 
 
 def test_a_command_is_one_text_with_packages_and_arguments_left_in():
@@ -37,14 +37,14 @@ def test_a_command_is_one_text_with_packages_and_arguments_left_in():
 
 def test_nodes_have_package_executable_plugin_and_arguments():
     nodes = read_python(LAUNCH, "x.launch.py").nodes
-    assert [(each.package, each.plugin or each.executable) for each in nodes] == [
+    assert [(node.package, node.plugin or node.executable) for node in nodes] == [
         ("controller_manager", "ros2_control_node"),
         ("controller_manager", "spawner"),
         ("controller_manager", "spawner"),
         ("rclcpp_components", "component_container"),
         ("usb_cam", "usb_cam::UsbCamNode"),
     ]
-    assert [each.text for each in nodes[1].arguments] == [
+    assert [argument.text for argument in nodes[1].arguments] == [
         "joint_state_broadcaster",
         "--controller-manager",
         "/controller_manager",
@@ -144,9 +144,9 @@ def test_names_that_are_computed_are_reported_with_their_lines():
     ],
 )
 def test_a_file_whose_name_is_put_together_is_reported_by_its_end_and_never_guessed(expression, ending):
-    found = read_python(f"f()\nx = [{expression}]\n", "x.launch.py")
-    assert found.computed == ([(2, f"the name of a file that ends in {ending!r}")] if ending else [])
-    assert found.texts == []
+    python = read_python(f"f()\nx = [{expression}]\n", "x.launch.py")
+    assert python.computed == ([(2, f"the name of a file that ends in {ending!r}")] if ending else [])
+    assert python.texts == []
 
 
 def test_names_that_stand_for_each_other_end():

@@ -1,4 +1,4 @@
-"""Readings of nodes: what has not changed is kept, and what is kept is never anything else than what is read anew."""
+"""Readings of nodes: unchanged readings are cached, and the cache always equals a new reading."""
 
 from __future__ import annotations
 
@@ -102,9 +102,9 @@ def test_whatever_happens_they_are_what_is_read_again():
                 device.drives[0].fault(0x4310, bench.reactor.now())
         elif chance < 0.3:
             bench.power_off(RIGHT) if RIGHT in bench.drives else bench.power_on(RIGHT)
-        told = robot.node_readings.at(bench.reactor.now())
-        assert told == read_anew(robot)
-        met |= {(node.nmt_state, node.axes[0].state, node.axes[0].error) for node in told.values()}
+        reported = robot.node_readings.at(bench.reactor.now())
+        assert reported == read_anew(robot)
+        met |= {(node.nmt_state, node.axes[0].state, node.axes[0].error) for node in reported.values()}
     assert len(met) > 6, met
     bench.close()
 

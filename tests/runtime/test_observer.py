@@ -1,4 +1,4 @@
-"""What a robot calls its observers with."""
+"""Calls from a robot to its observers."""
 
 from support.observers import Observer
 from support.robots import Bench

@@ -24,11 +24,11 @@ def follow(period, behind, syncs, *, ppm, lateness, seed=1, begin=0):
     real = period * (1_000_000 + ppm) / 1_000_000
     ticks = sorted((round(begin + number * real) + lateness(chance), number) for number in range(syncs))
     edge, edges = period, []
-    for seen, _ in ticks:
-        while edge <= seen:
+    for observed, _ in ticks:
+        while edge <= observed:
             edges.append(edge)
             edge += period + phase.step()
-        edge += phase.receive_sync(seen, edge)
+        edge += phase.receive_sync(observed, edge)
     sent = [round(begin + number * real) for number in range(syncs)]
     counts, at = [], 0
     for sync in sent:
@@ -126,7 +126,7 @@ def test_a_sync_that_comes_at_another_time_from_now_on_is_followed_again():
         edge += 10 * MS + phase.step()
         shifts.append(phase.receive_sync(number * 10 * MS + 6 * MS, edge))  # as if 4 ms earlier
         edge += shifts[-1]
-    assert [each for each in shifts if each] == [6 * MS]
+    assert [shift for shift in shifts if shift] == [6 * MS]
     assert (edge - 6 * MS) % (10 * MS) == 5 * MS
 
 
@@ -240,7 +240,7 @@ def test_another_clock_leads_the_grid_to_half_a_period_after_its_ticks(make, pha
     pacer.start()
     reactor.run_for(1000 * MS)
     behind = [(edge - ticks[0]) % (20 * MS) for edge in edges]
-    assert all(abs(each - 10 * MS) <= 20 * MS // 64 for each in behind[-10:])
+    assert all(abs(item - 10 * MS) <= 20 * MS // 64 for item in behind[-10:])
     assert pacer.missed == 0
     assert 49 <= pacer.count <= 51
     assert min(after - before for before, after in itertools.pairwise(edges)) >= 9 * MS
@@ -261,17 +261,17 @@ def test_a_tick_that_is_seen_late_does_not_shift_the_grid(make):
 
 
 def test_a_late_cycle_is_of_its_edge_and_after_skipped_ones_of_the_newest(make):
-    seen = []
+    observed = []
 
     def work(now):
-        seen.append((pacer.edge - 1000, pacer.skipped, now - pacer.edge))
-        if len(seen) in (1, 2):
-            clock.now_ns += (25 if len(seen) == 1 else 65) * MS
+        observed.append((pacer.edge - 1000, pacer.skipped, now - pacer.edge))
+        if len(observed) in (1, 2):
+            clock.now_ns += (25 if len(observed) == 1 else 65) * MS
 
     clock, reactor, pacer = make(work)
     pacer.start()
     reactor.run_for(200 * MS)
-    assert seen[:4] == [
+    assert observed[:4] == [
         (20 * MS, 0, 0),
         (40 * MS, 0, 5 * MS),
         (100 * MS, 2, 10 * MS),

@@ -28,9 +28,9 @@ POSE = [*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axi
 
 def tags(noise="0", frame="base_link"):
     def sensor(name, interfaces, parameters):
-        given = "".join(f'<param name="{key}">{value}</param>' for key, value in parameters.items())
-        states = "".join(f'<state_interface name="{each}"/>' for each in interfaces)
-        return f'<sensor name="{name}">{given}{states}</sensor>'
+        inputs = "".join(f'<param name="{key}">{value}</param>' for key, value in parameters.items())
+        states = "".join(f'<state_interface name="{interface}"/>' for interface in interfaces)
+        return f'<sensor name="{name}">{inputs}{states}</sensor>'
 
     imu = sensor("imu", IMU, {"frame_id": frame, "noise": noise, "seed": "3"})
     return f"{imu}{sensor('truth', POSE, {})}{sensor('other', ['voltage'], {})}"
@@ -57,7 +57,7 @@ def robot_of_world_sensing(tmp_path, monkeypatch):
 
 
 def told(robot_of_world_sensing):
-    return {each.name: each.value for each in robot_of_world_sensing.robot.registry.state_interfaces}
+    return {interface.name: interface.value for interface in robot_of_world_sensing.robot.registry.state_interfaces}
 
 
 def sense(robot_of_world_sensing):
@@ -101,9 +101,9 @@ def test_an_error_in_a_tag_is_reported_before_anything_runs_with_its_line(tmp_pa
 
 @pytest.fixture
 def robot():
-    made = Bench("physics-plant")
-    yield made
-    made.close()
+    bench = Bench("physics-plant")
+    yield bench
+    bench.close()
 
 
 def test_each_axis_moves_its_joint_by_the_scale_of_bus_yml(robot):

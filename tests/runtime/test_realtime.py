@@ -1,4 +1,4 @@
-"""`--realtime` and `--cpu`: what is had, what is undone, what a refusal tells."""
+"""`--realtime` and `--cpu`: obtained settings, restored settings, and refusals."""
 
 from __future__ import annotations
 

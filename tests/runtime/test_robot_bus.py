@@ -1,4 +1,4 @@
-"""The bus of a robot: what happens when the channel does something."""
+"""The bus of a robot: reactions to events of the channel."""
 
 import pytest
 from support.observers import Observer
@@ -157,7 +157,7 @@ def test_a_node_that_is_not_there_is_waited_for():
 
 @pytest.mark.parametrize("ms", [0.3, 7.0, 19.0])
 def test_a_heartbeat_is_missed_at_the_edge_at_which_it_was_when_frames_were_read_as_they_came(ms):
-    found = []
+    results = []
     for watched in (False, True):
         bench = Bench(f"busbeats{watched}{round(10 * ms)}")
         bus = bench.robot.buses["can"]
@@ -166,9 +166,9 @@ def test_a_heartbeat_is_missed_at_the_edge_at_which_it_was_when_frames_were_read
         bench.start()
         bench.run(300)
         assert bus.watched is watched
-        found.append(detected_after(bench, ms))
+        results.append(detected_after(bench, ms))
         bench.close()
-    assert found[0] == found[1]
+    assert results[0] == results[1]
 
 
 @pytest.mark.parametrize(

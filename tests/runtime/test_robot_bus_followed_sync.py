@@ -1,4 +1,4 @@
-"""A robot whose SYNC comes from elsewhere: its cycle follows, and the absence of SYNC is told and mended."""
+"""A robot with external SYNC: its cycle follows, and the absence of SYNC is reported and repaired."""
 
 import itertools
 import random
@@ -73,7 +73,7 @@ def test_the_cycle_follows_half_a_period_after_the_kernels_sync_and_sends_none_i
     bench.hold(10.0, -10.0, ms=1000)
     assert [bench.velocity(node) for node in (LEFT, RIGHT)] == pytest.approx([10.0, -10.0], rel=0.01)
     behind = {(cycle - bench.kernel.sent[0]) % PERIOD_NS for cycle in cycles[-20:]}
-    assert all(abs(each - PERIOD_NS // 2) <= PERIOD_NS // 64 for each in behind), behind
+    assert all(abs(item - PERIOD_NS // 2) <= PERIOD_NS // 64 for item in behind), behind
     senders = {label for label, frame in bench.bus.history if frame.can_id == 0x80}
     assert senders == {"kernel"}
     assert bench.kernel.starts == [20_000]
@@ -133,27 +133,27 @@ def test_a_bus_that_leads_no_cycle_watches_its_sync_all_the_same():
         def close(self):
             self.closes += 1
 
-    task, told = Task(), []
-    sync = ExternalSync(task, 20_000, None, told.append)
+    task, reported = Task(), []
+    sync = ExternalSync(task, 20_000, None, reported.append)
     sync.start(0)
     for now in range(0, 3000 * MS, 20 * MS):
         sync.receive_sync(now)
         sync.tick(now)
-    assert (task.starts, told) == (1, [])
+    assert (task.starts, reported) == (1, [])
     for now in range(3000 * MS, 4800 * MS, 20 * MS):
         sync.tick(now)
-    assert (task.starts, task.closes, len(told)) == (5, 4, 1), "each half a second, and told once"
+    assert (task.starts, task.closes, len(reported)) == (5, 4, 1), "each half a second, and told once"
 
 
 def test_the_first_sync_of_a_node_that_has_to_boot_is_waited_for_and_its_absence_suggests_what_to_do():
-    told = []
-    sync = ExternalSync(NodeSync(), 10_000, None, told.append, first_wait_ns=5000 * MS)
+    reports = []
+    sync = ExternalSync(NodeSync(), 10_000, None, reports.append, first_wait_ns=5000 * MS)
     sync.start(0)
     for now in range(0, 5000 * MS, 100 * MS):
         sync.tick(now)
-    assert told == []
+    assert reports == []
     sync.tick(5300 * MS)
-    assert [event.text for event in told] == [
+    assert [event.text for event in reports] == [
         "no SYNC is received from a node of the bus (sync_producer: other); the cycle continues by its own clock, and "
         "drives that wait for SYNC do not move; enable SYNC production in a node (0x1005)"
     ]
@@ -193,8 +193,8 @@ def heard_by_a_late_process(task, syncs, stalls=(), period_us=10_000):
 def test_what_the_kernel_adds_to_each_period_is_taken_off_it(latency_us, stalls):
     task = Slow(latency_us * 1000)
     periods = heard_by_a_late_process(task, 1800, stalls)
-    assert all(-2000 <= each - 10 * MS <= 3000 for each in periods)
-    assert all(abs(each - 10_000) <= latency_us + 3 for each in task.told)
+    assert all(-2000 <= period - 10 * MS <= 3000 for period in periods)
+    assert all(abs(item - 10_000) <= latency_us + 3 for item in task.told)
 
 
 @pytest.mark.parametrize(("period_us", "least"), [(10_000, 9_900), (1000, 950)])

@@ -36,10 +36,10 @@ class Made:
 
 
 @pytest.fixture
-def made():
-    made = Made()
-    yield made
-    made.reactor.close()
+def created():
+    created = Made()
+    yield created
+    created.reactor.close()
 
 
 def test_without_a_pause_it_is_this_computers(made):
@@ -86,22 +86,22 @@ ACTS = st.lists(st.one_of(st.sampled_from(["pause", "resume", "cycle"]), st.inte
 
 @given(ACTS)
 def test_whatever_is_asked_for_each_cycle_is_one_period_after_the_one_before(acts):
-    made = Made()
-    wanted = 0
+    created = Made()
+    expected = 0
     for act in acts:
         if isinstance(act, int):
-            if made.clock.paused:
-                made.clock.step(act, made)
-                made.cycle(act)
-                wanted += act
+            if created.clock.paused:
+                created.clock.step(act, created)
+                created.cycle(act)
+                expected += act
         elif act == "cycle":
-            made.cycle()
-            wanted += not made.clock.paused
+            created.cycle()
+            expected += not created.clock.paused
         else:
-            getattr(made.clock, act)()
-    assert len(made.times) == wanted
-    assert all(later - sooner == PERIOD for sooner, later in zip(made.times, made.times[1:], strict=False))
-    made.reactor.close()
+            getattr(created.clock, act)()
+    assert len(created.times) == expected
+    assert all(later - sooner == PERIOD for sooner, later in zip(created.times, created.times[1:], strict=False))
+    created.reactor.close()
 
 
 SECOND = 1_000_000_000
@@ -141,10 +141,10 @@ def test_a_clock_that_is_slewed_is_followed_in_silence():
 
 def test_a_stamp_of_before_a_step_back_is_as_old_as_it_is():
     walls = Walls()
-    stamp, made = walls.unix, walls.now
+    stamp, created = walls.unix, walls.now
     walls.passes(SECOND, -2 * SECOND)
     walls.wall.follow()
-    assert walls.wall.made_at(stamp) == made  # it lies in the future of the new time
+    assert walls.wall.made_at(stamp) == created  # it lies in the future of the new time
     assert walls.wall.made_at(walls.unix) == walls.now
     walls.passes(3 * SECOND)
     walls.wall.follow()

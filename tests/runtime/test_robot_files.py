@@ -196,8 +196,8 @@ def test_an_argument_names_the_world_from_here_or_in_the_package_of_the_launch_f
     assert find_robot(str(folder), launch=str(launch)).world is None  # a default chooses none
     assert find_robot(str(folder), arguments=["gz_args:=-r -v 4 hall.sdf"]).world == folder / "worlds" / "hall.sdf"
     monkeypatch.chdir(tmp_path)
-    found = find_robot(str(folder), arguments=["world:=maze.world"], launch=str(launch))
-    assert (found.world, found.idle) == (folder / "worlds" / "maze.world", ())
+    result = find_robot(str(folder), arguments=["world:=maze.world"], launch=str(launch))
+    assert (result.world, result.idle) == (folder / "worlds" / "maze.world", ())
     with pytest.raises(RobotConfigError) as caught:
         find_robot(str(folder), arguments=["world:=none.sdf"])
     assert str(caught.value) == "world:=none.sdf: file none.sdf does not exist"
@@ -229,14 +229,14 @@ def package(tmp_path):
     return root
 
 
-@pytest.mark.parametrize("given", ["", "config"])
-def test_in_a_package_the_description_is_alongside_config(package, given):
-    files = find_robot(str(package / given))
+@pytest.mark.parametrize("inputs", ["", "config"])
+def test_in_a_package_the_description_is_alongside_config(package, inputs):
+    files = find_robot(str(package / inputs))
     assert files.name == "my_robot"
     assert files.bus == package / "config" / "bus.yml"
     assert files.description.resolve() == package / "urdf" / "my_robot.urdf.xacro"
     assert list(files.more_buses) == ["arm"]
-    assert list(find_buses(str(package / given))) == ["can", "arm"]
+    assert list(find_buses(str(package / inputs))) == ["can", "arm"]
 
 
 def test_each_folder_of_config_is_a_robot_with_the_description_of_its_name(package):

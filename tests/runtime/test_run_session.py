@@ -185,26 +185,26 @@ def test_what_ends_it_before_it_began_ends_it():
 @pytest.mark.sources
 def test_a_robot_whose_drives_are_ready_boots_when_it_has_received_them(monkeypatch):
     session = RunSession(setup("heard", "memory:heard"), RunOptions(drives=False))
-    heard = []
-    monkeypatch.setattr(session.robot, "has_heard", lambda _names: bool(heard))
+    received = []
+    monkeypatch.setattr(session.robot, "has_heard", lambda _names: bool(received))
     session.start()
     session.reactor.run_for(50_000_000)
     assert not session.robot.pacer.running
-    heard.append(True)
+    received.append(True)
     assert session.reactor.run_until(lambda: session.robot.pacer.running, 3_000_000_000)
     session.close()
 
 
-@pytest.mark.parametrize(("write", "nodes", "said"), [(write_drives, 2, True), (write_io, 1, False)])
-def test_a_demo_of_a_bus_without_controllers_moves_nothing_and_reports_how(tmp_path, write, nodes, said):
-    found = read_robot(find_robot(str(write(tmp_path))), name="alone", can=["memory:alone"])
-    session = RunSession(found, RunOptions(duration=0.3, motion=True), reactor=Reactor())
+@pytest.mark.parametrize(("write", "nodes", "message"), [(write_drives, 2, True), (write_io, 1, False)])
+def test_a_demo_of_a_bus_without_controllers_moves_nothing_and_reports_how(tmp_path, write, nodes, message):
+    result = read_robot(find_robot(str(write(tmp_path))), name="alone", can=["memory:alone"])
+    session = RunSession(result, RunOptions(duration=0.3, motion=True), reactor=Reactor())
     events = []
     session.robot.observers.append(Observer(event=events.append))
     try:
         assert session.run() is None
         assert len(session.robot.nodes) == nodes
         assert session.robot.commander is None
-        assert any(event.kind == "demo" and "axis enable" in event.text for event in events) is said
+        assert any(event.kind == "demo" and "axis enable" in event.text for event in events) is message
     finally:
         session.close()

@@ -17,12 +17,12 @@ def robby():
 @pytest.mark.rest
 def test_it_plays_zero_ten_and_minus_ten_in_a_loop(robby):
     DemoMotion(robby.robot, FORWARD)
-    seen = []
+    observed = []
     for _ in range(4):
         robby.run(2500)
-        seen.append(round(robby.velocity(LEFT)))
+        observed.append(round(robby.velocity(LEFT)))
         robby.run(500)
-    assert seen == [0, 10, -10, 0]
+    assert observed == [0, 10, -10, 0]
 
 
 @pytest.mark.rest
@@ -61,11 +61,11 @@ def played(config, drives, ms):
         joints = list(bench.robot.joints.values())
         begin = [joint.states["position"].value for joint in joints]
         DemoMotion(bench.robot, bench.setup.to_activate[-1])
-        seen = []
+        observed = []
         for _ in range(ms // 100):
             bench.run(100)
-            seen.append([joint.states["position"].value for joint in joints])
-        columns = list(zip(*seen, strict=True))
+            observed.append([joint.states["position"].value for joint in joints])
+        columns = list(zip(*observed, strict=True))
         return begin, (list(map(min, columns)), list(map(max, columns)))
     finally:
         bench.close()

@@ -14,11 +14,11 @@ def caught(number):
 
 
 def test_a_fault_of_the_program_is_an_event_with_its_place_and_reported_once(capsys):
-    told = []
-    program_errors = ProgramErrors(lambda: 7, told.append)
+    reports = []
+    program_errors = ProgramErrors(lambda: 7, reports.append)
     for number in (1, 2):
         program_errors(caught(number))
-    (event,) = told
+    (event,) = reports
     assert (event.time, event.kind, event.level) == (7, "program_error", Level.ERROR)
     assert event.text.startswith("an error in this program at ")
     assert event.text.endswith(
@@ -35,14 +35,14 @@ def test_the_traceback_is_printed_on_request(capsys, monkeypatch):
 
 
 def test_an_exception_without_a_place_and_a_storm_of_places_do_no_harm():
-    told = []
-    program_errors = ProgramErrors(lambda: 0, told.append)
+    reports = []
+    program_errors = ProgramErrors(lambda: 0, reports.append)
     program_errors(ValueError("from nowhere"))
-    assert "at an unknown place: ValueError: from nowhere" in told[0].text
+    assert "at an unknown place: ValueError: from nowhere" in reports[0].text
     for line in range(1, 100):
         code = compile("\n" * line + "1 / 0", "x.py", "eval")
         try:
             eval(code)
         except ZeroDivisionError as error:
             program_errors(error)
-    assert len(told) == 20
+    assert len(reports) == 20

@@ -16,10 +16,10 @@ OTHER = "\n  sync_producer: other\n  sync_order: first"
 
 @pytest.fixture
 def arms():
-    with contextlib.ExitStack() as made:
+    with contextlib.ExitStack() as created:
 
         def make(*args, late=lambda: 0, **how):
-            arm = made.enter_context(contextlib.closing(SimulatedArm(*args, **how)))
+            arm = created.enter_context(contextlib.closing(SimulatedArm(*args, **how)))
             arm.late = late
             arm.run(100)
             return arm
@@ -39,7 +39,7 @@ def ripple(points):
     """Return the standard deviation of the second differences of what a drive got: its acceleration."""
     differences = [c - 2 * b + a for a, b, c in zip(points, points[1:], points[2:], strict=False)]
     mean = sum(differences) / len(differences)
-    return (sum((each - mean) ** 2 for each in differences) / len(differences)) ** 0.5
+    return (sum((difference - mean) ** 2 for difference in differences) / len(differences)) ** 0.5
 
 
 def moving(points):
@@ -74,12 +74,12 @@ def test_a_late_host_sends_the_set_points_of_the_grid_each_once(arms, calm, tmp_
     config = arm_at(tmp_path, hertz, f"\n  sync_order: {order}")
     late = play(arms(f"late{order}{hertz}", config, late=jitter(hertz)))
     for node in NODES:
-        assert {len(each) for each in late[node]} == {1}, "none lost, none doubled"
+        assert {len(item) for item in late[node]} == {1}, "none lost, none doubled"
         got = [points for (points,) in late[node]]
-        sent, wanted = moving(got), moving(calm(hertz)[node][0])
-        count = min(len(sent), len(wanted))
-        assert abs(len(sent) - len(wanted)) <= 1, "one may lie before the first SYNC that was looked at"
-        assert sent[-count:] == wanted[-count:], "to the count what a host that is never late sends"
+        sent, expected = moving(got), moving(calm(hertz)[node][0])
+        count = min(len(sent), len(expected))
+        assert abs(len(sent) - len(expected)) <= 1, "one may lie before the first SYNC that was looked at"
+        assert sent[-count:] == expected[-count:], "to the count what a host that is never late sends"
 
 
 @pytest.mark.parametrize("hertz", [100, 250])
@@ -87,12 +87,12 @@ def test_behind_the_sync_of_a_node_at_200_ppm_a_late_host_loses_and_doubles_none
     arm = arms(f"lateother{hertz}", arm_at(tmp_path, hertz, OTHER), own_sync=False, late=jitter(hertz))
     late = play(arm)
     for node in NODES:
-        assert {len(each) for each in late[node]} == {1}, "none lost, none doubled"
+        assert {len(item) for item in late[node]} == {1}, "none lost, none doubled"
         assert arm.joint(node).tracking.skipped == 0
-        quality, (wanted, calm_quality) = arm.quality(node), calm(hertz, OTHER)[node]
+        quality, (expected, calm_quality) = arm.quality(node), calm(hertz, OTHER)[node]
         assert (quality.missed, quality.doubled, quality.overwritten) == (0, 0, 0)
         assert quality.acceleration_ripple <= 1.1 * calm_quality.acceleration_ripple, "of what the motor is to do"
-        assert ripple(moving([points for (points,) in late[node]])) <= 1.1 * ripple(moving(wanted))
+        assert ripple(moving([points for (points,) in late[node]])) <= 1.1 * ripple(moving(expected))
 
 
 def test_one_set_point_for_each_wake_up_is_what_makes_a_drive_vibrate(arms, calm, tmp_path):
@@ -110,7 +110,7 @@ def test_a_cycle_that_is_too_late_for_the_sync_of_a_node_is_reported_each_joint(
     arm = arms("tolate", config, own_sync=False, late=lambda: next(late))
     taken = play(arm, missed=1)
     for node in NODES:
-        lost = sum(not each for each in taken[node])
+        lost = sum(not item for item in taken[node])
         assert lost >= 1
         assert arm.joint(node).tracking.skipped == lost
 

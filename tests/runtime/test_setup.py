@@ -104,8 +104,8 @@ def test_the_kernel_sends_sync_only_where_there_is_one(tmp_path):
     with pytest.raises(RobotConfigError, match=r"bus\.yml has no sync_period, so no SYNC can be sent"):
         read_robot(files, can=["vcan0"], kernel_sync=True)
     setup = read_robot(find_robot("robby"), can=["vcan0"], kernel_sync=True)
-    told = "SYNC is sent by the kernel, and the cycle follows it: --kernel-sync"
-    assert (setup.kernel_sync, list(setup.sync_notes)) == (True, [told])
+    reported = "SYNC is sent by the kernel, and the cycle follows it: --kernel-sync"
+    assert (setup.kernel_sync, list(setup.sync_notes)) == (True, [reported])
 
 
 def test_peer_merge_reaches_the_plan(tmp_path):
@@ -121,22 +121,22 @@ def test_one_option_accepts_drives_that_nothing_would_stop(tmp_path):
         read_robot(files)
     setup = read_robot(files, allow_unsupervised=True)
     assert all(node.supervision.allow_unsupervised for node in setup.bus.nodes.values())
-    assert any("nothing stops this drive when the master is lost" in each for each in setup.notes)
+    assert any("nothing stops this drive when the master is lost" in note for note in setup.notes)
 
 
 @pytest.mark.parametrize("where", ["controller_manager", "robby_base_controller"])
 def test_use_sim_time_without_a_simulation_is_reported_to_do_nothing(tmp_path, where):
     head = f"{where}:\n  ros__parameters:\n"
     folder = copy_robby(tmp_path, controllers={head: f"{head}    use_sim_time: true\n"})
-    (note,) = [each for each in read_robot(find_robot(str(folder))).notes if "use_sim_time has" in each]
+    (note,) = [item for item in read_robot(find_robot(str(folder))).notes if "use_sim_time has" in item]
     assert "if a program publishes /clock, the bridge with" in note
-    assert not [each for each in read_robot(ROBBY).notes if "use_sim_time" in each]
+    assert not [item for item in read_robot(ROBBY).notes if "use_sim_time" in item]
 
 
 def test_use_sim_time_of_a_simulated_robot_is_as_it_should_be():
     setup = read_robot(find_robot("diffbot_sim"))
     assert setup.controllers.manager.use_sim_time
-    assert not [each for each in setup.notes if "use_sim_time" in each]
+    assert not [note for note in setup.notes if "use_sim_time" in note]
 
 
 def test_a_robot_is_on_its_buses_where_drives_move_it():

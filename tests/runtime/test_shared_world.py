@@ -105,20 +105,20 @@ def test_two_robots_share_a_world_one_dies_alone_and_nothing_is_left(tmp_path, m
         lines = []
         for line in run.stdout:
             lines.append(line)
-            if sum(" runs: " in each for each in lines) == 2:
+            if sum(" runs: " in item for item in lines) == 2:
                 break
         assert world("hall_b", GetWorld()).base.x == pytest.approx(1.0, abs=0.01)
-        assert {each.robot for each in world("hall_a", GetWorldShapes())} == {"hall_b"}
+        assert {item.robot for item in world("hall_a", GetWorldShapes())} == {"hall_b"}
         world("hall_a", AddPayload(mass=1.0))
         pids = [int(line.split()[0]) for line in _processes() if "--as hall_b" in line]
         os.kill(pids[0], signal.SIGKILL)
         line = next(line for line in run.stdout if "hall_b ended" in line)
         assert "its drives stop, hall_a continues; start it again with: canopen-control run robby --as hall_b" in line
-        assert "robot-hall_a" in [f"robot-{each}" for each in list_sockets("robot")]
+        assert "robot-hall_a" in [f"robot-{socket}" for socket in list_sockets("robot")]
         run.send_signal(signal.SIGINT)
         assert run.wait(60) == 1  # a robot failed
-        assert eventually(lambda: not [each for each in _processes() if "hall_" in each and "pytest" not in each])
-        assert not [each for each in list_sockets("drive") if each.startswith("hall_")]
+        assert eventually(lambda: not [item for item in _processes() if "hall_" in item and "pytest" not in item])
+        assert not [socket for socket in list_sockets("drive") if socket.startswith("hall_")]
     finally:
         run.kill()
         run.wait()

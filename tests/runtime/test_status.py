@@ -87,8 +87,8 @@ def test_the_stream_carries_the_odometry_of_an_active_base_controller():
     forward = Bench("status6")
     forward.start()
     assert list(state_dict(forward.robot)["samples"]) == ["joint_state_broadcaster"]
-    for each in (bench, forward):
-        each.close()
+    for item in (bench, forward):
+        item.close()
 
 
 def test_a_twist_as_old_as_the_timeout_is_refused_by_its_stamp():
@@ -122,7 +122,7 @@ def test_a_simulation_reports_its_time_and_broadcasters_what_they_gather(tmp_pat
     assert state["sim_time"] is None
     samples = state["samples"]
     assert samples["io"]["parts"] == {f"{side}_wheel_joint": {"position": 0.0} for side in ("left", "right")}
-    assert [each["message"] for each in samples["health"]["joints"]] == ["operational"] * 2
+    assert [sample["message"] for sample in samples["health"]["joints"]] == ["operational"] * 2
     assert json.loads(json.dumps(state, allow_nan=False)) == state
     bench.close()
 

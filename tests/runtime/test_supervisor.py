@@ -85,13 +85,13 @@ def test_a_bridge_that_is_killed_is_started_again_three_times_a_minute(superviso
         os.kill(pids[-1], signal.SIGKILL)
         deaths = len(pids)
         assert supervisor.reactor.run_until(
-            lambda deaths=deaths: len([each for each in supervisor.events if each.kind == "restart"]) == deaths,
+            lambda deaths=deaths: len([event for event in supervisor.events if event.kind == "restart"]) == deaths,
             20 * SECOND,
         )
     assert len(set(pids)) == 4
-    told = [each.text for each in supervisor.events if each.kind == "restart"]
-    assert told[0] == "process ros: it is restarted (1 of 3 times a minute)"
-    assert told[3] == "process ros: it is not restarted, because it was restarted 3 times within a minute"
+    texts = [event.text for event in supervisor.events if event.kind == "restart"]
+    assert texts[0] == "process ros: it is restarted (1 of 3 times a minute)"
+    assert texts[3] == "process ros: it is not restarted, because it was restarted 3 times within a minute"
     supervisor.reactor.run_for(SECOND)
     assert "ros" not in supervisor.pids
 
@@ -248,8 +248,8 @@ def test_the_drives_of_a_world_are_one_process_and_what_it_guessed_is_reported(s
 
 
 def test_a_world_whose_file_is_wrong_ends_the_run_with_what_it_reported(supervisor, monkeypatch, tmp_path):
-    said = "print('canopen-control: plant.yml:3:1: no', flush=True); raise SystemExit(2)"
-    supervisor.start_drives(drives_that(monkeypatch, said), tmp_path / "plant.yml")
+    text = "print('canopen-control: plant.yml:3:1: no', flush=True); raise SystemExit(2)"
+    supervisor.start_drives(drives_that(monkeypatch, text), tmp_path / "plant.yml")
     failed = []
     supervisor.when_ready(SimpleNamespace(children_ready=lambda: pytest.fail("it began"), child_failed=failed.append))
     assert supervisor.reactor.run_until(lambda: bool(failed), 20 * SECOND)
@@ -415,9 +415,9 @@ def test_a_client_that_ends_by_itself_is_not_called_silent(supervisor, answering
 
 def test_three_times_a_minute_and_not_once_more():
     restarts = Restarts()
-    said = [restarts.died(number * 1_000_000_000) for number in range(MAX_RESTARTS)]
-    assert said[0] == "it is restarted (1 of 3 times a minute)"
-    assert said[-1] == "it is restarted (3 of 3 times a minute)"
+    text = [restarts.died(number * 1_000_000_000) for number in range(MAX_RESTARTS)]
+    assert text[0] == "it is restarted (1 of 3 times a minute)"
+    assert text[-1] == "it is restarted (3 of 3 times a minute)"
     assert not restarts.given_up
     assert restarts.died(5_000_000_000).startswith("it is not restarted")
     assert restarts.given_up

@@ -1,4 +1,4 @@
-"""Who sends SYNC where nobody says so, where somebody does, and what the user is told of it."""
+"""Choice of the SYNC producer by default and by setting, and the notes for the user."""
 
 import pytest
 from support.arm6 import copy_arm
@@ -85,8 +85,8 @@ def test_behind_the_sync_of_others_an_eighth_of_a_period_is_the_default_which_le
 
 def test_it_is_reported_that_the_kernel_sends_and_what_a_late_process_does_to_real_drives(tmp_path):
     config = arm(tmp_path)
-    (told,) = setup_of(config).sync_notes
-    assert told.startswith("SYNC is sent by the kernel, and the cycle follows it: joint_1, joint_2")
+    (reported,) = setup_of(config).sync_notes
+    assert reported.startswith("SYNC is sent by the kernel, and the cycle follows it: joint_1, joint_2")
     (hint,) = setup_of(config, "pcan:PCAN_USBBUS1").sync_notes
     assert hint.startswith("SYNC comes from this program: the kernel can send it on SocketCAN interfaces alone")
     assert "joint_1, joint_2, joint_3 and 3 more time their motion by it, so a late SYNC is audible" in hint

@@ -1,4 +1,4 @@
-"""Which joints of a robot's files are in a cyclic synchronous mode: by the key, and by what the EDS lists."""
+"""Joints of a robot's files in a cyclic synchronous mode: by key, and by the modes in the EDS."""
 
 import pytest
 from support.arm6 import copy_arm
@@ -19,7 +19,7 @@ def axes_of(config):
 def test_the_joints_of_an_arm_are_in_csp_by_the_key_or_where_the_eds_lists_it(tmp_path):
     config = copy_arm(tmp_path)
     axes = axes_of(config)
-    assert [(each.joint, each.node.node_id, each.mode, each.target) for each in axes[:2]] == [
+    assert [(axis.joint, axis.node.node_id, axis.mode, axis.target) for axis in axes[:2]] == [
         ("joint_1", 2, OperationMode.CSP, 0x607A),
         ("joint_2", 3, OperationMode.CSP, 0x607A),
     ]

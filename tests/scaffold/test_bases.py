@@ -13,10 +13,10 @@ def test_joints_without_a_base_are_numbered_and_there_may_be_any_number():
 
 
 @pytest.mark.parametrize(
-    ("drives", "said"), [(0, "but none were given"), (1, "but 1 was given"), (3, "but 3 were given")]
+    ("drives", "text"), [(0, "but none were given"), (1, "but 1 was given"), (3, "but 3 were given")]
 )
-def test_a_differential_base_has_two_drives_or_four(drives, said):
-    assert f"two drives (left, right) or four (front left, front right, rear left, rear right), {said}" in (
+def test_a_differential_base_has_two_drives_or_four(drives, text):
+    assert f"two drives (left, right) or four (front left, front right, rear left, rear right), {text}" in (
         BASES["diff"].problem(drives)
     )
     assert BASES["diff"].problem(2) == BASES["diff"].problem(4) == ""

@@ -1,4 +1,4 @@
-"""The bus.yml of a new robot: every key with its word, and what `plan` makes of it."""
+"""The bus.yml of a new robot: every key with a comment, and the resulting plan."""
 
 import dataclasses
 import math

@@ -46,8 +46,8 @@ def test_a_drive_that_cannot_send_its_statusword_is_refused():
 
 
 def test_counts_are_those_of_the_eds_or_a_guess():
-    told = axis(shape(drop=(0x608F,), extra=record(0x608F, "Resolution", 10_000, 4)))
-    assert (told.counts, told.is_known) == (2500, True)
+    reported = axis(shape(drop=(0x608F,), extra=record(0x608F, "Resolution", 10_000, 4)))
+    assert (reported.counts, reported.is_known) == (2500, True)
     guess = axis(shape(drop=(0x608F,)))
     assert (guess.counts, guess.is_known) == (GUESSED_COUNTS, False)
     zero = axis(shape(drop=(0x608F,), extra=record(0x608F, "Resolution", 0, 1)))
@@ -81,20 +81,20 @@ def test_a_dictionary_without_a_controlword_is_not_a_drive():
 
 def test_of_several_axes_all_are_moved_and_share_the_pdos():
     drive = choose_drive(shape(axes=2))
-    assert [(each.number, each.interface, each.mode.name) for each in drive.axes] == [
+    assert [(item.number, item.interface, item.mode.name) for item in drive.axes] == [
         (0, "velocity", "PV"),
         (1, "velocity", "PV"),
     ]
     carried = [address for use in drive.rpdos for address in use.objects]
     assert carried == [(0x6040, 0), (0x60FF, 0), (0x6840, 0), (0x68FF, 0), (0x6060, 0), (0x6860, 0)]
-    assert all(each.feedback == (POSITION, VELOCITY) for each in drive.axes)
+    assert all(item.feedback == (POSITION, VELOCITY) for item in drive.axes)
 
 
 def test_axes_may_have_other_interfaces_and_those_of_one_kind_have_one_mode():
     both = choose_drive(shape(axes=2), [(VELOCITY,), (POSITION,)])
     assert both.modes == {"velocity": OperationMode.PV, "position": OperationMode.CSP}
     one = shape(axes=2, s6502_00={"default": 0x107}, s6D02_00={"default": 0x204})  # PP PV CSV, and PV CST
-    assert [each.mode.name for each in choose_drive(one, [(VELOCITY,), (VELOCITY,)]).axes] == ["PV", "PV"]
+    assert [item.mode.name for item in choose_drive(one, [(VELOCITY,), (VELOCITY,)]).axes] == ["PV", "PV"]
     other = shape(axes=2, s6502_00={"default": 0x100}, s6D02_00={"default": 0x04})
     with pytest.raises(RobotConfigError, match=r"its modes are PV \(0x6502\), and no RPDO .*0x6840.*0x68FF"):
         choose_drive(other, [(VELOCITY,), (VELOCITY,)])

@@ -1,4 +1,4 @@
-"""What a new robot is made of, and all that can be wrong with how it is asked for."""
+"""Creation of a new robot, and all errors in its options."""
 
 import dataclasses
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_names_follow_the_joints_and_joints_may_be_named_in_part():
 def test_everything_wrong_is_reported_at_once():
     with pytest.raises(RobotConfigError) as refused:
         plan_robot("arm", [device(2), device(2)], joints=["a", "b", "b", "c d"], base="tricycle")
-    said = str(refused.value)
+    message = str(refused.value)
     for part in (
         "node-ID 2 is given twice",
         "--joint c d: a joint name",
@@ -57,7 +57,7 @@ def test_everything_wrong_is_reported_at_once():
         "4 joints for 2 drives; give a node-ID for each, or fewer --joint",
         "--base tricycle",
     ):
-        assert part in said
+        assert part in message
 
 
 def test_a_device_that_is_not_a_drive_has_no_joint():

@@ -1,4 +1,4 @@
-"""Which PDOs of a device carry what a drive needs: filled where they can be, else taken as they are."""
+"""Choice of the PDOs for a drive: filled if possible, otherwise used unchanged."""
 
 from support.drive_shapes import FOUR_PAIRS, TWO_MORE, TWO_PAIRS, shape, slots_of
 

@@ -39,16 +39,16 @@ def controllers_of(number):
 def test_outputs_are_commanded_by_name():
     file = controllers_of(401)
     assert file["controller_manager"]["ros__parameters"]["io_9_outputs"]["type"].endswith("/GpioCommandController")
-    given = file["io_9_outputs"]["ros__parameters"]
-    assert given["gpios"] == ["io_9"]
-    assert given["command_interfaces"]["io_9"]["interfaces"][:2] == ["do0", "do1"]
+    inputs = file["io_9_outputs"]["ros__parameters"]
+    assert inputs["gpios"] == ["io_9"]
+    assert inputs["command_interfaces"]["io_9"]["interfaces"][:2] == ["do0", "do1"]
 
 
 def test_a_battery_is_reported_as_one():
     file = controllers_of(418)
-    given = file["battery_9_broadcaster"]["ros__parameters"]
-    assert given["batteries"] == ["battery_9"]
-    assert given["interfaces"]["battery_9"] == {"battery_temperature": True, "battery_percentage": True}
+    inputs = file["battery_9_broadcaster"]["ros__parameters"]
+    assert inputs["batteries"] == ["battery_9"]
+    assert inputs["interfaces"]["battery_9"] == {"battery_temperature": True, "battery_percentage": True}
 
 
 def test_what_an_encoder_cannot_do_is_a_jump():
@@ -62,9 +62,9 @@ def test_outputs_that_nothing_switches_off_need_a_word(tmp_path):
     path.write_text(io_eds())
     device = Device(5, path, read_eds(path, 5).od)
     written = write_robot(plan_robot("bare", [device]), tmp_path)
-    assert any("keep their values when the master is lost" in each for each in written.warnings)
+    assert any("keep their values when the master is lost" in warning for warning in written.warnings)
     word = write_robot(plan_robot("bare", [device], allow_unsupervised=True), tmp_path, force=True)
-    assert not any("keep their values" in each for each in word.warnings)
+    assert not any("keep their values" in warning for warning in word.warnings)
     assert "NOTHING switches these outputs off" in (word.folder / "bus.yml").read_text()
 
 
@@ -203,12 +203,12 @@ def test_a_drive_as_vendors_describe_theirs_is_enabled_and_turns(tmp_path, what)
         assert 0.3 < turn / counts < 1.1
 
 
-@pytest.mark.parametrize(("told", "period"), [(10, 10_000), (1, 20_000), (15, 20_000), (None, 20_000)])
-def test_the_sync_of_a_dcf_is_kept_where_a_computer_can_follow_it(tmp_path, told, period):
-    od = commissioned(shape(), {(0x60C2, 1): told})
+@pytest.mark.parametrize(("reported", "period"), [(10, 10_000), (1, 20_000), (15, 20_000), (None, 20_000)])
+def test_the_sync_of_a_dcf_is_kept_where_a_computer_can_follow_it(tmp_path, reported, period):
+    od = commissioned(shape(), {(0x60C2, 1): reported})
     written = new_robot(tmp_path, write_shape(tmp_path, od))
     assert written.robot.sync_us == period
-    assert bool(written.warnings) is (told in (1, 15))  # another time than SYNC's
+    assert bool(written.warnings) is (reported in (1, 15))  # another time than SYNC's
 
 
 def test_all_axes_of_one_drive_turn_and_may_be_the_wheels_of_a_base(tmp_path):
@@ -255,7 +255,7 @@ def test_pdos_that_are_off_and_cannot_be_put_on_are_not_way_to_a_drive(tmp_path)
 def test_a_drive_that_nothing_stops_needs_a_word(tmp_path, what):
     path = write_shape(tmp_path, UNWATCHED[what]())
     marked = new_robot(tmp_path, path, name="marked")
-    assert any("nothing would stop this drive when the master is lost" in each for each in marked.problems)
+    assert any("nothing would stop this drive when the master is lost" in problem for problem in marked.problems)
     assert f"# PROBLEM, which prevents a run: {marked.problems[0]}" in (marked.folder / "bus.yml").read_text()
     assert not check_robot(find_robot(str(marked.folder)), CheckOptions()).passes()
     written = new_robot(tmp_path, path, allow_unsupervised=True)
@@ -268,7 +268,7 @@ EDITS = Path(__file__).parents[1] / "data" / "eds_edits"
 
 def findings(written, words):
     report = check_robot(find_robot(str(written.folder)), CheckOptions())
-    return [each for each in report.findings if words in each.text]
+    return [finding for finding in report.findings if words in finding.text]
 
 
 def test_counts_of_one_in_all_factors_are_a_guess_that_check_warns_of(tmp_path):
@@ -278,13 +278,13 @@ def test_counts_of_one_in_all_factors_are_a_guess_that_check_warns_of(tmp_path):
     text = (written.folder / "bus.yml").read_text()
     assert "A GUESS" in text
     assert "guesses: [counts_per_revolution]" in text
-    (found,) = findings(written, "is a guess")
-    assert found.severity is Severity.WARNING
+    (result,) = findings(written, "is a guess")
+    assert result.severity is Severity.WARNING
     text = text.replace("guesses: [counts_per_revolution]", "").replace(
         "counts_per_revolution: 4096", "counts_per_revolution: 1"
     )
     (written.folder / "bus.yml").write_text(text)
-    assert [each.severity for each in findings(written, "a whole turn is one count")] == [Severity.WARNING]
+    assert [finding.severity for finding in findings(written, "a whole turn is one count")] == [Severity.WARNING]
 
 
 def test_a_feed_constant_of_one_means_the_same_to_the_robot_and_to_the_drive(tmp_path):
@@ -297,10 +297,10 @@ def test_a_feed_constant_of_one_means_the_same_to_the_robot_and_to_the_drive(tmp
 
 def test_a_drive_without_feedback_is_written_and_reported_and_simulated(tmp_path):
     written = new_robot(tmp_path, EDITS / "nofb.eds")
-    (found,) = findings(written, "no TPDO carries 0x6064 or 0x606C")
-    assert found.severity is Severity.WARNING
-    assert "nofb.eds has neither" in found.fix
-    assert any("no TPDO carries" in each for each in written.warnings)
+    (result,) = findings(written, "no TPDO carries 0x6064 or 0x606C")
+    assert result.severity is Severity.WARNING
+    assert "nofb.eds has neither" in result.fix
+    assert any("no TPDO carries" in warning for warning in written.warnings)
     assert "# NO FEEDBACK: neither 0x6064" in (written.folder / "bus.yml").read_text()
 
 

@@ -4,6 +4,6 @@ from support.simulated import Played
 
 @pytest.fixture
 def played():
-    made = Played()
-    yield made
-    made.close()
+    created = Played()
+    yield created
+    created.close()

@@ -1,4 +1,4 @@
-"""Every accepted command moves its axis, or the robot reports why not; a robot that does not is told."""
+"""Every accepted command moves its axis, or the robot reports why not; other robots violate the invariant."""
 
 import functools
 
@@ -31,8 +31,8 @@ def robot(tmp_path_factory):
         return robots[-1]
 
     yield make
-    for each in robots:
-        each.close()
+    for item in robots:
+        item.close()
 
 
 def lead(robot, seconds):
@@ -77,8 +77,8 @@ def test_a_position_that_is_taken_and_not_sent_is_reported(robot, monkeypatch):
 def test_an_axis_whose_brake_lifts_late_stops_without_a_leap_and_names_the_key(robot):
     late = robot("csp", "brake_delay=0.5")
     lead(late, 0.6)
-    said = "; ".join(makers.sentences(late))
-    assert "`enable_settle_ms`" in said
+    text = "; ".join(makers.sentences(late))
+    assert "`enable_settle_ms`" in text
     assert late.state == "disabled"
     assert abs(late.position("pan")) < 0.01
     assert late.breaches == []
@@ -138,8 +138,8 @@ def test_a_wheel_that_creeps_as_it_is_commanded_breaks_no_rule(robby):
 
 
 @pytest.mark.sources
-@pytest.mark.parametrize(("speed", "told"), [(1.1 * SLOWEST, {"motion_missing"}), (0.9 * SLOWEST, set())])
-def test_what_is_visible_must_move(robby, monkeypatch, speed, told):
+@pytest.mark.parametrize(("speed", "reported"), [(1.1 * SLOWEST, {"motion_missing"}), (0.9 * SLOWEST, set())])
+def test_what_is_visible_must_move(robby, monkeypatch, speed, reported):
     follow = JointTargets.follow
 
     def withheld(self, now, period):
@@ -148,4 +148,4 @@ def test_what_is_visible_must_move(robby, monkeypatch, speed, told):
     monkeypatch.setattr(JointTargets, "follow", withheld)
     monkeypatch.setattr(joint_events, "STANDING_CHECKS", 1000)
     drive(robby, 5.0, speed, seconds=3.0)
-    assert rules(robby) & {"motion_missing"} == told
+    assert rules(robby) & {"motion_missing"} == reported

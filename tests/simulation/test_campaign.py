@@ -18,7 +18,7 @@ def test_results_do_not_depend_on_how_many_processes_there_are(campaign):
         alone.add(result)
     for result in campaign.run([0, 1, 2], 2):
         together.add(result)
-    assert [each.sha256 for each in alone.results.values()] == [each.sha256 for each in together.results.values()]
+    assert [item.sha256 for item in alone.results.values()] == [item.sha256 for item in together.results.values()]
     assert alone.robot_s == 12.0
     assert alone.frames == together.frames > 1000
     assert alone.broken == []
@@ -28,7 +28,7 @@ def test_results_do_not_depend_on_how_many_processes_there_are(campaign):
 @pytest.mark.process
 def test_a_robot_whose_parameters_are_not_message_runs_in_processes_too():
     arm = Campaign(setup_of("arm6"), S, [])
-    assert [each.sha256 for each in arm.run([1, 2], 2)] == [arm.run_seed(seed).sha256 for seed in (1, 2)]
+    assert [item.sha256 for item in arm.run([1, 2], 2)] == [arm.run_seed(seed).sha256 for seed in (1, 2)]
 
 
 @pytest.mark.rest
@@ -39,9 +39,9 @@ def test_a_breach_is_shrunk_to_what_it_takes(campaign, monkeypatch):
     result = long.run_seed(6)
     assert result.breaches[0].rule == "enable_unasked"
     tries = []
-    found = long.shrink(result, tries.append)
-    assert len(found) < len(long.schedule(6))
-    assert any(act.name == "fault-reset" for act in found)
+    results = long.shrink(result, tries.append)
+    assert len(results) < len(long.schedule(6))
+    assert any(act.name == "fault-reset" for act in results)
     assert tries
 
 

@@ -34,10 +34,10 @@ def result(seed, *breaches):
 
 @pytest.fixture
 def totals():
-    made = Totals()
-    for each in (result(2, LATE), result(1)):
-        made.add(each)
-    return made
+    created = Totals()
+    for item in (result(2, LATE), result(1)):
+        created.add(item)
+    return created
 
 
 def test_the_summary_as_junit_has_a_case_for_each_seed(totals):

@@ -22,22 +22,22 @@ def campaign():
 def workers():
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as made:
-        yield made
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as created:
+        yield created
 
 
 @pytest.mark.process
 def test_a_worker_that_is_killed_costs_its_seeds_a_retry_and_changes_no_result(campaign, workers):
     pids = [worker.pid for worker in workers.workers.values()]
-    found = {}
+    match = {}
     for result in run_on_cluster(campaign, SEEDS, workers.scheduler_address):
-        if not found:
+        if not match:
             os.kill(pids[0], signal.SIGKILL)
-        found[result.seed] = result
+        match[result.seed] = result
     here = {result.seed: result for result in campaign.run(SEEDS, 1)}
-    assert sorted(found) == list(SEEDS)
-    assert [found[seed].sha256 for seed in SEEDS] == [here[seed].sha256 for seed in SEEDS]
-    assert [found[seed].troubles for seed in SEEDS] == [here[seed].troubles for seed in SEEDS]
+    assert sorted(match) == list(SEEDS)
+    assert [match[seed].sha256 for seed in SEEDS] == [here[seed].sha256 for seed in SEEDS]
+    assert [match[seed].troubles for seed in SEEDS] == [here[seed].troubles for seed in SEEDS]
 
 
 class Made:
@@ -77,27 +77,27 @@ def results(campaign, make, monkeypatch):
 
 
 def test_what_a_worker_gets_runs_the_same_seed(campaign, monkeypatch):
-    found = results(campaign, lambda work, words: Made(value=work(*words)), monkeypatch)
-    assert [each.seed for each in found] == [3, 4]
-    assert found[0].sha256 == campaign.run_seed(3).sha256
+    result = results(campaign, lambda work, words: Made(value=work(*words)), monkeypatch)
+    assert [item.seed for item in result] == [3, 4]
+    assert result[0].sha256 == campaign.run_seed(3).sha256
 
 
 def test_a_robot_whose_parameters_depend_on_its_joints_is_a_message_too(monkeypatch):
     arm = Campaign(setup_of("arm6"), S, [])
-    found = results(arm, lambda work, words: Made(value=work(*words)), monkeypatch)
-    assert found[1].sha256 == arm.run_seed(4).sha256
+    result = results(arm, lambda work, words: Made(value=work(*words)), monkeypatch)
+    assert result[1].sha256 == arm.run_seed(4).sha256
 
 
 def test_a_seed_whose_workers_die_again_and_again_runs_here(campaign, monkeypatch):
     from distributed import KilledWorker
 
     killed = KilledWorker("seed", None, 3)
-    found = results(campaign, lambda _work, _words: Made("error", killed), monkeypatch)
-    assert [each.seed for each in found] == [3, 4]
+    result = results(campaign, lambda _work, _words: Made("error", killed), monkeypatch)
+    assert [item.seed for item in result] == [3, 4]
 
 
 @pytest.mark.parametrize(
-    ("made", "said"),
+    ("created", "text"),
     [
         (Made("error", ModuleNotFoundError("No module named 'canopen_control'")), "install canopen-control"),
         (Made("error", ConfigError("arm.eds: not there")), "^arm.eds: not there$"),
@@ -105,9 +105,9 @@ def test_a_seed_whose_workers_die_again_and_again_runs_here(campaign, monkeypatc
         (Made("cancelled"), "tcp://there:1 was lost"),
     ],
 )
-def test_what_ends_a_campaign_is_a_sentence(campaign, monkeypatch, made, said):
-    with pytest.raises(CanopenError, match=said):
-        results(campaign, lambda _work, _words: made, monkeypatch)
+def test_what_ends_a_campaign_is_a_sentence(campaign, monkeypatch, created, text):
+    with pytest.raises(CanopenError, match=text):
+        results(campaign, lambda _work, _words: created, monkeypatch)
 
 
 def test_a_worker_of_another_version_is_reported(campaign):

@@ -129,8 +129,8 @@ def test_an_act_that_waits_for_a_state_begins_in_it(played):
     played.do("stop")
     begun = []
     played.robot.observers.append(Watch(played=lambda now, act: begun.append((act.kind, now))))
-    told = played.robot.now_ns
+    reported = played.robot.now_ns
     played.run(0.5)
     [(kind, at)] = begun
     assert kind == "power"
-    assert 0 < at - told < 300_000_000
+    assert 0 < at - reported < 300_000_000

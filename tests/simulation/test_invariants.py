@@ -16,9 +16,9 @@ from canopen_control.simulation.simulation_run import SimulationRun
 
 @pytest.fixture
 def judged():
-    made = Judged(lambda judged, views, tell: ReportInvariants(judged.robot, views, tell))
-    yield made
-    made.close()
+    created = Judged(lambda judged, views, tell: ReportInvariants(judged.robot, views, tell))
+    yield created
+    created.close()
 
 
 def test_the_truth_is_not_reported(judged):
@@ -74,11 +74,11 @@ def test_a_latch_that_is_lost_is_reported_and_one_that_is_not_requested(judged, 
 def test_running_is_a_lie_while_a_claimed_drive_is_off(judged, monkeypatch):
     monkeypatch.setattr(RobotCore, "state", property(lambda self: RobotState.RUNNING))
     judged.do("axis", name="disable").run(1.0)
-    told = {
+    reported = {
         f"the state is RUNNING although {side}_wheel_joint is claimed by a controller and disabled"
         for side in ("left", "right")
     }
-    assert {text for _, text in judged.told} == told
+    assert {text for _, text in judged.told} == reported
 
 
 @pytest.mark.sources
@@ -222,16 +222,16 @@ def test_rules_of_users_are_asked_and_reported_once_each_time(monkeypatch):
     played = Played()
     wrong = []
     rule = lambda robot: f"it is {robot.core.state.value}" if wrong else None  # noqa: E731 - a user's rule
-    found = Invariants(played.robot, played.player, (), [("mine", rule)])
+    result = Invariants(played.robot, played.player, (), [("mine", rule)])
     played.run(0.1)
-    assert found.breaches == []
+    assert result.breaches == []
     wrong.append(True)
     played.run(0.1)
     wrong.clear()
     played.run(0.1)
     wrong.append(True)
     played.run(0.1)
-    assert [(each.rule, each.text) for each in found.breaches] == [("mine", "it is running")] * 2
+    assert [(breache.rule, breache.text) for breache in result.breaches] == [("mine", "it is running")] * 2
     played.close()
 
 

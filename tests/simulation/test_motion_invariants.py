@@ -11,11 +11,11 @@ from canopen_control.virtual.scenario import ScenarioEvent
 
 @pytest.fixture
 def judged():
-    made = Judged(
+    created = Judged(
         lambda judged, views, tell: MotionInvariants(judged.robot, views, motions_of(judged.robot.setup), tell)
     )
-    yield made
-    made.close()
+    yield created
+    created.close()
 
 
 def test_what_is_commanded_may_move_and_expires_in_time(judged):
@@ -37,19 +37,19 @@ def test_motion_after_a_stop_that_was_asked_is_reported(judged):
 
 
 @pytest.mark.parametrize(
-    ("act", "told"),
+    ("act", "reported"),
     [
         (ScenarioEvent(0, "stop"), 2),
         (ScenarioEvent(0, "axis", name="disable"), 2),
         (ScenarioEvent(0, "axis", name="halt"), 0),
     ],
 )
-def test_a_drive_that_stands_and_is_kept_enabled_after_a_stop_is_reported(judged, act, told):
+def test_a_drive_that_stands_and_is_kept_enabled_after_a_stop_is_reported(judged, act, reported):
     judged.rules.requested(judged.robot.now_ns, act)
     judged.run(0.4)
     assert judged.broken == []
     judged.run(1.0)
-    assert judged.broken == ["enabled_still"] * told
+    assert judged.broken == ["enabled_still"] * reported
 
 
 def test_an_enable_that_is_not_requested_is_reported(judged):

@@ -28,7 +28,7 @@ def test_an_arm_takes_positions_and_trajectories_within_its_joints():
 
 @pytest.mark.parametrize("name", ["forklift", "mecanum", "diffbot_sim", "mobile_base_ros1"])
 def test_every_bundled_robot_can_be_commanded(name):
-    assert any(each.starts for each in motions_of(setup_of(name)))
+    assert any(item.starts for item in motions_of(setup_of(name)))
 
 
 @pytest.mark.parametrize("name", ["forklift", "mecanum", "mobile_base_ros1"])
@@ -46,5 +46,5 @@ def test_a_bundled_robot_follows_what_is_drawn_without_a_breach(name):
 def test_a_velocity_limit_of_zero_is_unknown_and_not_a_standstill(tmp_path):
     """Exporters write 0 for an unknown limit; commands are not limited by it."""
     setup = read_robot(find_robot(str(write_generic(tmp_path, velocity=0))))
-    (velocities,) = [each.ranges for each in motions_of(setup) if each.controller == "velocity"]
+    (velocities,) = [item.ranges for item in motions_of(setup) if item.controller == "velocity"]
     assert velocities == ((-8.0, 8.0),) * 2

@@ -28,13 +28,13 @@ def test_whatever_is_drawn_can_be_played(seed):
     acts = drawn(seed)
     assert [act.at_ns for act in acts] == sorted(act.at_ns for act in acts)
     for act in acts:
-        wanted = KINDS[act.kind].target
+        expected = KINDS[act.kind].target
         assert act.at_ns < 60 * S
-        assert wanted != "node" or act.target in ("2", "3")
-        assert wanted != "member" or act.target in ("2", "3", MASTER, "")
-        assert wanted != "controller" or act.target in ("wheels", "arm")
+        assert expected != "node" or act.target in ("2", "3")
+        assert expected != "member" or act.target in ("2", "3", MASTER, "")
+        assert expected != "controller" or act.target in ("wheels", "arm")
         assert act.kind != "fault" or act.name in known_faults()
-        ranges = next((each.ranges for each in MOTIONS if each.controller == act.target), ())
+        ranges = next((motion.ranges for motion in MOTIONS if motion.controller == act.target), ())
         if act.values and ranges:
             assert all(low <= value <= high for value, (low, high) in zip(act.values, ranges, strict=True))
 
@@ -62,8 +62,8 @@ def test_a_trajectory_is_cancelled_on_its_way_and_nothing_else_of_a_seed_changes
     cancelled = 0
     for seed in range(50):
         acts, cancels = drawn(seed), [act for act in drawn(seed) if act.kind == "cancel"]
-        sent = [each for each in acts if each.kind == "trajectory"]
-        assert all(any(0 <= act.at_ns - each.at_ns <= each.for_ns for each in sent) for act in cancels)
+        sent = [item for item in acts if item.kind == "trajectory"]
+        assert all(any(0 <= act.at_ns - item.at_ns <= item.for_ns for item in sent) for act in cancels)
         with monkeypatch.context() as patch:
             patch.setattr(random_schedule, "_CANCELLED", 0.0)
             assert drawn(seed) == tuple(act for act in acts if act.kind != "cancel")

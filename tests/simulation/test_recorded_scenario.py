@@ -32,10 +32,10 @@ def steady(can_id, data, period, until=END, without=()):
 def healthy(*, node=None, master=(), without=()):
     """A bus of the master and nodes 2 and 3; node 2 has gaps."""
     frames = steady(0x80, b"", 20, without=master)
-    for each in (2, 3):
-        quiet = without if each == 2 else ()
-        frames += steady(0x180 + each, b"\x37\x06", 20, without=quiet)
-        frames += steady(0x700 + each, b"\x05", 100, without=node if each == 2 and node else quiet)
+    for value in (2, 3):
+        quiet = without if value == 2 else ()
+        frames += steady(0x180 + value, b"\x37\x06", 20, without=quiet)
+        frames += steady(0x700 + value, b"\x05", 100, without=node if value == 2 and node else quiet)
     return frames
 
 
@@ -89,8 +89,8 @@ def test_a_boot_in_between_is_a_reset_of_its_own_unless_the_master_requested_it(
      (0x5000, "device_error", 2.0)],
 )  # fmt: skip
 def test_an_emergency_is_a_fault_that_shows_it_and_ends_before_its_reset(code, fault, lasts):
-    told = [(at, CanFrame(0x82, value.to_bytes(2, "little") + bytes(6))) for at, value in ((3.0, code), (5.0, 0))]
-    [act] = acts_of_of_recorded_faults(healthy(), *told, resets=[2.0, 4.99])
+    reported = [(at, CanFrame(0x82, value.to_bytes(2, "little") + bytes(6))) for at, value in ((3.0, code), (5.0, 0))]
+    [act] = acts_of_of_recorded_faults(healthy(), *reported, resets=[2.0, 4.99])
     assert (act.kind, act.target, act.name) == ("fault", "2", fault)
     assert act.at_ns - BEGIN_OF_RECORDED_FAULTS == 3 * S
     assert act.for_ns == pytest.approx(lasts * S, abs=0.1 * S)
@@ -133,8 +133,8 @@ def asked(at, request):
 
 
 def acts_of(*requests, robot="robby", events=(STARTED,), **more):
-    found = scenario_of_recording(RecordedRobot(FRAMES, events, requests, **more), setup_of(robot))
-    return [(act.at_ns / S, act.kind, act.target, act.name, act.values, act.for_ns) for act in found.acts]
+    result = scenario_of_recording(RecordedRobot(FRAMES, events, requests, **more), setup_of(robot))
+    return [(act.at_ns / S, act.kind, act.target, act.name, act.values, act.for_ns) for act in result.acts]
 
 
 def command(at, *values):
@@ -142,8 +142,8 @@ def command(at, *values):
 
 
 def test_equal_commands_that_follow_each_other_are_one_that_lasts():
-    said = [command(1 + 0.1 * number, 5, 4) for number in range(5)] + [command(1.5, 1, 1), command(3, 1, 1)]
-    assert acts_of(*said) == [
+    text = [command(1 + 0.1 * number, 5, 4) for number in range(5)] + [command(1.5, 1, 1), command(3, 1, 1)]
+    assert acts_of(*text) == [
         (1.0, "command", FORWARD, "", (5.0, 4.0), 450 * MS),
         (1.5, "command", FORWARD, "", (1.0, 1.0), None),
         (3.0, "command", FORWARD, "", (1.0, 1.0), None),
@@ -187,11 +187,11 @@ def test_the_points_of_a_trajectory_come_in_the_controllers_order():
     )  # fmt: skip
     joints = [f"joint_{number}" for number in range(1, 7)]
     points = [TrajectoryPoint(positions=[0.1 * n for n in range(6)], time_from_start=1.0 + at) for at in (0, 1)]
-    said = TrajectoryData(points=points[:1]), SetTrajectory(
+    text = TrajectoryData(points=points[:1]), SetTrajectory(
         controller=name, joints=joints[::-1], points=points[1:]
     )  # fmt: skip
     recorded = RecordedRobot(
-        [(at, "can", frame) for at, _, frame in FRAMES], [STARTED], [asked(2, each) for each in said]
+        [(at, "can", frame) for at, _, frame in FRAMES], [STARTED], [asked(2, item) for item in text]
     )
     [act] = scenario_of_recording(recorded, setup).acts
     assert (act.kind, act.target, act.times) == ("trajectory", name, (1.0, 2.0))
@@ -201,16 +201,16 @@ def test_the_points_of_a_trajectory_come_in_the_controllers_order():
 
 def test_a_recording_that_begins_later_than_its_robot_continues_after_a_boot():
     long_ago = RobotEvent(time=BEGIN - 600, kind="note", node=None, level="info", text="starts")
-    found = acts_of(command(2, 1, 1), events=[long_ago], active=[BASE, "joint_state_broadcaster", "nobody"])
-    assert [(at, kind, target) for at, kind, target, *_ in found] == [
+    result = acts_of(command(2, 1, 1), events=[long_ago], active=[BASE, "joint_state_broadcaster", "nobody"])
+    assert [(at, kind, target) for at, kind, target, *_ in result] == [
         (0.7, "activate", BASE), (3.0, "command", FORWARD),
     ]  # fmt: skip
 
 
 def test_it_ends_with_its_robot():
     ended = RobotEvent(time=BEGIN + 5, kind="stopping", node=None, level="info", text="stopping")
-    found = scenario_of_recording(RecordedRobot(FRAMES, [STARTED, ended], [command(6, 1, 1)]), setup_of())
-    assert (found.acts, found.duration_ns) == ((), 5 * S)
+    result = scenario_of_recording(RecordedRobot(FRAMES, [STARTED, ended], [command(6, 1, 1)]), setup_of())
+    assert (result.acts, result.duration_ns) == ((), 5 * S)
 
 
 def test_what_is_not_a_recording_of_the_robot_is_reported():

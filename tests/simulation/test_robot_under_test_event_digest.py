@@ -8,10 +8,10 @@ RECORD = pack_records([CanFrame(0x181, b"\x01")])
 
 
 def digest(*, at=5, label="a", record=RECORD, text="it runs", event_at=6):
-    made = EventDigest()
-    made.frame(at, label, record)
-    made.event(Event(event_at, "running", "left", text))
-    return made.hex
+    event_digest = EventDigest()
+    event_digest.frame(at, label, record)
+    event_digest.event(Event(event_at, "running", "left", text))
+    return event_digest.hex
 
 
 def test_the_same_frames_and_events_have_the_same_digest():
@@ -29,19 +29,19 @@ def test_whatever_differs_shows(other):
 
 def test_where_the_files_are_is_not_a_part_of_it():
     def noted(folder):
-        made = EventDigest([folder])
-        made.event(Event(6, "note", "", f"{folder}/bus.yml: package: has no meaning here"))
-        return made.hex
+        event_digest = EventDigest([folder])
+        event_digest.event(Event(6, "note", "", f"{folder}/bus.yml: package: has no meaning here"))
+        return event_digest.hex
 
     assert noted("/a/robby") == noted("/b/c/robby")
     assert noted("/a/robby") != EventDigest(["/a/robby"]).hex
 
 
 def test_many_frames_are_all_counted():
-    made, less = EventDigest(), EventDigest()
+    created, less = EventDigest(), EventDigest()
     for at in range(10_000):
-        made.frame(at, "a", RECORD)
+        created.frame(at, "a", RECORD)
         if at:
             less.frame(at, "a", RECORD)
-    assert made.hex != less.hex
-    assert made.events == 0
+    assert created.hex != less.hex
+    assert created.events == 0

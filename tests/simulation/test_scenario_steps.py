@@ -49,7 +49,7 @@ steps:
 
 
 @pytest.mark.parametrize(
-    ("step", "said"),
+    ("step", "text"),
     [
         ("{at: 1s, do: dance}", "do: 'dance' is not a kind of event"),
         ("{at: soon, do: stop}", "'soon' is not a time"),
@@ -77,10 +77,10 @@ steps:
         ("{at: 1s, do: double, target: 2, values: [1, 2]}", "values: double needs one integer"),
     ],
 )
-def test_an_error_is_reported_with_its_line(tmp_path, step, said):
+def test_an_error_is_reported_with_its_line(tmp_path, step, text):
     with pytest.raises(ScenarioError, match=r"scenario\.yml:2:") as caught:
         read(tmp_path, f"steps:\n  - {step}\n")
-    assert said in str(caught.value)
+    assert text in str(caught.value)
 
 
 def test_all_errors_are_reported_at_once(tmp_path):
@@ -183,7 +183,7 @@ def test_what_happens_in_the_world_is_written_and_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("step", "said"),
+    ("step", "text"),
     [
         (
             "{at: 1s, payload: {mass: 8, on: base_lnk}}",
@@ -198,10 +198,10 @@ def test_what_happens_in_the_world_is_written_and_read(tmp_path):
         ("{at: 1s, do: world}", "a step needs one of do, fault, quirk and plant"),
     ],
 )
-def test_an_error_of_what_happens_in_the_world_is_reported_once(tmp_path, step, said):
+def test_an_error_of_what_happens_in_the_world_is_reported_once(tmp_path, step, text):
     with pytest.raises(ScenarioError, match=r"floor\.yml:2:5") as caught:
         on_a_floor(tmp_path, f"  - {step}\n")
-    assert said in str(caught.value)
+    assert text in str(caught.value)
     assert str(caught.value).count("floor.yml:") == 1
 
 

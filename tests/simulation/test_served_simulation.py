@@ -39,10 +39,10 @@ class Program:
             pass
         except OSError:
             self.ended = True
-        found = []
+        results = []
         while (line := self._lines.next_line()) is not None:
-            found.append(bytes(line))
-        return found
+            results.append(bytes(line))
+        return results
 
     def close(self):
         self.sock.close()
@@ -65,17 +65,17 @@ class Served(Played):
             self.served.wait(0.0)
 
     def close(self):
-        for each in self.programs:
-            each.close()
+        for program in self.programs:
+            program.close()
         self.served.close()
         super().close()
 
 
 @pytest.fixture
 def served():
-    made = Served()
-    yield made
-    made.close()
+    created = Served()
+    yield created
+    created.close()
 
 
 def test_a_program_outside_is_answered_in_the_time_of_the_robot(served):
@@ -107,7 +107,7 @@ def test_a_command_without_a_recorded_request_counts_as_one(served, monkeypatch)
     program = served.program()
     program.ask(CommandController(controller=FORWARD, values=[5.0, 5.0]))
     served.pass_by(2.0)
-    assert {each.rule for each in served.invariants.breaches} == {"motion_uncommanded"}
+    assert {breache.rule for breache in served.invariants.breaches} == {"motion_uncommanded"}
 
 
 def test_a_command_dies_with_its_program(served):

@@ -14,7 +14,7 @@ def test_a_querying_client_is_answered_and_leaves(played: Played):
 def test_silent_clients_are_closed_for_active_ones(played: Played):
     played.do("silent", values=(80.0,)).run(0.1).do("ask").run(1.0)
     clients = played.player.clients.all
-    assert sum(each.dropped for each in clients) >= 80 - 71
+    assert sum(client.dropped for client in clients) >= 80 - 71
     assert clients[-1].answers >= 3
     assert not clients[-1].dropped
 
@@ -52,10 +52,10 @@ def test_clients_of_a_process_that_was_killed_are_gone(played: Played):
 def test_two_simulations_of_clients_are_the_same():
     digests = []
     for _ in range(2):
-        made = Played(seed=4)
-        made.do("deaf").do("silent", seconds=0.5, values=(80.0,)).do("dead_man", FORWARD, 0.2, values=(5.0, 1.0)).run(
+        played = Played(seed=4)
+        played.do("deaf").do("silent", seconds=0.5, values=(80.0,)).do("dead_man", FORWARD, 0.2, values=(5.0, 1.0)).run(
             4.0
         )
-        digests.append(made.robot.digest.hex)
-        made.close()
+        digests.append(played.robot.digest.hex)
+        played.close()
     assert digests[0] == digests[1]

@@ -37,9 +37,9 @@ class Bench:
 
 @pytest.fixture
 def bench():
-    made = Bench()
-    yield made
-    made.close()
+    created = Bench()
+    yield created
+    created.close()
 
 
 def test_a_frame_is_there_when_its_last_bit_has_passed(bench):

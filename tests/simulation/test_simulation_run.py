@@ -20,27 +20,27 @@ def drawn(seconds):
 def outcome(seconds=8, **how):
     run = SimulationRun(setup_of(), SEED, drawn(seconds), **how)
     run.run(seconds * S)
-    found = run.outcome
+    result = run.outcome
     run.close()
-    return found
+    return result
 
 
 @pytest.mark.rest
 def test_what_came_of_it_is_reported():
-    found = outcome()
-    assert (found.seed, found.robot_s, found.breaches) == (SEED, 8.0, ())
-    assert found.frames > 1000
-    assert found.events > 10
-    assert found.real_s > 0.0
+    result = outcome()
+    assert (result.seed, result.robot_s, result.breaches) == (SEED, 8.0, ())
+    assert result.frames > 1000
+    assert result.events > 10
+    assert result.real_s > 0.0
 
 
 def test_the_progress_is_reported_in_both_times():
-    seen = []
+    observed = []
     run = SimulationRun(setup_of(), 1, ())
-    run.run(S, lambda robot_s, real_s: seen.append((robot_s, real_s)))
+    run.run(S, lambda robot_s, real_s: observed.append((robot_s, real_s)))
     run.close()
-    assert seen[-1][0] == 1.0
-    assert seen == sorted(seen)
+    assert observed[-1][0] == 1.0
+    assert observed == sorted(observed)
 
 
 def test_it_may_be_as_slow_as_real_time():

@@ -98,8 +98,8 @@ def test_a_state_from_before_is_reported(judged, monkeypatch):
     judged.run(1.0)
     MUTANTS["states_told_as_they_were"](monkeypatch)
     judged.run(0.2).do("stop").run(1.5)
-    wanted = "left_drive is reported as OPERATION_ENABLED but is SWITCH_ON_DISABLED"
-    assert {text for _, text in judged.told} >= {f"status: {wanted}", f"sample: {wanted}"}
+    expected = "left_drive is reported as OPERATION_ENABLED but is SWITCH_ON_DISABLED"
+    assert {text for _, text in judged.told} >= {f"status: {expected}", f"sample: {expected}"}
 
 
 @pytest.mark.sources
@@ -109,8 +109,8 @@ def test_a_trouble_without_an_event_is_reported_once(made, monkeypatch, act):
     MUTANTS["troubles_without_an_event"](monkeypatch)
     judged = made()
     judged.run(1.0).do(kind, node, lasts, **more).run(1.9)
-    told = ["left_drive was lost"] if kind == "power" else ["left_drive is in fault", "left_drive has sent an EMCY"]
-    assert [(rule, text.split(",")[0]) for rule, text in judged.told] == [("event_missing", each) for each in told]
+    reported = ["left_drive was lost"] if kind == "power" else ["left_drive is in fault", "left_drive has sent an EMCY"]
+    assert [(rule, text.split(",")[0]) for rule, text in judged.told] == [("event_missing", item) for item in reported]
 
 
 @pytest.mark.sources

@@ -35,17 +35,17 @@ class Rules:
 
 @pytest.fixture
 def arm():
-    made = Judged(Rules, "arm6")
-    made.run(1.2).do("activate", ARM).run(0.4)
-    yield made
-    made.close()
+    created = Judged(Rules, "arm6")
+    created.run(1.2).do("activate", ARM).run(0.4)
+    yield created
+    created.close()
 
 
 @pytest.fixture
 def judged():
-    made = Judged(Rules)
-    yield made
-    made.close()
+    created = Judged(Rules)
+    yield created
+    created.close()
 
 
 def go(arm, seconds=1.0):

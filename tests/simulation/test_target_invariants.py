@@ -25,9 +25,9 @@ def rules(judged, views, tell):
 
 @pytest.fixture
 def judged():
-    made = Judged(rules)
-    yield made
-    made.close()
+    created = Judged(rules)
+    yield created
+    created.close()
 
 
 @pytest.mark.rest
@@ -107,16 +107,16 @@ def test_a_disturbed_node_is_checked_again_after_the_next_enable(judged, monkeyp
 @pytest.mark.rest
 @pytest.mark.sources
 def test_a_place_at_every_sync_is_followed_within_the_window(monkeypatch):
-    made = Judged(rules, "arm6")
-    [motion] = [each for each in motions_of(made.robot.setup) if each.starts]
-    made.do("trajectory", motion.controller, 1.0, values=(0.3,) * 6).run(1.5)
-    assert made.told == []
+    created = Judged(rules, "arm6")
+    [motion] = [item for item in motions_of(created.robot.setup) if item.starts]
+    created.do("trajectory", motion.controller, 1.0, values=(0.3,) * 6).run(1.5)
+    assert created.told == []
     real = DriveLimits.position
     monkeypatch.setattr(DriveLimits, "position", lambda self, target: real(self, target + 1e6))
-    made.do("trajectory", motion.controller, 1.0, values=(0.1,) * 6)
-    made.run(0.3)
-    made.close()
-    assert made.broken == ["target_missed"] * 6
+    created.do("trajectory", motion.controller, 1.0, values=(0.1,) * 6)
+    created.run(0.3)
+    created.close()
+    assert created.broken == ["target_missed"] * 6
 
 
 @pytest.mark.sources
@@ -146,7 +146,7 @@ def test_a_drive_that_computes_late_is_compared_with_the_speed_of_its_own_time(j
 
 
 def test_the_controller_that_takes_values_joint_by_joint_reports_where_they_go(judged):
-    ends = {each.controller: each.interfaces for each in motions_of(judged.robot.setup)}
+    ends = {item.controller: item.interfaces for item in motions_of(judged.robot.setup)}
     assert ends == {FORWARD: ("left_wheel_joint/velocity", "right_wheel_joint/velocity"), BASE: ()}
 
 

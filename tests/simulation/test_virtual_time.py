@@ -20,24 +20,24 @@ def test_what_is_due_at_once_happens_in_the_order_of_its_making():
 
 
 def test_what_is_put_into_the_past_happens_now():
-    time, seen = VirtualTime(), []
+    time, observed = VirtualTime(), []
     time.run_until(START_NS + 100)
-    time.at(5, lambda: seen.append(time.now_ns))
+    time.at(5, lambda: observed.append(time.now_ns))
     time.run_until(START_NS + 100)
-    assert seen == [START_NS + 100]
+    assert observed == [START_NS + 100]
 
 
 @pytest.fixture
 def processes():
-    made = []
+    created = []
 
     def make(*how):
-        made.append(Actor(*how))
-        return made[-1]
+        created.append(Actor(*how))
+        return created[-1]
 
     yield make
-    for each in made:
-        each.end()
+    for item in created:
+        item.end()
 
 
 def test_a_process_wakes_late_and_its_timers_go_by_its_own_oscillator(processes):
@@ -54,16 +54,16 @@ def test_a_process_wakes_late_and_its_timers_go_by_its_own_oscillator(processes)
 
 def test_lateness_is_drawn_from_the_seed(processes):
     def wake_ups(seed):
-        time, found = VirtualTime(), []
+        time, result = VirtualTime(), []
         actor = processes(time, "host", Timing(1000, 50_000, 5 * MS), seed)
 
         def again():
-            found.append(time.now_ns)
+            result.append(time.now_ns)
             actor.reactor.call_later(MS, again)
 
         actor.call(again)
         time.run_until(START_NS + 20 * MS)
-        return found
+        return result
 
     assert wake_ups("1") == wake_ups("1") != wake_ups("2")
 

@@ -37,9 +37,9 @@ def replace_in_master(**keys):
 
 @pytest.fixture
 def judged():
-    made = Judged()
-    yield made
-    made.robot.close()
+    created = Judged()
+    yield created
+    created.robot.close()
 
 
 def test_a_sync_and_a_heartbeat_in_time_are_not_news_late_ones_are(judged):
@@ -54,15 +54,15 @@ def test_a_sync_and_a_heartbeat_in_time_are_not_news_late_ones_are(judged):
 
 
 def test_the_heartbeat_is_judged_by_its_default_if_bus_yml_is_silent():
-    made = Judged(replace_in_master(heartbeat_producer=0))
+    created = Judged(replace_in_master(heartbeat_producer=0))
     try:
-        made.hear(0x701, b"\x05")
-        made.hear(0x701, b"\x05", after=100 * MS)
-        assert made.told == []
-        made.hear(0x701, b"\x05", after=200 * MS)
-        assert made.told == ["late"]
+        created.hear(0x701, b"\x05")
+        created.hear(0x701, b"\x05", after=100 * MS)
+        assert created.told == []
+        created.hear(0x701, b"\x05", after=200 * MS)
+        assert created.told == ["late"]
     finally:
-        made.robot.close()
+        created.robot.close()
 
 
 def test_a_port_that_cannot_send_is_not_late(judged):

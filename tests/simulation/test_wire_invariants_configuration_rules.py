@@ -25,9 +25,9 @@ def rules(judged, views, tell):
 
 @pytest.fixture
 def judged():
-    made = Judged(rules)
-    yield made
-    made.close()
+    created = Judged(rules)
+    yield created
+    created.close()
 
 
 def test_what_a_boot_has_written_is_not_reported_nor_is_another_boot(judged):
@@ -75,11 +75,11 @@ def test_the_values_of_a_disturbed_node_are_unknown(judged):
     assert judged.told == []
 
 
-@pytest.mark.parametrize(("entry", "told"), [(0, 1), (0x701, 1), (0x80000000, 0), (0x1FF, 0), (0x40000000, 1)])
-def test_a_pdo_is_never_active_with_a_cob_id_that_it_may_not_have(judged, entry, told):
+@pytest.mark.parametrize(("entry", "reported"), [(0, 1), (0x701, 1), (0x80000000, 0), (0x1FF, 0), (0x40000000, 1)])
+def test_a_pdo_is_never_active_with_a_cob_id_that_it_may_not_have(judged, entry, reported):
     judged.robot.drives[2].device.store.set(0x1803, 1, entry)
     judged.run(0.3)
-    assert judged.broken == ["cob_id_restricted"] * told
+    assert judged.broken == ["cob_id_restricted"] * reported
 
 
 @pytest.mark.parametrize(("default", "held"), [(0x180, 0x180), (None, 0)])
@@ -99,10 +99,10 @@ def test_a_wide_object_is_decoded_as_it_is():
     assert pdo.values == (0x0123456789ABCDEF,)
     pdo.unpack = lambda data: (int.from_bytes(data[1:], "little"),)
     run.robot.run_for(4_000_000_000)
-    told = run.invariants.breaches
+    reported = run.invariants.breaches
     run.close()
-    assert [each.rule for each in told][:1] == ["shown_wrong"]
-    assert "0x2000:00 of counter is reported as 320255973501901 but is 81985529216486895" in told[0].text
+    assert [item.rule for item in reported][:1] == ["shown_wrong"]
+    assert "0x2000:00 of counter is reported as 320255973501901 but is 81985529216486895" in reported[0].text
 
 
 @pytest.mark.parametrize(("value", "holds"), [(20000, True), (1, False)])

@@ -12,9 +12,9 @@ class Nothing:
 
 @pytest.fixture
 def judged():
-    made = Judged(Nothing)
-    yield made
-    made.close()
+    created = Judged(Nothing)
+    yield created
+    created.close()
 
 
 def test_an_unaffected_node_is_not_disturbed(judged):

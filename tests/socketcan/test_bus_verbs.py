@@ -1,4 +1,4 @@
-"""The verb bus, on interfaces that a kernel makes: up, down, status, list, and what is said without the rights."""
+"""The verb bus on interfaces of a real kernel: up, down, status, list, and messages without permissions."""
 
 import contextlib
 import json
@@ -64,8 +64,8 @@ def test_status_and_list_show_what_the_kernel_has(stage, vcan):
     (status,) = json.loads(stage.call("bus", "status", vcan, "--json").out).values()
     assert status["is_up"] is True
     assert (status["traffic"]["tx_packets"], status["traffic"]["tx_bytes"]) == (1, 2)
-    found = json.loads(stage.call("bus", "list", "--json").out)
-    assert {"vcan0", vcan} <= {link["name"] for link in found["interfaces"]}
+    result = json.loads(stage.call("bus", "list", "--json").out)
+    assert {"vcan0", vcan} <= {link["name"] for link in result["interfaces"]}
 
 
 def test_status_reports_frames_listeners_and_frames_sent_by_the_kernel(stage, vcan, tool):
@@ -76,16 +76,16 @@ def test_status_reports_frames_listeners_and_frames_sent_by_the_kernel(stage, vc
         pids = [tool("candump", vcan).pid, tool("candump", "any").pid, tool("cangen", vcan, "-g", "1000").pid]
         assert eventually(lambda: count_hearing(vcan) == 3)
         status = json.loads(stage.call("bus", "status", vcan, "--json").out)[vcan]
-        found = {(each["pid"], each["protocol"]): each for each in status["listeners"]}
+        result = {(item["pid"], item["protocol"]): item for item in status["listeners"]}
         me = os.getpid()
-        assert [found[pid, "CAN_RAW"]["identifiers"] for pid in (*pids, me)] == [-1, -1, 0, 2]
-        assert [found[pid, "CAN_RAW"]["interface"] for pid in (*pids, me)] == [vcan, "", vcan, vcan]
-        assert found[me, "CAN_BCM"]["tasks"] == [[0x80, 10_000]]
+        assert [result[pid, "CAN_RAW"]["identifiers"] for pid in (*pids, me)] == [-1, -1, 0, 2]
+        assert [result[pid, "CAN_RAW"]["interface"] for pid in (*pids, me)] == [vcan, "", vcan, vcan]
+        assert result[me, "CAN_BCM"]["tasks"] == [[0x80, 10_000]]
         assert (status["unnamed_listeners"], status["load"]) == (0, None)
         assert 10 < status["frames_per_second"] < 120, "a hundred, unless the guest is held up"
-        said = lines(stage.call("bus", "status", vcan))
-        assert f"  candump {vcan} (pid {pids[0]}) receives everything" in said
-        assert any(line.endswith("has the kernel send 0x080 every 10 ms") for line in said), said
+        message = lines(stage.call("bus", "status", vcan))
+        assert f"  candump {vcan} (pid {pids[0]}) receives everything" in message
+        assert any(line.endswith("has the kernel send 0x080 every 10 ms") for line in message), message
         done = subprocess.run([sys.executable, "-c", NOBODY_LOOKS, vcan], capture_output=True, text=True)
         assert done.stdout == "0 named, 3 hear\n", (done, "all are root's")
 

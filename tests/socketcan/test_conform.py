@@ -16,7 +16,9 @@ def test_a_drive_on_the_kernels_can_keeps_every_mandatory_clause(stage, vcan):
     checked = stage.call("conform", 3, *options, "--timeout", scaled(0.5), seconds=scaled(CONFIGURED_S))
     results = json.loads(checked.out)["results"]
     failed = [
-        (each["id"], each["observed"]) for each in results if each["verdict"] == "failed" and each["level"] == "must"
+        (result["id"], result["observed"])
+        for result in results
+        if result["verdict"] == "failed" and result["level"] == "must"
     ]
     assert failed == []
-    assert sum(each["verdict"] == "passed" for each in results) >= 100
+    assert sum(result["verdict"] == "passed" for result in results) >= 100

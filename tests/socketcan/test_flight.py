@@ -28,8 +28,8 @@ def test_frames_have_the_kernels_times_however_late_they_are_read(vcan):
         other.send(pack_records([CanFrame(0x181, b"\x01"), CanFrame(0x182)]))
         after = time.time_ns()
         time.sleep(0.2)  # the recorder is busy: what it hears next is old by then
-        seen = recorder._frames.size
-        assert reactor.run_until(lambda: recorder._frames.size >= seen + 2 * KEPT_SIZE, 20 * SECOND)
+        observed = recorder._frames.size
+        assert reactor.run_until(lambda: recorder._frames.size >= observed + 2 * KEPT_SIZE, 20 * SECOND)
         recorder._on_event(RobotEvent(kind="fault", level="error", text="x", time=time.time(), node=None))
         recorder.finish()
         frames = read_flight(newest(flight_folder("nobody"))).frames

@@ -133,8 +133,8 @@ def test_a_robot_follows_the_kernels_sync_and_stops_it_at_the_end(stage, robby, 
     since = time.time()
     assert eventually(lambda: len(gaps(hears, since)) > 40, TIMEOUT_S)
     assert statistics.median(gaps(hears, since)) == pytest.approx(scaled(0.02), rel=0.02)
-    found = sorted(gaps(hears, since))
-    assert found[len(found) * 3 // 4] < 1.1 * scaled(0.02), "by the kernel; the guest itself may be held up at times"
+    result = sorted(gaps(hears, since))
+    assert result[len(result) * 3 // 4] < 1.1 * scaled(0.02), "by the kernel; the guest itself may be held up at times"
     # a guest that was held up heard SYNC late, and the cycle comes back to its place by a thousandth in each period
     there = eventually(lambda: 0.06 < phase(hears) < 0.45, scaled(16))
     assert there, f"RPDOs go out an eighth of a period behind SYNC, and not {phase(hears):.2f}"

@@ -1,4 +1,4 @@
-"""The SocketCAN port on a real kernel: what the tests with a scripted socket only suppose."""
+"""The SocketCAN port on a real kernel, for the assumptions of the tests with a scripted socket."""
 
 import contextlib
 import errno
@@ -201,17 +201,17 @@ def test_error_frames_come_through(ports, vcan):
 
     The kernel hands them over by their classes, so that one without any reaches nobody.
     """
-    told = [row for row in DRIVER_FRAMES if row.frame.can_id & 0x1FFFFFFF]
-    assert [row.driver for row in DRIVER_FRAMES if row not in told] == ["mcp251x"]
+    reported = [row for row in DRIVER_FRAMES if row.frame.can_id & 0x1FFFFFFF]
+    assert [row.driver for row in DRIVER_FRAMES if row not in reported] == ["mcp251x"]
     ports[1].set_filter([0x80])
     with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as sender:
         sender.bind((vcan,))
         for row in DRIVER_FRAMES:
             sender.send(pack_records([row.frame]))
     for port in ports:
-        assert receive(port, len(told)) == [row.frame for row in told]
-        assert kinds(port) == [kind for row in told for kind in row.kinds]
-        assert port.stats.errors == len(told)
+        assert receive(port, len(reported)) == [row.frame for row in reported]
+        assert kinds(port) == [kind for row in reported for kind in row.kinds]
+        assert port.stats.errors == len(reported)
 
 
 def test_opening_what_is_missing_or_down_suggests_what_to_type(vcan):

@@ -1,4 +1,4 @@
-"""The robot, its two drives and somebody who listens, each a process of its own, on a vcan of a real kernel."""
+"""The robot, its two drives and a listener, each a separate process, on a vcan of a real kernel."""
 
 import itertools
 
@@ -80,8 +80,8 @@ def test_candump_receives_standard_frames(stage, robby, vcan, tool):
     dump.terminate()
     lines = [CandumpLine(line) for line in dump.communicate(timeout=20)[0].splitlines()]
     assert all(line.interface == vcan and len(line.identifier) == 3 for line in lines)
-    seen = {line.identifier for line in lines}
-    assert seen >= {"000", "080", "182", "183", "282", "283", "582", "583", "602", "603", "701", "702", "703"}
+    identifiers = {line.identifier for line in lines}
+    assert identifiers >= {"000", "080", "182", "183", "282", "283", "582", "583", "602", "603", "701", "702", "703"}
     assert [line.data for line in lines if line.identifier == "000"][-1].startswith("82")
     assert sum(line.identifier == "080" for line in lines) >= 2 / scaled(0.02)
 

@@ -1,4 +1,4 @@
-"""Who sends SYNC for an arm on the CAN of a real kernel, where nobody says so: the kernel."""
+"""The default SYNC producer for an arm on the CAN of a real kernel is the kernel."""
 
 import pytest
 from canopen_control_bench.arm import arm_at, edit

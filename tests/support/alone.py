@@ -56,7 +56,7 @@ def main():
     background, *others = (json.loads(argument) for argument in sys.argv[1:])
     first = subprocess.Popen(background, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
-        said = [subprocess.run(other, capture_output=True, text=True, timeout=SECONDS) for other in others]
+        message = [subprocess.run(other, capture_output=True, text=True, timeout=SECONDS) for other in others]
     finally:
         first.terminate()
         output, _ = first.communicate(timeout=SECONDS)
@@ -65,7 +65,7 @@ def main():
         json.dumps(
             {
                 "packets": len(sniffer.packets),
-                "said": [result.stdout + result.stderr for result in said],
+                "said": [result.stdout + result.stderr for result in message],
                 "first": output,
             }
         )

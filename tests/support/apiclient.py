@@ -33,10 +33,10 @@ class Client:
         return [json.loads(line) for line in lines]
 
     def next(self, ms=2000):
-        found = []
-        self._bench.until(lambda: found.extend(self.messages()) or found, ms=ms)
-        assert len(found) == 1, found
-        return found[0]
+        results = []
+        self._bench.until(lambda: results.extend(self.messages()) or results, ms=ms)
+        assert len(results) == 1, results
+        return results[0]
 
     def ask(self, method, **params):
         self.send(id=1, method=method, params=params)

@@ -40,10 +40,10 @@ PARAMS: dict[str, dict[str, Any]] = {
 
 def base(kind: str, **params: Any) -> tuple[Hardware, Any, Any]:
     """Return hardware, manager and a configured base of a type, at standstill; `a__b` in a name is `a.b`."""
-    given = PARAMS[kind]
-    steered = given.get("steering_joints_names", [])
-    named = given.get("traction_joints_names") or given.get("wheel_names")
-    wheels = named or [name for key, name in given.items() if key.endswith("_joint_name")]
+    inputs = PARAMS[kind]
+    steered = inputs.get("steering_joints_names", [])
+    named = inputs.get("traction_joints_names") or inputs.get("wheel_names")
+    wheels = named or [name for key, name in inputs.items() if key.endswith("_joint_name")]
     hardware = Hardware(
         *(f"{wheel}/velocity" for wheel in wheels),
         *(f"{joint}/position" for joint in steered),
@@ -53,7 +53,7 @@ def base(kind: str, **params: Any) -> tuple[Hardware, Any, Any]:
     for interface in hardware.state_interfaces:
         interface.value = 0.0
     control = manager(hardware)
-    return hardware, control, add(control, "base", kind, **{**given, **params})
+    return hardware, control, add(control, "base", kind, **{**inputs, **params})
 
 
 def cases(group: str) -> list[Any]:

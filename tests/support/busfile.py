@@ -26,9 +26,9 @@ def mistakes(folder, text):
 def mistakes_of_a_node(folder, keys):
     """What is wrong with further keys of a node, which stand at line 13."""
     node = "right_drive: {node_id: 2"
-    said = mistakes(folder, NESTED.replace(node, f"{node}, {keys}"))
-    assert "bus.yml:13:" in said
-    return said
+    text = mistakes(folder, NESTED.replace(node, f"{node}, {keys}"))
+    assert "bus.yml:13:" in text
+    return text
 
 
 NESTED = """\

@@ -39,9 +39,9 @@ def run_python(*words: object, folder: Path, seconds: float = 60, **environment:
     arguments = [sys.executable, *map(str, words)]
     with subprocess.Popen(arguments, cwd=folder, env={**os.environ, **environment}, **pipes) as process:
         go_first(process.pid)
-        said, complaint = process.communicate(timeout=seconds)
-    assert (process.returncode, complaint) == (0, ""), (said, complaint)
-    return said
+        text, complaint = process.communicate(timeout=seconds)
+    assert (process.returncode, complaint) == (0, ""), (text, complaint)
+    return text
 
 
 def install(site: Path, example: str) -> tuple[str, str, str]:

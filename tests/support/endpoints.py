@@ -101,19 +101,19 @@ class Ros:
     def publish(self, topic, message):
         self.subscriptions[topic][1](message)
 
-    def call(self, service, *given, request=None, **fields):
+    def call(self, service, *inputs, request=None, **fields):
         """Call a service, answer what it asks of the robot, in order, with `given`: results, or texts of refusals."""
         kind, handler = self.services[service]
-        replies, answers = [], iter(given)
+        replies, answers = [], iter(inputs)
         handler(request or kind.Request(**fields), kind.Response(), replies.append)
-        asked = []
+        requests = []
         while self.asked:
-            wanted, answer = self.asked.pop(0)
-            asked.append(wanted)
-            found = next(answers)
-            answer(*((None, found) if isinstance(found, str) else (found, None)))
+            expected, answer = self.asked.pop(0)
+            requests.append(expected)
+            result = next(answers)
+            answer(*((None, result) if isinstance(result, str) else (result, None)))
         (response,) = replies
-        return response, asked
+        return response, requests
 
 
 def publisher_of(ros, controller, topic):

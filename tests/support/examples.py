@@ -75,8 +75,8 @@ def page_commands() -> list[str]:
     """Return every command line of the pages: what is indented and looks like one; their files as whole paths."""
     programs = "|".join(map(re.escape, (PROGRAM, *OTHER_PROGRAMS)))
     text = "\n".join(path.read_text(encoding="utf-8") for path in pages())
-    found = re.findall(rf"^ {{4,}}((?:{programs})(?: .*)?)$", text, re.MULTILINE)
-    return [line.replace(" docs/examples/", f" {EXAMPLES}/") for line in found]
+    result = re.findall(rf"^ {{4,}}((?:{programs})(?: .*)?)$", text, re.MULTILINE)
+    return [line.replace(" docs/examples/", f" {EXAMPLES}/") for line in result]
 
 
 def page_file(page: str, name: str) -> str:

@@ -58,8 +58,8 @@ class FloorBench(Bench):
         values = {"linear.x.max_acceleration": 2.0, "linear.x.max_deceleration": -2.0, "angular.z.max_velocity": 4.0}
         values |= {"angular.z.min_velocity": -4.0, "angular.z.max_acceleration": 12.0}
         values |= {"angular.z.max_deceleration": -12.0}
-        wanted = [ParameterValue(name=name, kind="double", value=value) for name, value in values.items()]
-        self.robot.manager.set_parameters(BASE, wanted)
+        expected = [ParameterValue(name=name, kind="double", value=value) for name, value in values.items()]
+        self.robot.manager.set_parameters(BASE, expected)
 
     def look(self):
         """Bring the axes to the present, and the true pose to the robot."""

@@ -124,7 +124,7 @@ def write_two_axes(folder):
     text = data_path("eds", "generic_cia402.eds").read_text()
     sections = re.split(r"(?m)^(?=\[)", text)
     profile = [section for section in sections if re.match(r"\[6[0-7]", section)]
-    second = [re.sub(r"^\[6(.)", lambda found: f"[6{int(found[1], 16) + 8:X}", line) for line in profile]
+    second = [re.sub(r"^\[6(.)", lambda result: f"[6{int(result[1], 16) + 8:X}", line) for line in profile]
     count = int(re.search(r"\[OptionalObjects\]\s+SupportedObjects=(\d+)", text)[1])
     indices = sorted({int(line[1:5], 16) for line in second})
     listed = "".join(f"{count + number}=0x{index:04X}\n" for number, index in enumerate(indices, 1))

@@ -136,7 +136,7 @@ class RawListener:
 
     def of(self, identifier: int) -> list[tuple[float, bytes]]:
         """Return (seconds, data) of one identifier."""
-        return [(when, data) for when, seen, data in list(self.frames) if seen == identifier]
+        return [(when, data) for when, observed, data in list(self.frames) if observed == identifier]
 
     def speeds(self, node_id: int) -> list[tuple[float, float]]:
         """Return (seconds, rad/s at the wheel) as robby's second TPDO told them: position, velocity."""
@@ -144,8 +144,8 @@ class RawListener:
 
     def speed(self, node_id: int) -> float:
         """Return the newest of them, 0 before any."""
-        for _, seen, data in reversed(self.frames):
-            if seen == 0x280 + node_id:
+        for _, observed, data in reversed(self.frames):
+            if observed == 0x280 + node_id:
                 return RAD[node_id] * struct.unpack_from("<i", data, 4)[0]
         return 0.0
 

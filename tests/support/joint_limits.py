@@ -20,29 +20,29 @@ def hard(values: dict[str, float]) -> HardLimits:
 
 
 def quantities(values: dict[str, float]) -> list[float]:
-    found = list(NOTHING)
+    result = list(NOTHING)
     for name, value in values.items():
-        found[QUANTITIES.index(name)] = value
-    return found
+        result[QUANTITIES.index(name)] = value
+    return result
 
 
 def expect_as_recorded(limiter: Any, case: dict[str, Any]) -> None:
     """Do the steps of a case, and assert what it expects of each."""
-    for step, wanted in zip(case["in"]["steps"], case["expect"]["steps"], strict=True):
+    for step, expected_result in zip(case["in"]["steps"], case["expect"]["steps"], strict=True):
         if step == ["reset"]:
             limiter.reset()
             continue
         actual, desired = quantities(step[0]), quantities(step[1])
-        if "error" in wanted:
-            assert wanted["error"] == "position_out_of_bounds"
+        if "error" in expected_result:
+            assert expected_result["error"] == "position_out_of_bounds"
             with_error(limiter, actual, desired, step[2])
             continue
-        assert limiter.enforce(actual, desired, step[2]) is wanted["limited"], (case["name"], step)
-        expected = quantities(wanted["command"])
-        for found, value in zip(desired, expected, strict=True):
-            same = found != found or abs(found - value) <= case["tolerance"] * max(1.0, abs(value))
+        assert limiter.enforce(actual, desired, step[2]) is expected_result["limited"], (case["name"], step)
+        expected = quantities(expected_result["command"])
+        for result, value in zip(desired, expected, strict=True):
+            same = result != result or abs(result - value) <= case["tolerance"] * max(1.0, abs(value))
             assert same, (case["name"], step, desired, expected)
-            assert (found != found) == (value != value)
+            assert (result != result) == (value != value)
 
 
 def with_error(limiter: Any, actual: list[float], desired: list[float], period: float) -> None:

@@ -50,7 +50,7 @@ class KernelBench(Bench):
     def until(self, condition, ms=5000):
         """Let time pass until `condition`; fail after `ms` of the test, else return how many it took."""
         begin = self._now = self.reactor.now()
-        told = self.reactor.run_until(condition, round(ms * self.scale * MS))
-        assert told, f"not within {ms} ms: {[event.text for event in self.events[-6:]]}"
+        reported = self.reactor.run_until(condition, round(ms * self.scale * MS))
+        assert reported, f"not within {ms} ms: {[event.text for event in self.events[-6:]]}"
         self._now = self.reactor.now()
         return (self._now - begin) / MS / self.scale

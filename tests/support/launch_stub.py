@@ -66,11 +66,11 @@ def _modules(packages):
             "PackageNotFoundError": PackageNotFoundError, "get_package_prefix": get_package_prefix,
         },
     }  # fmt: skip
-    made = {}
+    created = {}
     for name, attributes in contents.items():
-        made[name] = types.ModuleType(name)
-        made[name].__dict__.update(attributes)
-    return made
+        created[name] = types.ModuleType(name)
+        created[name].__dict__.update(attributes)
+    return created
 
 
 def launched(name, packages=(), **arguments):

@@ -78,9 +78,9 @@ class Lockstep:
 
     def wait(self, ready: Callable[[], Any], seconds: float | None) -> Any:
         """Let others have the turn until `ready` or the time is over; return what `ready` says then."""
-        found = ready()
-        if found or (seconds is not None and seconds <= 0):
-            return found
+        result = ready()
+        if result or (seconds is not None and seconds <= 0):
+            return result
         # rounded up: a wait for the last fraction of a nanosecond must advance the time
         deadline = _NEVER if seconds is None else self.now_ns + math.ceil(seconds * _SECOND)
         self._wait_for_turn(_Wait(ready, deadline), pass_on=True)
@@ -176,8 +176,8 @@ def _select(readers: Any, writers: Any, errors: Any, seconds: float | None = Non
         return _REAL_SELECT(readers, writers, errors, seconds)
 
     def ready() -> Any:
-        found = _REAL_SELECT(readers, writers, errors, 0)
-        return found if any(found) else None
+        result = _REAL_SELECT(readers, writers, errors, 0)
+        return result if any(result) else None
 
     return steps.wait(ready, seconds) or ([], [], [])
 

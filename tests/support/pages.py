@@ -65,8 +65,8 @@ def drive_state(axis=None, **node):
 def info(**status):
     drive = NodePlace(name="left_drive", node_id=3, bus="can")
     nodes = NodeListing({"can": BusPlace("local:x")}, [drive])
-    told = copy.deepcopy(STATE) | {"buses": {"can": {"load": 0.02}}, "events": []} | status
-    return read_robot_info("pair", Description(URDF, "/nowhere/pair.urdf"), nodes, status_of(told))
+    reported = copy.deepcopy(STATE) | {"buses": {"can": {"load": 0.02}}, "events": []} | status
+    return read_robot_info("pair", Description(URDF, "/nowhere/pair.urdf"), nodes, status_of(reported))
 
 
 def robot(**status):
@@ -128,15 +128,15 @@ async def visited(build, context=None):
     """Build a page for a simulated user, show it the content of a `context`, and yield the user and the page."""
     from nicegui.testing.user_simulation import user_simulation
 
-    made = []
+    created = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # warning of the toolkit
-        async with user_simulation(root=lambda: made.append(build())) as user:
+        async with user_simulation(root=lambda: created.append(build())) as user:
             await user.open("/")
             with user:
                 if context is not None:
-                    made[0].show(context.content())
-                yield user, made[0]
+                    created[0].show(context.content())
+                yield user, created[0]
             for _ in range(IDLE_TURNS):  # asyncio before 3.12 loses a cancellation that meets an update on its way out,
                 await asyncio.sleep(0)  # and the toolkit would wait two seconds for that task
 

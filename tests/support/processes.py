@@ -188,14 +188,14 @@ class Stage:
 def processes_of(folder: Path) -> dict[int, str]:
     """Return the command lines, by process id, of all whose runtime folder is `folder`; without this process."""
     mark = f"XDG_RUNTIME_DIR={folder}".encode()
-    found = {}
+    result = {}
     for entry in Path("/proc").iterdir():
         if not entry.name.isdecimal() or int(entry.name) == os.getpid():
             continue
         with contextlib.suppress(OSError):
             if mark in (entry / "environ").read_bytes().split(b"\0"):
-                found[int(entry.name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-    return found
+                result[int(entry.name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+    return result
 
 
 def cycles_pass(robot: RobotClient, count: int) -> None:

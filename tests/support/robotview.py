@@ -33,8 +33,8 @@ class RobotView:
         words = {"needs enable": "Enable", "fault": "Reset fault"}
 
         def running():
-            for said, label in words.items():
-                if page.page.get_by_text(said, exact=True).first.is_visible():
+            for message, label in words.items():
+                if page.page.get_by_text(message, exact=True).first.is_visible():
                     page.click(label)
                     page.page.wait_for_timeout(500)
             return page.page.get_by_text("running", exact=True).first.is_visible()

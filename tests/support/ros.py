@@ -167,14 +167,14 @@ class Peer:
 
     def publisher(self, topic):
         """Return the only publisher of a topic, once DDS has told of it and of its node, which are two messages."""
-        found = []
+        results = []
 
         def look():
-            found[:] = self.order("endpoints", topic=topic)["publishers"]
-            return len(found) == 1 and found[0]["node"] != "_NODE_NAME_UNKNOWN_"
+            results[:] = self.order("endpoints", topic=topic)["publishers"]
+            return len(results) == 1 and results[0]["node"] != "_NODE_NAME_UNKNOWN_"
 
-        assert eventually(look), f"publishers of {topic}: {found}"
-        return found[0]
+        assert eventually(look), f"publishers of {topic}: {results}"
+        return results[0]
 
     def message(self, topic, matching=lambda message: True, timeout=TIMEOUT):
         """Return the next message of a topic that it subscribed to, for which `matching` holds."""
@@ -192,15 +192,15 @@ class Peer:
 
         What was published before the two ends had found each other is gone, and nothing tells when they have.
         """
-        heard = []
+        received = []
 
         def look():
             tell()
-            heard.extend(self.waiting(topic))
-            return bool(heard)
+            received.extend(self.waiting(topic))
+            return bool(received)
 
         assert eventually(look), f"no message on {topic}"
-        return heard[0]
+        return received[0]
 
     def waiting(self, topic):
         """Take what has come on a topic."""
@@ -338,13 +338,18 @@ class FakeRobot:
     def _joint_states(self):
         self.pushed += 1
         time = self.time + self.pushed / 1e6
-        found = {}
+        result = {}
         for controller in self.controllers:
             if controller["state"] == "active" and controller.get("publishes"):
                 joints = {name: self.joints[name] for name in controller["joints"] if name in self.joints}
-                told = {name: _values(joint) for name, joint in joints.items()}
-                found[controller["name"]] = {"kind": "joint_states", "time": time, "names": list(told), "joints": told}
-        return found
+                reported = {name: _values(joint) for name, joint in joints.items()}
+                result[controller["name"]] = {
+                    "kind": "joint_states",
+                    "time": time,
+                    "names": list(reported),
+                    "joints": reported,
+                }
+        return result
 
     def _greet(self, connection):
         say(connection, {"hello": {"robot": self._name, "version": "0", "protocol": 2, "pid": os.getpid()}})
@@ -449,8 +454,8 @@ def _laid_out(layout):
 
 def _plain(params):
     """Return parameters without those that say nothing, with data in hexadecimal."""
-    said = {key: value for key, value in params.items() if value is not None and (key, value) != ("block", False)}
-    return {**said, "data": b64decode(said["data"]).hex()} if "data" in said else said
+    text = {key: value for key, value in params.items() if value is not None and (key, value) != ("block", False)}
+    return {**text, "data": b64decode(text["data"]).hex()} if "data" in text else text
 
 
 def _wired(answer):

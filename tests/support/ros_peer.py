@@ -216,10 +216,10 @@ class Peer:
             client.describe_parameters(names).add_done_callback(described)
 
         def described(future):
-            found = {descriptor["name"]: descriptor for descriptor in map(plain, future.result().descriptors)}
-            self.say(topic=node, message={"descriptors": found})
-            wanted = [Parameter(name, value=value) for name, value in values.items()]
-            client.set_parameters(wanted).add_done_callback(done)
+            match = {descriptor["name"]: descriptor for descriptor in map(plain, future.result().descriptors)}
+            self.say(topic=node, message={"descriptors": match})
+            expected = [Parameter(name, value=value) for name, value in values.items()]
+            client.set_parameters(expected).add_done_callback(done)
 
         def done(future):
             self.say(topic=node, message={"results": [plain(result) for result in future.result().results]})
@@ -246,17 +246,17 @@ class Peer:
 
     def wire(self, topics):
         """Tell what DDS shows of topics by their names there."""
-        found = {}
+        result = {}
         for topic in topics:
             look = self.node.get_subscriptions_info_by_topic if "Request" in topic else None
             for endpoint in (look or self.node.get_publishers_info_by_topic)(topic, no_mangle=True):
                 quality = endpoint.qos_profile
-                found[topic] = [
+                result[topic] = [
                     endpoint.topic_type, str(endpoint.topic_type_hash),
                     *(str(int(part)) for part in (quality.reliability, quality.durability, quality.history)),
                     str(quality.depth),
                 ]  # fmt: skip
-        self.say(done="wire", found=found)
+        self.say(done="wire", found=result)
 
     def endpoints(self, topic):
         publishers = self.node.get_publishers_info_by_topic(topic)

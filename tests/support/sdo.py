@@ -29,13 +29,13 @@ def frame(text: str) -> CanFrame:
 
 def conversations(text: str) -> dict[str, str]:
     """Read conversations of a client and a server: a name, and the words of `play_client` or `play_server` below it."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     for line in text.strip().splitlines():
         if not line.startswith(" "):
-            found[line] = ""
+            result[line] = ""
         else:
-            found[next(reversed(found))] += line
-    return found
+            result[next(reversed(result))] += line
+    return result
 
 
 def _options(text: str) -> tuple[dict[str, int], list[str]]:

@@ -80,6 +80,6 @@ class StreamBench(Bench):
         while (gone := self.now - begun) < seconds * 1e9:
             if gone // MS == 400:
                 self.restart()
-            made = gone // (controller_ms * MS)
-            self.cycle(round(made * controller_ms * STEP / 10), sync_ms / 1000)
+            created = gone // (controller_ms * MS)
+            self.cycle(round(created * controller_ms * STEP / 10), sync_ms / 1000)
         return self

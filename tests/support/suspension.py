@@ -13,16 +13,16 @@ def suspend_after(monkeypatch, kind, count, seconds=3.0, number=signal.SIGCONT):
 
     Return the list of all requests of that kind, to which later ones are added.
     """
-    asked, ask = [], RobotClient.ask
+    requested, ask = [], RobotClient.ask
 
     def spy(self, request, *timeout):
         answer = ask(self, request, *timeout)
         if isinstance(request, kind):
-            asked.append(request)
-            if len(asked) == count:
+            requested.append(request)
+            if len(requested) == count:
                 time.sleep(seconds)
                 signal.raise_signal(number)
         return answer
 
     monkeypatch.setattr(RobotClient, "ask", spy)
-    return asked
+    return requested

@@ -32,5 +32,5 @@ def check_transcript(text, decoder=None):
     """Decode the frames at the beginning of lines, and compare what is reported of each with the rest of its line."""
     decoder, lines = decoder or robby_decoder(), [line.strip() for line in text.strip().splitlines()]
     frames = [line.partition(" ")[0] for line in lines]
-    texts = said(decoder, *((int(can_id, 16), data) for can_id, _, data in (each.partition("#") for each in frames)))
+    texts = said(decoder, *((int(can_id, 16), data) for can_id, _, data in (item.partition("#") for item in frames)))
     assert [f"{each} {reported}" for each, reported in zip(frames, texts, strict=True)] == lines

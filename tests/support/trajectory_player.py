@@ -44,21 +44,21 @@ class Player:
     """A controller that is configured; `play` does one step and returns what is not as expected."""
 
     def __init__(self, case: dict[str, Any]) -> None:
-        given = case["in"]
-        self.rate = given["update_rate"]
+        inputs = case["in"]
+        self.rate = inputs["update_rate"]
         self.controller = controller = JointTrajectoryController("arm")
         controller.cycle_rate = self.rate
-        controller.description = {name: joint(name, text) for name, text in given["urdf"].items()}
+        controller.description = {name: joint(name, text) for name, text in inputs["urdf"].items()}
         self.goals: dict[str, TrajectoryGoal] = {}
         self.told: dict[str, dict[str, Any]] = {}
         try:
-            controller.on_configure(Params.of({**given["params"], **OURS}))
+            controller.on_configure(Params.of({**inputs["params"], **OURS}))
         except RobotConfigError:
             self.configured = False
             return
         self.configured = True
-        values = given.get("state0", {})
-        before = given.get("command0", {})
+        values = inputs.get("state0", {})
+        before = inputs.get("command0", {})
         self.commands = [
             CommandInterface(*name.rsplit("/", 1), before.get(name, math.nan))
             for name in controller.command_interface_names()
@@ -154,7 +154,7 @@ class Player:
     def _differences(self, expect: dict[str, Any]) -> dict[str, Any]:
         controller = self.controller
         active = next((name for name, goal in self.goals.items() if goal is controller.goal), None)
-        found = {
+        result = {
             "holding": controller.holding,
             "active_goal": active,
             "pending_goal": active is not None,
@@ -165,7 +165,7 @@ class Player:
             "goals": self.told,
             "first_change_cycle": self.first_change,
         }
-        wrong = {key: (found[key], expect[key]) for key in found.keys() & expect.keys() if found[key] != expect[key]}
+        wrong = {key: (result[key], expect[key]) for key in result.keys() & expect.keys() if result[key] != expect[key]}
         for name, value in expect.get("command", {}).items():
             command = next(candidate for candidate in self.commands if candidate.name == name)
             if not (same(command.value, value) or abs(command.value - value) <= 1e-9 * max(1.0, abs(value))):
@@ -178,9 +178,9 @@ class Player:
         kept = self.controller.tolerances
         wrong = {}
         for key in ("path", "goal"):
-            found = [[point.position, point.velocity, point.acceleration] for point in getattr(kept, key)]
-            if not all(close(a, b) for a, b in zip(found, expect[key], strict=True)):
-                wrong[key] = (found, expect[key])
+            result = [[point.position, point.velocity, point.acceleration] for point in getattr(kept, key)]
+            if not all(close(a, b) for a, b in zip(result, expect[key], strict=True)):
+                wrong[key] = (result, expect[key])
         return wrong if same(kept.goal_time, expect["goal_time"]) else {**wrong, "goal_time": kept.goal_time}
 
     def _state_message(self, expect: dict[str, Any]) -> dict[str, Any]:

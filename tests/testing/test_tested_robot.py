@@ -7,9 +7,9 @@ from canopen_control.testing.tested_robot import TestedRobot
 
 @pytest.fixture
 def robot():
-    made = TestedRobot(setup_of(), 1)
-    yield made
-    made.close()
+    tested_robot = TestedRobot(setup_of(), 1)
+    yield tested_robot
+    tested_robot.close()
 
 
 def test_unknown_names_are_refused_with_the_available_ones(robot):

@@ -17,9 +17,9 @@ WINDOW = (0x6067, 0)  # bus.yml says nothing of it
 
 @pytest.fixture
 def robot(private_folders):
-    made = TestedRobot(setup_of(), 1)
-    yield made
-    made.close()
+    tested_robot = TestedRobot(setup_of(), 1)
+    yield tested_robot
+    tested_robot.close()
 
 
 def test_objects_and_the_identity_are_read_while_time_advances(robot):

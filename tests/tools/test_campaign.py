@@ -1,4 +1,4 @@
-"""`tools/campaign` from outside: what it says, its exit codes, and that it hears what a robot must not do."""
+"""`tools/campaign` as a process: output, exit codes, and detection of violations."""
 
 import json
 import os
@@ -60,8 +60,8 @@ def test_motion_that_is_not_requested_is_reported_with_how_to_play_it_again(tmp_
     words = [*TOOL, "--replay", str(script), "--for", "5s", "--json"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        told = process.stderr.readline()
-        folder = re.search(r"folder (\S+)", told)[1]
+        reported = process.stderr.readline()
+        folder = re.search(r"folder (\S+)", reported)[1]
         monkeypatch.setenv("XDG_RUNTIME_DIR", f"{folder}/run")
         assert any("recover" in line for line in process.stderr)
         turn(time.monotonic() + 2.0)

@@ -1,4 +1,4 @@
-"""What the campaign watches beside the bus: memory, output, and who is left."""
+"""Checks of the campaign apart from the bus: memory, output, and surviving processes."""
 
 import pytest
 from campaigner.health import GROWTH_MB, WARM_UP_S, Logs, Memory

@@ -1,4 +1,4 @@
-"""The nightly campaign of `tools/campaign --hours`: what it runs, keeps and goes on from, and its page."""
+"""The nightly campaign of `tools/campaign --hours`: runs, stored results, continuation, and its page."""
 
 import json
 import re
@@ -33,7 +33,9 @@ def test_a_run_that_was_ended_is_taken_up_where_it_was(short, tmp_path, capsys):
     assert night(parts, "--seeds", "2") == 0
     assert read_results(parts).seeds == 2
     assert night(parts, "--seeds", "4") == 0
-    assert [each.sha256 for each in read_results(parts).robots] == [each.sha256 for each in read_results(whole).robots]
+    assert [robot.sha256 for robot in read_results(parts).robots] == [
+        robot.sha256 for robot in read_results(whole).robots
+    ]
     assert "4 seeds, 0.00 hours of robots" in capsys.readouterr().out
 
 
@@ -42,19 +44,19 @@ def test_a_breach_is_shrunk_written_and_exits_with_1(short, tmp_path, monkeypatc
     monkeypatch.setattr(
         nightly.Campaign,
         "run",
-        lambda _self, seeds, _jobs: (SeedResult(each, 1.0, 0.1, 9, 1, "ab", (breach,), {}) for each in seeds),
+        lambda _self, seeds, _jobs: (SeedResult(seed, 1.0, 0.1, 9, 1, "ab", (breach,), {}) for seed in seeds),
     )
     monkeypatch.setattr(nightly.Campaign, "shrink", lambda _self, _result: ())
     assert night(tmp_path / "r.json", "--seeds", "2") == 1
-    said = capsys.readouterr().out
-    assert "robby, seed 0: 0.500 s: late: SYNC came late" in said
-    [scenario] = re.findall(r"simulate robby --scenario (\S+)", said)
+    output = capsys.readouterr().out
+    assert "robby, seed 0: 0.500 s: late: SYNC came late" in output
+    [scenario] = re.findall(r"simulate robby --scenario (\S+)", output)
     assert "steps: []" in Path(scenario).read_text()
 
 
 def test_the_page_in_the_documentation_is_made_of_the_results_there():
-    found = read_results(REFERENCE / "seeds.json")
-    assert (REFERENCE / "seeds.md").read_text(encoding="utf-8") == page_of(found)
+    results = read_results(REFERENCE / "seeds.json")
+    assert (REFERENCE / "seeds.md").read_text(encoding="utf-8") == page_of(results)
     names = [plan.name for plan in nightly.PLANS]
     rows = json.loads((REFERENCE / "seeds.json").read_text())["robots"]
     broken = {

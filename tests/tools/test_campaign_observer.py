@@ -1,4 +1,4 @@
-"""The campaign's observer, by hand-made traces: what must be a breach is one, what may be late is none."""
+"""The observer of the campaign with hand-made traces: violations are detected, permitted delays are not."""
 
 import struct
 from pathlib import Path

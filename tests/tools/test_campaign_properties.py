@@ -1,4 +1,4 @@
-"""`tools/campaign --properties`: random examples from a seed that is printed, and what is found is found again."""
+"""`tools/campaign --properties`: random examples from a printed seed, and failures that are reproduced."""
 
 import subprocess
 

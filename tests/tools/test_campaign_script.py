@@ -25,6 +25,6 @@ def test_what_is_written_is_read():
 def test_the_campaign_of_ci_is_a_list_that_can_be_played():
     actions = read_script((ROOT / "tools" / "campaigner" / "floor.txt").read_text().splitlines())
     assert {"stream", "once", "absurd", "stop", "enable", "fault", "kill", "restart", "hostile", "flood"} <= {
-        each.kind for each in actions
+        action.kind for action in actions
     }
     assert "--replay tools/campaigner/floor.txt" in (ROOT / ".ci" / "run").read_text()

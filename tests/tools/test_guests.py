@@ -1,4 +1,4 @@
-"""The launchers of the guests: what they say where there is none, and that exit codes, limits and files hold."""
+"""The launchers of the guests: messages without a guest, exit codes, limits and files."""
 
 import ctypes
 import errno

@@ -1,4 +1,4 @@
-"""The hooks before a commit: what they run is there, and is what tools/test runs."""
+"""The hooks before a commit: their programs exist, and are those of tools/test."""
 
 import importlib.util
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""tools/run_tests.py: which tests belong to which run, lanes side by side, second looks, and no process left behind."""
+"""tools/run_tests.py: tests of each run, parallel lanes, second runs, and no process left behind."""
 
 import ctypes
 import itertools
@@ -44,11 +44,11 @@ KINDS = ("process", "rest", "alone", "timed", "browser", "sources")
 def selected(parts, marks):
     """Return the names of the uncompiled parts that select a test with these marks."""
     return [
-        each.name
-        for each in parts
-        if "pytest" in each.command
-        and "PYTHONPATH" not in each.environment
-        and Expression.compile(each.command[each.command.index("-m", 4) + 1]).evaluate(lambda name, **_: name in marks)
+        item.name
+        for item in parts
+        if "pytest" in item.command
+        and "PYTHONPATH" not in item.environment
+        and Expression.compile(item.command[item.command.index("-m", 4) + 1]).evaluate(lambda name, **_: name in marks)
     ]
 
 
@@ -58,9 +58,9 @@ def possible(marks):
 
 def test_every_test_belongs_to_one_part_of_one_run(in_checkout, monkeypatch):
     monkeypatch.delenv("CANOPEN_CONTROL_LOOP_S", raising=False)
-    default = [each for lane in run_tests.default_lanes() for each in lane]
-    rest = [each for lanes in run_tests.rest_steps() for lane in lanes for each in lane]
-    for marks in (set(each) for n in range(len(KINDS) + 1) for each in itertools.combinations(KINDS, n)):
+    default = [item for lane in run_tests.default_lanes() for item in lane]
+    rest = [item for lanes in run_tests.rest_steps() for lane in lanes for item in lane]
+    for marks in (set(combination) for n in range(len(KINDS) + 1) for combination in itertools.combinations(KINDS, n)):
         if possible(marks):
             by_default, by_rest = set(selected(default, marks)), selected(rest, marks)
             by_default.discard("tests without a process, 2 of 2")  # the other half of the same tests
@@ -88,18 +88,18 @@ def test_files_of_the_rest_are_found_by_their_mark_their_kind_their_folder_or_th
 
 
 def test_every_file_of_a_part_exists(in_checkout):
-    parts = [each for lanes in run_tests.rest_steps() for lane in lanes for each in lane]
-    named = [word for each in parts for word in each.command if word.startswith("tests/")]
+    parts = [item for lanes in run_tests.rest_steps() for lane in lanes for item in lane]
+    named = [word for item in parts for word in item.command if word.startswith("tests/")]
     assert named
     assert [path for path in named if not Path(path).exists()] == []
 
 
 def test_the_rest_begins_with_the_robots_that_leave_most_to_the_compiler_and_ends_with_those_it_makes(in_checkout):
     *computing, waiting = run_tests.rest_steps()[0]
-    assert [each.name for each in waiting] == ["timed tests", "long tests with processes", "compiled, whole robots"]
-    assert {each.nice for lane in computing for each in lane} == {run_tests._LEAVING_ALL}
-    assert {each.nice for each in waiting} == {0}
-    workers = {each.name: each.command[each.command.index("-n") + 1] for each in waiting}
+    assert [item.name for item in waiting] == ["timed tests", "long tests with processes", "compiled, whole robots"]
+    assert {item.nice for lane in computing for item in lane} == {run_tests._LEAVING_ALL}
+    assert {item.nice for item in waiting} == {0}
+    workers = {item.name: item.command[item.command.index("-n") + 1] for item in waiting}
     assert workers == {"timed tests": "2", "long tests with processes": "3", "compiled, whole robots": "2"}
 
 
@@ -109,8 +109,8 @@ def test_the_rest_begins_with_the_robots_that_leave_most_to_the_compiler_and_end
 def test_a_part_that_fails_fails_the_run_and_the_others_continue(run, capsys):
     run.lanes([[part("bad", "echo words of it; exit 3"), part("good", "true")]])
     assert not run.good
-    assert "== bad: " in (said := capsys.readouterr().out)
-    assert "FAILED (exit code 3)\nwords of it" in said
+    assert "== bad: " in (text := capsys.readouterr().out)
+    assert "FAILED (exit code 3)\nwords of it" in text
     assert "== failed: bad" in run.summary()
     assert len(run.results) == 2
 
@@ -118,7 +118,7 @@ def test_a_part_that_fails_fails_the_run_and_the_others_continue(run, capsys):
 @pytest.mark.parametrize(("script", "code"), [("sleep 0.1; touch made", 0), ("exit 1", 1)])
 def test_a_part_waits_for_the_part_of_another_lane_that_it_needs(run, script, code):
     run.lanes([[part("first", script)], [part("second", "test -e made", needs="first")]])
-    assert [(each.part.name, each.code) for each in run.results] == [("first", code), ("second", code)]
+    assert [(result.part.name, result.code) for result in run.results] == [("first", code), ("second", code)]
 
 
 def test_a_part_that_the_end_of_an_interrupted_run_has_reaped_ends_its_lane(run, monkeypatch):
@@ -194,9 +194,9 @@ def test_an_interrupted_run_ends_every_child(tmp_path, number):
     assert eventually(lambda: child.exists() and child.read_text().strip())
     pid = int(child.read_text())
     run.send_signal(number)
-    said, _ = run.communicate(timeout=60)
+    message, _ = run.communicate(timeout=60)
     assert run.returncode == run_tests.INTERRUPTED
-    assert "interrupted; every process of this run has ended" in said
+    assert "interrupted; every process of this run has ended" in message
     assert not Path(f"/proc/{pid}").exists()
 
 
@@ -204,7 +204,7 @@ def test_an_interrupted_run_ends_every_child(tmp_path, number):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "text"),
     [
         (["nonsense"], "there are no tests of 'nonsense'; subpackages with tests: bench bus"),
         (["--nonsense"], "there is no option --nonsense; `./tools/test --help` shows what there is"),
@@ -212,6 +212,6 @@ def test_an_interrupted_run_ends_every_child(tmp_path, number):
         (["--coverage", "nonsense"], "there are no tests of 'nonsense'"),
     ],
 )
-def test_arguments_that_name_nothing_are_refused(in_checkout, words, said, capsys):
+def test_arguments_that_name_nothing_are_refused(in_checkout, words, text, capsys):
     assert run_tests.main(words) == run_tests.USAGE
-    assert said in capsys.readouterr().err
+    assert text in capsys.readouterr().err

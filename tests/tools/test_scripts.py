@@ -1,4 +1,4 @@
-"""The shell scripts of tools/: who asks what one does gets the answer, and nothing is installed for it."""
+"""The shell scripts of tools/: --help prints the description and installs nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A bag is read back: by rosbags here, by rclpy's own messages where there is a ROS."""
+"""Bags are read back: by rosbags here, by rclpy's own messages if ROS is available."""
 
 import builtins
 import json
@@ -119,7 +119,7 @@ def test_batteries(found_of_sensors):
 def test_inputs_and_outputs_and_where_a_gripper_is_sent(found_of_sensors):
     io = only(found_of_sensors, "/io/gpio_states")
     assert io.interface_groups == ["io", "valve"]
-    assert [each.interface_names for each in io.interface_values] == [["lamp", "pressed"], ["open"]]
+    assert [value.interface_names for value in io.interface_values] == [["lamp", "pressed"], ["open"]]
     assert io.interface_values[0].values[0] == 1.0
     assert math.isnan(io.interface_values[0].values[1])
     assert list(only(found_of_sensors, "/gripper/commands_out").data) == [0.04]
@@ -188,12 +188,12 @@ def test_bases_report_their_wheels_alongside_their_odometry(found):
     assert (base.front_left_wheel_velocity, base.back_left_wheel_velocity) == (1.0, 2.0)
     assert base.back_right_wheel_velocity == 3.0
     assert math.isnan(base.front_right_wheel_velocity)
-    wanted = base.reference_velocity
-    assert (wanted.linear.x, wanted.linear.y, wanted.angular.z) == (0.5, -0.25, 0.125)
+    expected = base.reference_velocity
+    assert (expected.linear.x, expected.linear.y, expected.angular.z) == (0.5, -0.25, 0.125)
 
 
 def test_a_mecanum_base_that_has_reported_no_wheels_yet_is_nan_throughout():
-    (row,) = [each for each in SAMPLE_TOPICS if each.kind is MecanumSample]
+    (row,) = [topic for topic in SAMPLE_TOPICS if topic.kind is MecanumSample]
     messages = BagMessages()
     message = messages.empty(row.message)
     fill(messages, message, row, MecanumSample(time=1.0, x=0.0, y=0.0, heading=0.0))
@@ -252,9 +252,9 @@ def tell(bench):
     bench.api = ApiServer(bench.robot)
     bench.start()
     client = Client(bench)
-    told = {"controllers": client.ask("controllers")["result"], "urdf": client.ask("description")["result"]["urdf"]}
+    reported = {"controllers": client.ask("controllers")["result"], "urdf": client.ask("description")["result"]["urdf"]}
     client.ask("subscribe", state_rate=50.0, events=True)
-    told["messages"] = messages = client.messages()
+    reported["messages"] = messages = client.messages()
     for tenth in range(30):
         if tenth < 20:
             bench.command(3.0, 4.0)
@@ -265,7 +265,7 @@ def tell(bench):
     client.close()
     bench.api.close()
     bench.close()
-    return told
+    return reported
 
 
 @pytest.fixture
@@ -292,15 +292,15 @@ def states(story):
 
 
 def read(path):
-    store, found = BagMessages().store, {}
+    store, result = BagMessages().store, {}
     with rosbags.Reader(path) as reader:
         for connection, stamp, data in reader.messages():
-            found.setdefault(connection.topic, []).append((stamp, store.deserialize_cdr(data, connection.msgtype)))
-    return found
+            result.setdefault(connection.topic, []).append((stamp, store.deserialize_cdr(data, connection.msgtype)))
+    return result
 
 
 def told(story):
-    return [each["samples"]["joint_state_broadcaster"] for each in states(story)]
+    return [state["samples"]["joint_state_broadcaster"] for state in states(story)]
 
 
 @pytest.mark.rest
@@ -319,21 +319,23 @@ def test_every_update_of_the_broadcaster_is_a_joint_state_with_its_stamp(story, 
 
 
 def test_commands_are_recorded_on_change_under_an_unused_topic_name(bag):
-    found = read(bag)
-    commands = [list(message.data) for _, message in found[f"/{FORWARD}/commands_out"]]
+    result = read(bag)
+    commands = [list(message.data) for _, message in result[f"/{FORWARD}/commands_out"]]
     assert [3.0, 4.0] in commands
     assert len(commands) < 10
-    assert f"/{FORWARD}/commands" not in found
+    assert f"/{FORWARD}/commands" not in result
 
 
 def test_wheels_turn_in_tf_and_what_is_fixed_is_there_once(story, bag):
-    found = read(bag)
-    turning = {transform.child_frame_id: transform.transform.rotation.w for transform in found["/tf"][50][1].transforms}
+    result = read(bag)
+    turning = {
+        transform.child_frame_id: transform.transform.rotation.w for transform in result["/tf"][50][1].transforms
+    }
     assert len(turning) == 2
-    first = {each.child_frame_id: each.transform.rotation.w for each in found["/tf"][0][1].transforms}
+    first = {item.child_frame_id: item.transform.rotation.w for item in result["/tf"][0][1].transforms}
     assert all(turning[name] != first[name] for name in first)
-    assert len(found.get("/tf_static", ())) <= 1
-    assert found["/robot_description"][0][1].data == story["urdf"]
+    assert len(result.get("/tf_static", ())) <= 1
+    assert result["/robot_description"][0][1].data == story["urdf"]
 
 
 def test_events_are_log_messages_with_their_level_and_node(bag):
@@ -367,15 +369,15 @@ def test_odometry_becomes_odom_tf_and_the_limited_twist(story, tmp_path):
     with BagWriter(tmp_path / "odom", "robby", urdf=story["urdf"]) as writer:
         for _ in range(2):  # published once, sampled twice
             writer.state(sample_of({**states(story)[0], "samples": {"base": sample}}))
-    found = read(tmp_path / "odom")
-    assert len(found["/base/odom"]) == len(found["/base/cmd_vel_out"]) == 1
-    odometry = found["/base/odom"][0][1]
+    result = read(tmp_path / "odom")
+    assert len(result["/base/odom"]) == len(result["/base/cmd_vel_out"]) == 1
+    odometry = result["/base/odom"][0][1]
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_link")
     assert odometry.pose.pose.orientation.z == pytest.approx(1.0)
     assert list(odometry.pose.covariance)[::7] == [1, 2, 3, 4, 5, 6]
     assert odometry.twist.twist.linear.x == 0.5
-    assert found["/base/cmd_vel_out"][0][1].twist.angular.z == 0.1
-    assert {each.header.frame_id for each in found["/tf"][0][1].transforms} >= {"odom"}
+    assert result["/base/cmd_vel_out"][0][1].twist.angular.z == 0.1
+    assert {transform.header.frame_id for transform in result["/tf"][0][1].transforms} >= {"odom"}
 
 
 def test_a_bag_never_overwrites(bag):
@@ -403,14 +405,14 @@ def test_rclpys_own_messages_agree(story, bag):
         [sys.executable, "-c", READ_WITH_RCLPY, str(bag)], env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout.splitlines()[-1])
-    sample, (stamp, message) = told(story)[60], found["/joint_states"][60]
+    result = json.loads(done.stdout.splitlines()[-1])
+    sample, (stamp, message) = told(story)[60], result["/joint_states"][60]
     assert message["header"]["stamp"]["sec"] * 10**9 + message["header"]["stamp"]["nanosec"] == stamp
     left = message["name"].index("left_wheel_joint")
     assert message["velocity"][left] == sample["joints"]["left_wheel_joint"]["velocity"]
     assert message["position"][left] == sample["joints"]["left_wheel_joint"]["position"]
-    assert [3.0, 4.0] in [each["data"] for _, each in found[f"/{FORWARD}/commands_out"]]
-    assert any(each["level"] == 40 and each["name"] == "robby.left_drive" for _, each in found["/rosout"])
-    statuses = {each["name"]: each for _, array in found["/diagnostics"] for each in array["status"]}
+    assert [3.0, 4.0] in [each["data"] for _, each in result[f"/{FORWARD}/commands_out"]]
+    assert any(each["level"] == 40 and each["name"] == "robby.left_drive" for _, each in result["/rosout"])
+    statuses = {item["name"]: item for _, array in result["/diagnostics"] for item in array["status"]}
     assert statuses["robby: left_drive"]["hardware_id"] == "node 3"
-    assert found["/robot_description"][0][1]["data"] == story["urdf"]
+    assert result["/robot_description"][0][1]["data"] == story["urdf"]

@@ -34,16 +34,16 @@ def test_frames_of_a_running_robot_are_read_by_cantools_as_by_the_decoder():
     bench, db, decoder = Bench("dbc"), database(robby_network()), robby_decoder()
     bench.start()
     bench.hold(1.0, -2.0, ms=500)
-    seen = {}
+    observed = {}
     for _, frame in bench.bus.history:
         decoded = decoder.decode(frame)
         if decoded.service == "pdo":
-            seen.setdefault(decoded.subject, set()).add(frame.data)
+            observed.setdefault(decoded.subject, set()).add(frame.data)
             ours = {value.name.replace(" ", "_"): value.value for value in decoded.values}
             assert values_of(db, frame.can_id, frame.data) == ours
     bench.close()
-    assert set(seen) == {"RPDO1", "RPDO2", "TPDO1", "TPDO2"}
-    assert min(len(different) for different in seen.values()) > 2  # it has moved, in several states
+    assert set(observed) == {"RPDO1", "RPDO2", "TPDO1", "TPDO2"}
+    assert min(len(different) for different in observed.values()) > 2  # it has moved, in several states
 
 
 def test_words_and_modes_are_named():

@@ -58,7 +58,7 @@ def test_every_service_has_its_words(can_id, data, service, node, text, mark):
 def test_a_pdo_is_read_by_name_and_type():
     got = one(0x283, "FFFFFFFF40060000")
     assert got.subject == "TPDO2"
-    assert [(each.name, each.value) for each in got.values] == [
+    assert [(item.name, item.value) for item in got.values] == [
         ("Position actual value", -1),
         ("Velocity actual value", 1600),
     ]
@@ -78,7 +78,7 @@ def test_the_words_of_the_drive_profile_depend_on_what_was_received_before():
 def test_news_of_a_drive_are_marked_once():
     decoder = robby_decoder()
     frames = ["310603", "310603", "370603", "370604", "180604", "180204", "500604"]
-    assert [decoder.decode(frame(0x183, each)).mark for each in frames] == [
+    assert [decoder.decode(frame(0x183, item)).mark for item in frames] == [
         Mark.NOTABLE,
         Mark.PLAIN,
         Mark.NOTABLE,
@@ -120,18 +120,18 @@ def beats(*times_ms):
 
 
 def test_a_heartbeat_after_a_silence_reports_how_long_it_was():
-    told = beats(0, 100, 200, 301, 3301, 3400)
-    assert [each.text for each in told[3:]] == [
+    reported = beats(0, 100, 200, 301, 3301, 3400)
+    assert [item.text for item in reported[3:]] == [
         "OPERATIONAL",
         "OPERATIONAL (after 3.00 s of silence)",
         "OPERATIONAL",
     ]
-    assert told[4].mark is Mark.WARNING
+    assert reported[4].mark is Mark.WARNING
 
 
 def test_heartbeats_that_were_read_late_together_are_not_silence():
-    assert {each.text for each in beats(0, 100, 100.1, 200, 200.1, 380, 400, 2000, 3600)[:7]} == {"OPERATIONAL"}
-    assert {each.text for each in beats(0, 0.5, 190, 191, 380)} == {"OPERATIONAL"}
+    assert {beat.text for beat in beats(0, 100, 100.1, 200, 200.1, 380, 400, 2000, 3600)[:7]} == {"OPERATIONAL"}
+    assert {beat.text for beat in beats(0, 0.5, 190, 191, 380)} == {"OPERATIONAL"}
 
 
 def test_a_pdo_may_lie_on_any_identifier_even_one_of_29_bits():
@@ -166,11 +166,11 @@ frames = st.builds(
 @given(st.lists(frames, max_size=60))
 def test_nothing_on_the_wire_raises_and_everything_gets_a_line(stream):
     decoder, again = robby_decoder(), Decoder(robby_network())
-    for each in stream:
-        got = decoder.decode(each, 1)
+    for item in stream:
+        got = decoder.decode(item, 1)
         assert got.service in SERVICES
         assert "\n" not in got.text
-        assert got == again.decode(each, 1)
+        assert got == again.decode(item, 1)
 
 
 @given(st.binary(max_size=64))

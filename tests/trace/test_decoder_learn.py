@@ -30,7 +30,7 @@ def taught(values, pdos=None):
 def test_a_pdo_is_known_when_it_is_valid_and_all_its_objects_were_received():
     ((pdo, before),) = taught([*MAP, held(0x1800, 2, 1), held(0x1800, 1, 0x40000183)])
     assert (pdo_name(pdo), pdo.cob_id, pdo.transmission_type, before) == ("TPDO1", 0x183, 1, None)
-    assert [(each.name, each.bits, each.data_type) for each in pdo.objects] == [
+    assert [(item.name, item.bits, item.data_type) for item in pdo.objects] == [
         ("statusword", 16, "UNSIGNED16"),
         ("velocity actual", 32, "INTEGER32"),
     ]
@@ -45,12 +45,12 @@ def test_what_is_off_or_in_part_or_impossible_is_not_known():
 
 
 def test_the_layout_of_a_robot_is_learned_from_its_boot_alone():
-    bench, decoder, told = Bench("learn"), Decoder(NetworkDescription()), robby_decoder()
+    bench, decoder, reported = Bench("learn"), Decoder(NetworkDescription()), robby_decoder()
     bench.start()
     bench.hold(1.0, -2.0, ms=200)
     frames = [each for _, each in bench.bus.history]
     bench.close()
-    pairs = [(decoder.decode(each), told.decode(each)) for each in frames]
+    pairs = [(decoder.decode(item), reported.decode(item)) for item in frames]
     pdos = [(ours, theirs) for ours, theirs in pairs if theirs.service == "pdo"]
     assert len(pdos) > 50
     assert [[value.value for value in ours.values] for ours, _ in pdos] == [
@@ -79,11 +79,11 @@ VALUES = st.sampled_from([0, 1, 2, 0x183, 0x603, 0x60410010, 0x606C0020, 0x20000
 
 @given(st.lists(st.tuples(RECORDS | st.integers(0x1400, 0x1BFF), st.integers(0, 3), VALUES), max_size=50))
 def test_whatever_a_node_holds_what_is_known_could_be_on_the_bus(values):
-    for pdo, _ in taught([held(*each) for each in values]):
+    for pdo, _ in taught([held(*value) for value in values]):
         assert pdo.direction in ("rpdo", "tpdo")
         assert 1 <= pdo.number <= 512
         assert 0 < len(pdo.objects) <= 64
-        assert sum(each.bits for each in pdo.objects) <= 64
+        assert sum(item.bits for item in pdo.objects) <= 64
         assert pdo.cob_id & EXTENDED_FLAG or not is_restricted(pdo.cob_id)
 
 

@@ -1,4 +1,4 @@
-"""The recorder in this process, beside a robot on mock hardware and on a bus of its own."""
+"""The recorder in this process, with a robot on mock hardware and on a separate bus."""
 
 import json
 import os
@@ -68,9 +68,9 @@ def test_events_and_states_of_the_robot_are_in_the_file_and_the_robot_reports_wh
     assert file.meta.status.robot == "flight"
     assert file.states[-1].joints
     assert "flight runs" in " ".join(event.text for event in file.events)  # from before the recorder was there
-    told = [event for event in robot.status().events if event.kind == "flight"]
-    assert len(told) <= 1
-    assert recorder.unsent == [] or told == []
+    reported = [event for event in robot.status().events if event.kind == "flight"]
+    assert len(reported) <= 1
+    assert recorder.unsent == [] or reported == []
 
 
 @pytest.mark.rest

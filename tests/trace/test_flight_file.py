@@ -68,9 +68,9 @@ def test_a_bus_at_full_speed_shortens_the_window_instead_of_filling_the_memory()
 def test_the_newest_frames_are_there_in_order_and_the_memory_is_bounded(additions):
     ring, now, added = FrameRing(10 * S, 4000), 0, []
     for pause, bus, count in additions:
-        times = [now + pause + each for each in range(count)]
+        times = [now + pause + item for item in range(count)]
         now = times[-1]
-        numbers = [len(added) + each for each in range(count)]
+        numbers = [len(added) + item for item in range(count)]
         ring.add(bus, b"".join(map(record, numbers)), times)
         added += [(time, bus, record(number)) for time, number in zip(times, numbers, strict=True)]
         kept = list(ring.frames(0))
@@ -116,11 +116,11 @@ def write(folder, frames=FRAMES, **meta):
 
 
 def test_what_clients_asked_for_is_read_back_where_it_is_there(tmp_path):
-    asked = RequestSeen(2.0, "stop", Raw(b'{"latch":true}'))
+    request_seen = RequestSeen(2.0, "stop", Raw(b'{"latch":true}'))
     path = tmp_path / "run.zip"
-    write_flight(path, META, iter(()), [], [], [text_of(asked)])
-    [found] = read_flight(path).requests
-    assert (found.time, found.method, bytes(found.params)) == (2.0, "stop", b'{"latch":true}')
+    write_flight(path, META, iter(()), [], [], [text_of(request_seen)])
+    [result] = read_flight(path).requests
+    assert (result.time, result.method, bytes(result.params)) == (2.0, "stop", b'{"latch":true}')
     assert read_flight(RELEASED).requests == []
 
 
@@ -271,7 +271,10 @@ def whole(tmp_path_factory):
     """The members of a recording of a robot whose drive fails, small, with the bytes of each of its files."""
     path = tmp_path_factory.mktemp("whole") / "x.zip"
     file = read_flight(RELEASED)
-    kept = [text_of(each) for each in file.states[:3]], [text_of(each) for each in file.events if each.level != "info"]
+    kept = (
+        [text_of(state) for state in file.states[:3]],
+        [text_of(item) for item in file.events if item.level != "info"],
+    )
     return path, {
         "meta.json": [text_of(file.meta)],
         "states.jsonl": kept[0],
@@ -309,7 +312,7 @@ def test_whatever_is_changed_is_refused_in_a_sentence_or_reported(whole, data):
     name = data.draw(st.sampled_from(("meta.json", "events.jsonl", "states.jsonl")))
     documents = [json.loads(line) for line in members[name]]
     way = data.draw(st.sampled_from([way for way in places(documents) if len(way) > 1]))
-    lines = [json.dumps(each).encode() for each in damaged(documents, way, data.draw(ODD))]
+    lines = [json.dumps(item).encode() for item in damaged(documents, way, data.draw(ODD))]
     with zipfile.ZipFile(path, "w") as archive:
         for each, content in {**members, name: lines}.items():
             archive.writestr(each, b"\n".join(content))
@@ -358,8 +361,8 @@ def test_lines_that_are_not_frames_are_counted(tmp_path):
 
 
 def test_samples_have_what_controllers_reported_unless_an_earlier_version_reported_it_otherwise(tmp_path):
-    told = {"front": {"kind": "range", "time": 1.0, "frame_id": "f", "range": 1.25}}
-    (state,) = read_flight(rewritten(write(tmp_path), **{"states.jsonl": sample(1, samples=told)})).states
+    reported = {"front": {"kind": "range", "time": 1.0, "frame_id": "f", "range": 1.25}}
+    (state,) = read_flight(rewritten(write(tmp_path), **{"states.jsonl": sample(1, samples=reported)})).states
     assert state.samples["front"].range == 1.25
     path = rewritten(write(tmp_path), **{"states.jsonl": sample(1, samples={"front": {"kind": "sonar", "time": 1.0}})})
     (state,) = read_flight(path).states

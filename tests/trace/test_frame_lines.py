@@ -78,7 +78,7 @@ def test_colours_mark_only_values_that_need_attention():
 
 
 def test_identifiers_of_29_bits_and_error_classes_have_eight_digits():
-    assert [identifier_text(each) for each in (0x80, EXTENDED_FLAG | 0x80, ERROR_FLAG | 4, REMOTE_FLAG | 0x703)] == [
+    assert [identifier_text(item) for item in (0x80, EXTENDED_FLAG | 0x80, ERROR_FLAG | 4, REMOTE_FLAG | 0x703)] == [
         "080",
         "00000080",
         "00000004",
@@ -88,11 +88,11 @@ def test_identifiers_of_29_bits_and_error_classes_have_eight_digits():
 
 def test_a_frame_is_a_document_for_scripts():
     decoder = robby_decoder()
-    told = plain(document_of(decoder.decode(frame(0x183, "370603"), 1_500_000_000)))
-    assert list(told) == ["time", "id", "extended", "remote", "data", "service", "subject", "node_id", "node", "text",
+    row = plain(document_of(decoder.decode(frame(0x183, "370603"), 1_500_000_000)))
+    assert list(row) == ["time", "id", "extended", "remote", "data", "service", "subject", "node_id", "node", "text",
                           "mark", "values"]  # fmt: skip
-    assert (told["time"], told["id"], told["data"], told["node"]) == (1.5, "183", "370603", "left_drive")
-    assert told["values"][0] == {
+    assert (row["time"], row["id"], row["data"], row["node"]) == (1.5, "183", "370603", "left_drive")
+    assert row["values"][0] == {
         "index": 0x6041,
         "subindex": 0,
         "name": "Statusword",

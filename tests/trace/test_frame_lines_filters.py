@@ -20,8 +20,8 @@ STREAM = [
 
 
 def shown(**how):
-    decoder, wanted = robby_decoder(), Filter(**how)
-    return [each[0] for each in STREAM if wanted.wants(decoder.decode(frame(*each)))]
+    decoder, expected = robby_decoder(), Filter(**how)
+    return [item[0] for item in STREAM if expected.wants(decoder.decode(frame(*item)))]
 
 
 def test_by_node_by_service_and_by_identifier():
@@ -37,7 +37,7 @@ def test_changes_leave_out_repetitions_but_never_an_event():
 
 
 def test_events_are_what_is_news_and_nothing_else():
-    decoder, wanted = robby_decoder(), Filter(events=True)
+    decoder, expected = robby_decoder(), Filter(events=True)
     stream = [
         (0x703, "05"),
         (0x183, "310603"),
@@ -51,15 +51,15 @@ def test_events_are_what_is_news_and_nothing_else():
         (0x603, "4041600000000000"),
         (0x703, "7F"),
     ]
-    shown = [each for each in stream if wanted.wants(decoder.decode(frame(*each)))]
+    shown = [item for item in stream if expected.wants(decoder.decode(frame(*item)))]
     assert shown == [stream[1], stream[3], stream[4], stream[6], stream[7], stream[10]]
 
 
 def test_the_history_of_changes_is_bounded():
-    decoder, wanted = robby_decoder(), Filter(changes=True)
+    decoder, expected = robby_decoder(), Filter(changes=True)
     for number in range(5000):
-        wanted.wants(decoder.decode(frame(0x183, f"{number:06x}")))
-    assert len(wanted._last) == 1
+        expected.wants(decoder.decode(frame(0x183, f"{number:06x}")))
+    assert len(expected._last) == 1
 
 
 def test_services_are_named_and_a_wrong_one_names_them():

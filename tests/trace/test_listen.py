@@ -23,11 +23,11 @@ def test_frames_come_in_batches_and_a_silent_bus_gives_empty_ones():
     bus = MemoryBus.get("listening")
     listener, sender = bus.open("trace"), bus.open("drive")
     sender.send(pack_records([CanFrame(0x80), CanFrame(0x183, b"\x37\x06")]))
-    heard = batches(listener, 0.55, clock=Clock())
-    first = next(heard)
-    assert [each.frame for each in first] == [CanFrame(0x80), CanFrame(0x183, b"\x37\x06")]
+    received = batches(listener, 0.55, clock=Clock())
+    first = next(received)
+    assert [item.frame for item in first] == [CanFrame(0x80), CanFrame(0x183, b"\x37\x06")]
     assert first[0].time_ns > 1_600_000_000 * 10**9  # Unix time
-    assert list(heard)[-1] == []  # and it ends
+    assert list(received)[-1] == []  # and it ends
     assert listener.stats.tx == 0
     listener.close()
     sender.close()
@@ -41,7 +41,7 @@ def test_what_happens_to_the_channel_comes_after_the_frames_before_it():
     listener.events = lambda: [passive, down]
     order = []
     for batch in batches(listener, 0.15, clock=Clock(), on_event=order.append):
-        order += [each.frame for each in batch]
+        order += [item.frame for item in batch]
     assert order[:2] == [CanFrame(0x80), down]
     assert passive not in order
     listener.close()

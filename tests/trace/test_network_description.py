@@ -57,7 +57,7 @@ def test_a_layout_gives_nodes_their_names_and_pdos():
     assert [pdo_name(pdo) for pdo in left.pdos] == ["RPDO1", "RPDO2", "TPDO1", "TPDO2"]
     tpdo2 = left.pdos[3]
     assert (tpdo2.cob_id, tpdo2.transmission_type) == (0x283, 1)
-    assert [(each.index, each.bits, each.name) for each in tpdo2.objects] == [
+    assert [(item.index, item.bits, item.name) for item in tpdo2.objects] == [
         (0x6064, 32, "Position actual value"),
         (0x606C, 32, "Velocity actual value"),
     ]

@@ -20,7 +20,7 @@ TRUTH = {"time": 1.0, "x": 1.0, "y": 0.0, "heading": 0.0}
 
 
 def samples(*times):
-    return [sample_of({"time": each, "state": "running", "true_pose": TRUTH | {"x": each}}) for each in times]
+    return [sample_of({"time": time, "state": "running", "true_pose": TRUTH | {"x": time}}) for time in times]
 
 
 class Watched:
@@ -55,15 +55,15 @@ class Watched:
 
 @pytest.fixture
 def watched():
-    made = []
+    created = []
 
     def make(*times, **how):
-        made.append(Watched(times, **how))
-        return made[-1]
+        created.append(Watched(times, **how))
+        return created[-1]
 
     yield make
-    for each in made:
-        each.close()
+    for item in created:
+        item.close()
 
 
 def test_states_and_events_come_at_their_own_rhythm(watched):
@@ -84,7 +84,7 @@ def test_states_and_events_come_at_their_own_rhythm(watched):
     assert w.receive()["state"]["time"] == 1.3
     assert w.robot.over
     status = w.ask("status")
-    assert (status["robot"], status["true_pose"]["x"], [each["text"] for each in status["events"]]) == (
+    assert (status["robot"], status["true_pose"]["x"], [item["text"] for item in status["events"]]) == (
         "was", 1.3, ["it was so"]
     )  # fmt: skip
 
@@ -119,8 +119,8 @@ def test_a_recording_without_states_is_reported():
 
 
 def test_samples_are_read_whole_from_a_file(tmp_path):
-    lines = [json.dumps({"time": each, "state": "running", "true_pose": TRUTH}).encode() for each in (1.0, 2.0)]
+    lines = [json.dumps({"time": value, "state": "running", "true_pose": TRUTH}).encode() for value in (1.0, 2.0)]
     path = save(tmp_path, META, iter(()), [], lines)
     read = read_samples(path)
-    assert [each.time for each in read] == [1.0, 2.0]
+    assert [item.time for item in read] == [1.0, 2.0]
     assert read[0].true_pose.x == 1.0

@@ -59,7 +59,7 @@ SAMPLES = {
 
 
 def test_each_kind_has_its_values_with_their_units():
-    rows = {(each.controller, each.what): (each.unit, each.last) for each in measured([StateSample(samples=SAMPLES)])}
+    rows = {(item.controller, item.what): (item.unit, item.last) for item in measured([StateSample(samples=SAMPLES)])}
     assert rows == {
         **{("imu", f"orientation.{axis}"): ("", value) for axis, value in zip("xyzw", (0, 0, 0.6, 0.8), strict=True)},
         ("imu", "angular_velocity.z"): ("rad/s", 0.5),
@@ -78,7 +78,7 @@ def test_each_kind_has_its_values_with_their_units():
 
 def ranges(*values):
     samples = (RangeSample(time=float(at), frame_id="f", range=value) for at, value in values)
-    return [StateSample(time=each.time, samples={"front": each}) for each in samples]
+    return [StateSample(time=item.time, samples={"front": item}) for item in samples]
 
 
 def test_the_least_the_most_and_the_last_are_of_all_publications_and_what_is_not_known_counts_as_nothing():
@@ -101,7 +101,7 @@ def file():
 
 def test_a_report_has_them_in_its_facts_and_on_its_page(file):
     facts = facts_of(file)
-    assert [(each.controller, each.least) for each in facts.measured] == [("front", 0.5)]
+    assert [(item.controller, item.least) for item in facts.measured] == [("front", 0.5)]
     page = page_of(facts)
     assert ">Measured<" in page
     assert ">front<" in page
@@ -266,9 +266,9 @@ def test_the_reason_of_the_file_is_the_fault_where_the_window_holds_none(calm_ru
 def test_what_is_missing_is_reported(calm_run):
     calm_run.meta = replace(calm_run.meta, unheard=("arm",), frames_lost=7, faults_left_out=3)
     calm_run.unread_lines = 2
-    said = " ".join(facts_of(calm_run).summary)
+    text = " ".join(facts_of(calm_run).summary)
     for words in ("Not recorded: the frames of arm", "7 frames were lost", "2 lines", "3 earlier faults"):
-        assert words in said
+        assert words in text
 
 
 def test_frames_alone_make_a_report(lost_drive):

@@ -1,4 +1,4 @@
-"""Watching a robot that runs: mock hardware here, a bus in the tests of the whole path."""
+"""Observation of a running robot: mock hardware here, a bus in the integration tests."""
 
 import pytest
 from support.mockrobot import running

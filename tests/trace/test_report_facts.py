@@ -1,4 +1,4 @@
-"""What a report says, as scripts read it."""
+"""Facts of a report in the form for scripts."""
 
 from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.state import RobotEvent

@@ -1,4 +1,4 @@
-"""The page: self-contained, complete, and safe against what is in a recording."""
+"""The report page: self-contained, complete, and safe against the content of a recording."""
 
 import html.parser
 import re

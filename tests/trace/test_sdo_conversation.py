@@ -34,19 +34,19 @@ def overheard(request, content=b"", decoder=None):
     decoder = decoder or Decoder(NetworkDescription())
     lines = []
     for _ in range(100_000):
-        asked = client.frames()
+        requested = client.frames()
         answered = []
-        for each in asked:
-            lines.append(decoder.decode(each))
-            server.receive(each, 0)
+        for item in requested:
+            lines.append(decoder.decode(item))
+            server.receive(item, 0)
             answered += server.frames()
-        for each in answered:
-            lines.append(decoder.decode(each))
-            client.receive(each, 0)
-        if not asked and not answered:
+        for item in answered:
+            lines.append(decoder.decode(item))
+            client.receive(item, 0)
+        if not requested and not answered:
             break
         client.tick(0)
-    assert [each.error for each in client.events()] == [None]
+    assert [event.error for event in client.events()] == [None]
     return lines
 
 

@@ -38,7 +38,7 @@ def test_robby_has_the_geometry_of_the_tutorial_and_its_wheels_turn_forward_toge
     robby = read_description(ROBBY)
     (system,) = robby.hardware
     assert (system.kind, system.plugin) == ("system", "canopen_ros2_control/RobotSystem")
-    assert {each.name: each.parameters["device_name"] for each in system.joints} == {
+    assert {item.name: item.parameters["device_name"] for item in system.joints} == {
         "left_wheel_joint": "left_drive",
         "right_wheel_joint": "right_drive",
     }
@@ -49,8 +49,8 @@ def test_robby_has_the_geometry_of_the_tutorial_and_its_wheels_turn_forward_toge
     assert left.origin.rotation == right.origin.rotation == IDENTITY
     assert robby.joints["base_joint"].origin.position[2] + left.origin.position[2] == pytest.approx(0.035)
     assert robby.joints["base_joint"].origin.position[0] + left.origin.position[0] == pytest.approx(0.0)
-    assert all(list(each.command_interfaces) == ["velocity"] for each in system.joints)
-    assert all(list(each.state_interfaces) == ["position", "velocity"] for each in system.joints)
+    assert all(list(item.command_interfaces) == ["velocity"] for item in system.joints)
+    assert all(list(item.state_interfaces) == ["position", "velocity"] for item in system.joints)
     children = {joint.child for joint in robby.joints.values()}
     assert set(robby.links) - children == {"base_footprint"}
     assert "mesh" not in robby.urdf_xml
@@ -68,8 +68,8 @@ def test_every_error_is_reported_at_once_with_its_place():
         .replace("</gpio>", "</gpoi>")
         .replace('<param name="min">-1.5', '<param name="min">low')
     )
-    found = complaints(text)
-    assert [line.split(":")[1] for line in found] == sorted([line.split(":")[1] for line in found], key=int)
+    result = complaints(text)
+    assert [line.split(":")[1] for line in result] == sorted([line.split(":")[1] for line in result], key=int)
     expected = [
         "r.urdf:3:3: joint shoulder: unknown type 'revolut' (did you mean 'revolute'?)",
         "r.urdf:5:5: xyz='1 2' of <origin> is not three numbers",
@@ -81,11 +81,11 @@ def test_every_error_is_reported_at_once_with_its_place():
         "r.urdf:25:7: min='low' of <command_interface> is not a number",
         "r.urdf:32:5: <gpoi> is not allowed in <ros2_control> (did you mean 'gpio'?)",
     ]
-    assert found == expected
+    assert result == expected
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "wanted"),
+    ("old", "new", "expected"),
     [
         ("<plugin> canopen_ros2_control/RobotSystem </plugin>", "", "18:3: <ros2_control name='arm'>: <hardware>"),
         ('<joint name="grip2"><state', '<joint name="grip2"><command_interface name="position"/><state',
@@ -113,9 +113,9 @@ def test_every_error_is_reported_at_once_with_its_place():
          "io: min 1 of the command interface 'out' is greater than max 0"),
     ],
 )  # fmt: skip
-def test_what_ros2_control_refuses_is_refused(old, new, wanted):
+def test_what_ros2_control_refuses_is_refused(old, new, expected):
     text = ARM.replace(old, new).replace("</robot>", "</robt>" if "<robt" in new else "</robot>")
-    assert any(wanted in line for line in complaints(text)), complaints(text)
+    assert any(expected in line for line in complaints(text)), complaints(text)
 
 
 def test_links_and_joints_of_one_name_are_reported_with_both_places_alongside_the_other_errors():
@@ -141,9 +141,9 @@ def test_a_macro_that_is_called_twice_with_one_name_is_reported():
 <xacro:wheel side="left"/><xacro:wheel side="left"/></robot>"""
     with pytest.raises(RobotConfigError) as caught:
         parse_description("<robot><link name='left_wheel'/><link name='left_wheel'/></robot>", "r.xacro", source=source)
-    (told,) = str(caught.value).splitlines()
-    assert told.startswith("r.xacro:2:41: link 'left_wheel' is defined twice, ")
-    assert told.endswith("both are created here; call the macro with another name")
+    (reported,) = str(caught.value).splitlines()
+    assert reported.startswith("r.xacro:2:41: link 'left_wheel' is defined twice, ")
+    assert reported.endswith("both are created here; call the macro with another name")
 
 
 def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path):

@@ -38,7 +38,7 @@ def test_arguments_macros_and_includes_work(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "wanted"),
+    ("text", "expected"),
     [
         ('<link name="${unknown}"/>', "unknown"),
         ('<xacro:include filename="none.xacro"/>', "none.xacro"),
@@ -49,9 +49,9 @@ def test_arguments_macros_and_includes_work(tmp_path):
         ('<link name="$(arg missing)"/>', "missing"),
     ],
 )
-def test_whatever_xacro_refuses_is_one_error_with_the_file(tmp_path, text, wanted):
+def test_whatever_xacro_refuses_is_one_error_with_the_file(tmp_path, text, expected):
     path = write(tmp_path, text)
-    with pytest.raises(RobotConfigError, match=wanted) as caught:
+    with pytest.raises(RobotConfigError, match=expected) as caught:
         run_xacro(path, {})
     assert str(caught.value).startswith(f"{path}: xacro: ")
 
@@ -60,7 +60,7 @@ SMALL = XacroLimits(processor_s=1, wall_s=30, memory=256 << 20)
 
 
 @pytest.mark.parametrize(
-    ("text", "wanted"),
+    ("text", "expected"),
     [
         ('<link name="${9**9**9}"/>', "xacro took more than 1 s of processor time; look for an endless power"),
         ('<link name="${[n for n in range(10**12) if n == -1]}"/>', "more than 1 s of processor time"),
@@ -70,9 +70,9 @@ SMALL = XacroLimits(processor_s=1, wall_s=30, memory=256 << 20)
         ('<xacro:include filename="r.urdf.xacro"/>', "it nests endlessly|more than 1 s|too much memory"),
     ],
 )
-def test_what_never_ends_or_takes_all_memory_is_a_sentence(tmp_path, text, wanted):
+def test_what_never_ends_or_takes_all_memory_is_a_sentence(tmp_path, text, expected):
     path = write(tmp_path, text)
-    with pytest.raises(RobotConfigError, match=wanted) as caught:
+    with pytest.raises(RobotConfigError, match=expected) as caught:
         run_xacro(path, {}, SMALL)
     assert str(caught.value).startswith(f"{path}: xacro")
     assert len(str(caught.value)) < 1000

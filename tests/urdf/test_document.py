@@ -17,11 +17,11 @@ def test_of_several_of_one_name_each_has_its_own_line():
     root = read_document(
         "<robot name='r'><joint name='a'/><joint name='a'/><joint name='a'/></robot>", "f", source
     ).root
-    assert [each.place.line for each in root.children] == [2, 3, 3]
+    assert [item.place.line for item in root.children] == [2, 3, 3]
 
 
 @pytest.mark.parametrize(
-    ("text", "wanted"),
+    ("text", "expected"),
     [
         ("<a>\n<b></a>", r"r\.urdf:2:6: not valid XML: mismatched tag"),
         ("", r"r\.urdf:1:1: not valid XML: no element found"),
@@ -29,8 +29,8 @@ def test_of_several_of_one_name_each_has_its_own_line():
         ("<a>\ud800</a>", "not valid XML"),
     ],
 )
-def test_what_is_not_a_xml_names_the_place(text, wanted):
-    with pytest.raises(RobotConfigError, match=wanted):
+def test_what_is_not_a_xml_names_the_place(text, expected):
+    with pytest.raises(RobotConfigError, match=expected):
         read_document(text, "r.urdf")
 
 

@@ -27,11 +27,11 @@ def transform(name, **positions):
 
 
 def test_a_wheel_turns_about_its_axis_after_its_origin():
-    made = transform("wheel", wheel=math.pi / 2)
-    assert made.pose.position == (1.0, 2.0, 3.0)
+    created = transform("wheel", wheel=math.pi / 2)
+    assert created.pose.position == (1.0, 2.0, 3.0)
     # the axis y of the joint is -x of the parent: what pointed along the joint's x points down
-    assert rotate(made.pose.rotation, (1.0, 0.0, 0.0)) == pytest.approx((0, 0, -1), abs=1e-9)
-    assert rotate(made.pose.rotation, (0.0, 1.0, 0.0)) == pytest.approx((-1, 0, 0), abs=1e-9)
+    assert rotate(created.pose.rotation, (1.0, 0.0, 0.0)) == pytest.approx((0, 0, -1), abs=1e-9)
+    assert rotate(created.pose.rotation, (0.0, 1.0, 0.0)) == pytest.approx((-1, 0, 0), abs=1e-9)
 
 
 def test_a_mimic_joint_follows():
@@ -54,7 +54,7 @@ def test_the_position_of_a_joint_is_unknown_until_it_or_its_mimicked_joint_has_o
 def test_limits_are_known_by_the_name_of_an_interface():
     limits = UrdfLimits(-1.0, 2.0, 3.0, 4.0)
     lift, wheel = (Joint("j", kind, "a", "b", limits=limits) for kind in ("prismatic", "continuous"))
-    spans = [lift.range_of(each) for each in ("position", "velocity", "effort", "acceleration")]
+    spans = [lift.range_of(name) for name in ("position", "velocity", "effort", "acceleration")]
     assert spans == [(-1.0, 2.0), (-3.0, 3.0), (-4.0, 4.0), (-math.inf, math.inf)]
     assert (wheel.range_of("position"), wheel.range_of("velocity")) == ((-math.inf, math.inf), (-3.0, 3.0))
     speeds = [Joint("j", "continuous", "a", "b", limits=UrdfLimits(velocity=most)) for most in (-3.0, 0.0)]

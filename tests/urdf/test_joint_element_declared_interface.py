@@ -12,9 +12,9 @@ JOINT = """<joint name="j">
 
 def read(tag, more=""):
     document = read_document(JOINT.format(more), "r.urdf")
-    found = read_interfaces(document, document.root, tag)
+    interfaces = read_interfaces(document, document.root, tag)
     document.raise_if_any()
-    return found
+    return interfaces
 
 
 def test_bounds_initial_values_and_switched_off_limits():

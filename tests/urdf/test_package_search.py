@@ -39,17 +39,17 @@ def test_sources_go_before_what_is_installed(tmp_path):
     (tmp_path / "install" / "share" / "my_robot").mkdir(parents=True)
     environment = {"AMENT_PREFIX_PATH": str(tmp_path / "install")}
     assert find_package("my_robot", beside(own), environment) == str(own)
-    there = [str(each) for each in package_folders("my_robot", tmp_path / "x.xacro", environment)]
+    there = [str(folder) for folder in package_folders("my_robot", tmp_path / "x.xacro", environment)]
     assert there == [str(tmp_path / "install" / "share" / "my_robot")]
 
 
 def test_ros_package_path_is_searched_in_depth_and_ends_at_a_manifest(tmp_path):
-    found = package(tmp_path / "ws" / "group" / "deep" / "wheels")
+    result = package(tmp_path / "ws" / "group" / "deep" / "wheels")
     package(tmp_path / "ws" / "outer")
     package(tmp_path / "ws" / "outer" / "inner")
     package(tmp_path / "ws" / ".hidden" / "secret")
     environment = {"ROS_PACKAGE_PATH": f"{tmp_path / 'nothing'}{os.pathsep}{tmp_path / 'ws'}"}
-    assert list(installed_packages("wheels", environment)) == [found]
+    assert list(installed_packages("wheels", environment)) == [result]
     assert list(installed_packages("inner", environment)) == []
     assert list(installed_packages("secret", environment)) == []
 
@@ -89,13 +89,13 @@ def test_a_file_lies_where_the_sources_have_what_cmake_installs(tmp_path, name, 
         "install(TARGETS lib DESTINATION lib)\n"
         "# install(DIRECTORY x/commented DESTINATION share/p)\n"
     )
-    for each in (
+    for item in (
         "description/urdf/a.xacro",
         "bringup/config/deep/b.yaml",
         "here/c.yaml",
         "loose/d.yaml",
         "x/commented/f.yaml",
     ):
-        (tmp_path / each).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / each).touch()
+        (tmp_path / item).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / item).touch()
     assert installed_file(tmp_path, Path(name)) == tmp_path / where

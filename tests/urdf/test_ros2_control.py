@@ -56,7 +56,7 @@ def test_ros2_controls_own_spelling_is_read_and_ros_1s_next_to_it_has_no_effect(
     assert not robot.ros1
     (transmission,) = robot.hardware[0].transmissions
     assert (transmission.reduction, transmission.offset) == (-2.5, 0.5)
-    assert any("wheel_trans is from ROS 1 and has no effect" in each for each in robot.notes)
+    assert any("wheel_trans is from ROS 1 and has no effect" in note for note in robot.notes)
 
 
 @pytest.mark.parametrize(

@@ -54,10 +54,10 @@ def test_an_argument_with_a_question_mark_need_not_be_there(tmp_path):
 
 
 def test_a_mistyped_argument_is_reported_alongside_the_one_that_is_missing(tmp_path):
-    good, said = made(tmp_path, {"sid": "left"}, '<link name="$(arg side)"/>')
+    good, text = made(tmp_path, {"sid": "left"}, '<link name="$(arg side)"/>')
     assert not good
-    assert "side" in said
-    assert said.endswith("no argument 'sid' (did you mean 'side'?)")
+    assert "side" in text
+    assert text.endswith("no argument 'sid' (did you mean 'side'?)")
 
 
 def test_all_arguments_without_a_value_are_named_at_once(tmp_path):
@@ -75,6 +75,6 @@ def test_all_arguments_without_a_value_are_named_at_once(tmp_path):
 
 
 def test_an_error_in_an_expression_is_one_line(tmp_path):
-    good, said = made(tmp_path, {}, '<link name="${nothing}"/>')
+    good, text = made(tmp_path, {}, '<link name="${nothing}"/>')
     assert not good
-    assert said.splitlines() == ["name 'nothing' is not defined, when evaluating expression 'nothing'"]
+    assert text.splitlines() == ["name 'nothing' is not defined, when evaluating expression 'nothing'"]

@@ -11,13 +11,13 @@ def listed():
 
 
 def row(address):
-    return next(each for each in listed().rows if each["a"] == address)
+    return next(item for item in listed().rows if item["a"] == address)
 
 
 def live(**values):
-    found = {(int(name[1:5], 16), 0): value for name, value in values.items()}
+    result = {(int(name[1:5], 16), 0): value for name, value in values.items()}
     return {
-        address: (number, LiveObject(OD[address], value)) for number, (address, value) in enumerate(found.items(), 1)
+        address: (number, LiveObject(OD[address], value)) for number, (address, value) in enumerate(result.items(), 1)
     }
 
 
@@ -35,8 +35,8 @@ def test_a_search_has_the_words_of_the_verb():
     objects = listed()
     assert objects.search(" ") == (None, "")
     assert objects.search("0x6081") == (["0x6081:00"], "")
-    found, _ = objects.search("velocity 0x1017")
-    assert {"0x6081:00", "0x1017:00"} <= set(found)
+    result, _ = objects.search("velocity 0x1017")
+    assert {"0x6081:00", "0x1017:00"} <= set(result)
     none, problem = objects.search("flux capacitor")
     assert none == []
     assert "no object 'flux'" in problem
@@ -48,7 +48,7 @@ def test_only_news_are_reported_and_in_words():
     assert (news["0x1017:00"]["value"], news["0x1017:00"]["changed"]) == ("100", True)
     assert news["0x6041:00"]["meaning"].startswith("OPERATION ENABLED")
     assert (2, "operation enabled", True) in news["0x6041:00"]["bits"]
-    assert {type(each) for each in news["0x6041:00"]["bits"]} == {tuple}  # what a page can be sent
+    assert {type(item) for item in news["0x6041:00"]["bits"]} == {tuple}  # what a page can be sent
     assert objects.news(known) == {}
     known[0x1017, 0] = 3, LiveObject(OD[0x1017, 0], None, "abort 0x06020000")
     assert objects.news(known) == {
@@ -75,6 +75,6 @@ def test_the_bits_of_a_statusword_are_those_of_the_mode_that_is_displayed():
 
 def test_the_mode_is_read_alongside_a_word_whose_bits_depend_on_it():
     objects = listed()
-    assert [each.index for each in objects.entries_with_mode(["0x6041:00"])] == [0x6041, 0x6061]
-    assert [each.index for each in objects.entries_with_mode(["0x6040:00", "0x6061:00"])] == [0x6040, 0x6061]
-    assert [each.index for each in objects.entries_with_mode(["0x6081:00"])] == [0x6081]
+    assert [item.index for item in objects.entries_with_mode(["0x6041:00"])] == [0x6041, 0x6061]
+    assert [item.index for item in objects.entries_with_mode(["0x6040:00", "0x6061:00"])] == [0x6040, 0x6061]
+    assert [item.index for item in objects.entries_with_mode(["0x6081:00"])] == [0x6081]

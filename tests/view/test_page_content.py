@@ -20,9 +20,9 @@ def event(**changed):
 
 def test_what_happened_stands_there_as_it_was_reported():
     log = RecentEvents([event(time=1.0), event(time=2.0)])
-    assert [(each.count, each.first, each.time) for each in log] == [(1, 1.0, 1.0), (1, 2.0, 2.0)]
+    assert [(item.count, item.first, item.time) for item in log] == [(1, 1.0, 1.0), (1, 2.0, 2.0)]
 
 
 def test_what_the_runtime_has_counted_takes_the_place_of_its_beginning():
     log = RecentEvents([event(time=5.0), event(text="between"), event(since=5.0, count=40, time=8.0)])
-    assert [(each.text, each.count) for each in log] == [("between", 1), ("it happened", 40)]
+    assert [(item.text, item.count) for item in log] == [("between", 1), ("it happened", 40)]

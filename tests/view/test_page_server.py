@@ -87,8 +87,8 @@ def knock(port, token=TOKEN, **options):
 
     async def attempt():
         try:
-            async with wsclient.connect(f"ws://127.0.0.1:{port}{root}{SOCKET}", proxy=None, **options) as found:
-                return (await asyncio.wait_for(found.recv(), 5)).startswith("0{")
+            async with wsclient.connect(f"ws://127.0.0.1:{port}{root}{SOCKET}", proxy=None, **options) as result:
+                return (await asyncio.wait_for(result.recv(), 5)).startswith("0{")
         except websockets.exceptions.InvalidStatus as error:
             return error.response.status_code
 
@@ -127,9 +127,9 @@ def test_stop_is_for_our_own_page_alone_and_reports_when_it_did_not_reach(port):
 
 @pytest.mark.parametrize("which", [0, 1], ids=["loopback", "everywhere"])
 def test_without_its_token_the_page_answers_no_client_even_on_loopback(which, port, open_port):
-    found = (port, open_port)[which]
-    own = f"http://127.0.0.1:{found}"
-    assert (ask(found)[0].status, knock(found, origin=own)) == (200, True)
+    result = (port, open_port)[which]
+    own = f"http://127.0.0.1:{result}"
+    assert (ask(result)[0].status, knock(result, origin=own)) == (200, True)
     files = (
         "/",
         f"/?token={TOKEN}",
@@ -138,19 +138,19 @@ def test_without_its_token_the_page_answers_no_client_even_on_loopback(which, po
     )
     for token in ("", "wrong", f"{TOKEN}x"):
         for path in files:
-            assert ask(found, path, token=token)[0].status == 403
-            assert ask(found, path, token=token, Cookie=f"canopen_control_{found}={TOKEN}")[0].status == 403
-        assert ask(found, "/stop", "POST", token, Origin=own)[0].status == 403
-        assert knock(found, token, origin=own) == 403
-    assert "Set-Cookie" not in ask(found)[0].headers
-    assert knock(found, origin="http://evil.example") == 403
+            assert ask(result, path, token=token)[0].status == 403
+            assert ask(result, path, token=token, Cookie=f"canopen_control_{result}={TOKEN}")[0].status == 403
+        assert ask(result, "/stop", "POST", token, Origin=own)[0].status == 403
+        assert knock(result, token, origin=own) == 403
+    assert "Set-Cookie" not in ask(result)[0].headers
+    assert knock(result, origin="http://evil.example") == 403
 
 
 def test_every_address_in_the_page_begins_with_the_token(port):
     body = ask(port)[1].decode()
     written = re.findall(r'(?:src|href)="(/[^"]*)"|url\("(/[^"]*)"\)|"(/_nicegui[^"]*)"', body)
     assert len(written) > 5
-    assert [each for each in map("".join, written) if not each.startswith(f"/{TOKEN}/")] == []
+    assert [item for item in map("".join, written) if not item.startswith(f"/{TOKEN}/")] == []
 
 
 @pytest.mark.process
@@ -178,5 +178,5 @@ def test_a_port_that_is_taken_is_a_sentence_and_the_default_one_moves_on():
         assert first.getsockname()[1] != second.getsockname()[1]
     with listen("127.0.0.1", 0) as free:
         port = free.getsockname()[1]
-    with listen("127.0.0.1", None, first=port) as wanted, listen("127.0.0.1", None, first=port) as other:
-        assert wanted.getsockname()[1] == port != other.getsockname()[1]
+    with listen("127.0.0.1", None, first=port) as expected, listen("127.0.0.1", None, first=port) as other:
+        assert expected.getsockname()[1] == port != other.getsockname()[1]

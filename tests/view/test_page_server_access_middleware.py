@@ -89,10 +89,10 @@ def test_a_proxys_word_goes_no_further():
 
 
 def test_the_begin_and_the_end_of_the_server_are_not_request():
-    seen = []
+    observed = []
 
     async def app(scope, _receive, _send):
-        seen.append(scope["type"])
+        observed.append(scope["type"])
 
     asyncio.run(AccessMiddleware(app, AccessRules("127.0.0.1", 8080, "secret"))({"type": "lifespan"}, None, None))
-    assert seen == ["lifespan"]
+    assert observed == ["lifespan"]

@@ -25,16 +25,16 @@ from canopen_control.view.robot_connection import (
 
 
 def test_the_pose_is_that_of_the_first_base_controller():
-    found = state(samples={"base": {"kind": "odometry", "time": 1.0, "x": 1.0, "y": 2.0, "heading": 0.5}})
-    assert pose_of(found) == (1.0, 2.0, 0.5)
+    result = state(samples={"base": {"kind": "odometry", "time": 1.0, "x": 1.0, "y": 2.0, "heading": 0.5}})
+    assert pose_of(result) == (1.0, 2.0, 0.5)
     assert pose_of(state()) is None
 
 
 def test_a_page_begins_with_what_the_status_reports():
-    found = info()
-    assert (found.robot, found.joints, found.buses) == ("pair", ("left", "lift"), ("can",))
-    assert found.nodes[0].channel == "local:x"
-    assert (found.state.state, found.state.load) == ("running", {"can": 0.02})
+    result = info()
+    assert (result.robot, result.joints, result.buses) == ("pair", ("left", "lift"), ("can",))
+    assert result.nodes[0].channel == "local:x"
+    assert (result.state.state, result.state.load) == ("running", {"can": 0.02})
 
 
 MS = 1_000_000
@@ -130,7 +130,8 @@ def test_samples_come_at_the_rate_that_was_asked_for(connection):
     states = []
     assert eventually(
         lambda: (
-            states.extend(each for each in connection.messages() if isinstance(each, StateSample)) or len(states) >= 3
+            states.extend(message for message in connection.messages() if isinstance(message, StateSample))
+            or len(states) >= 3
         )
     )
     assert (states[2].cycle.count - states[1].cycle.count) % 2 == 0
@@ -171,9 +172,9 @@ def test_events_come_and_of_many_samples_the_newest(robot, connection):
     connection.send(PublishEvent(kind="view", text="here"))
     first = robot.status().cycle.count
     assert eventually(lambda: robot.status().cycle.count > first + 25)
-    found = list(connection.messages())
-    assert "here" in [each.text for each in found if isinstance(each, RobotEvent)]
-    assert len([each for each in found if isinstance(each, StateSample)]) == 1
+    result = list(connection.messages())
+    assert "here" in [item.text for item in result if isinstance(item, RobotEvent)]
+    assert len([item for item in result if isinstance(item, StateSample)]) == 1
 
 
 async def test_it_returns_and_raises_what_the_function_does_while_the_loop_continues():

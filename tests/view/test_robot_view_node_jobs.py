@@ -19,19 +19,19 @@ def desk(objects=None):
 
 
 def test_a_question_is_answered_from_a_thread():
-    found = asyncio.run(
+    result = asyncio.run(
         desk({(0x6041, 0): b"\x37\2"}).ask(lambda session: (session.read(0x6041), threading.get_ident()))
     )
-    assert found[0] == b"\x37\2"
-    assert found[1] != threading.get_ident()
+    assert result[0] == b"\x37\2"
+    assert result[1] != threading.get_ident()
 
 
 def test_long_work_reports_how_far_it_is_and_what_came_of_it():
     node, go = desk(), threading.Event()
     work = JobRun(RESTORE, "reading left_drive", "objects")
 
-    def read(_session, told):
-        told.at(3, 10)
+    def read(_session, reported):
+        reported.at(3, 10)
         assert go.wait(60)
         return "10 parameters"
 

@@ -59,7 +59,7 @@ def test_a_robot_without_drives_is_asked_itself_and_reports_of_it(monkeypatch, c
     client = WorldClient("diffbot", VirtualDrives(()))
     assert client.changeable() is changeable
     assert client.act(AddPayload(mass=3.0))
-    assert [each for each in robot.asked if not isinstance(each, GetSimulation)] == [AddPayload(mass=3.0)]
+    assert [item for item in robot.asked if not isinstance(item, GetSimulation)] == [AddPayload(mass=3.0)]
 
 
 def test_a_robot_that_is_gone_is_in_no_world(tmp_path, monkeypatch):

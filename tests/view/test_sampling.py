@@ -33,13 +33,13 @@ def test_where_nothing_was_known_nothing_is_made_up():
 
 @given(st.lists(st.tuples(st.floats(0, 1e6), st.one_of(st.none(), st.floats()))))
 def test_whatever_comes_the_times_go_up_and_every_row_is_reported_at_most_once(samples):
-    history, told = History(["a"]), []
+    history, reported = History(["a"]), []
     for time, value in samples:
         history.add(time, {"a": value})
-        told += history.take_new_rows()
+        reported += history.take_new_rows()
         times = [row[0] for row in history.rows()]
         assert times == sorted(times)
-    assert len({id(row) for row in told}) == len(told)
+    assert len({id(row) for row in reported}) == len(reported)
 
 
 def sample(time=100.0, count=10, **joint):
@@ -48,19 +48,19 @@ def sample(time=100.0, count=10, **joint):
 
 
 def test_the_commanded_interface_is_that_of_the_active_controller():
-    told = [
+    reported = [
         {"name": "idle", "state": "inactive", "claimed_interfaces": ["wheel/effort"]},
         {"name": "base", "state": "active", "claimed_interfaces": ["wheel/velocity", "gripper/position"]},
         {"name": "outputs", "state": "active", "claimed_interfaces": ["io/digital_outputs"]},
     ]
-    assert commanded_interfaces(controllers_of(told), state()) == {"wheel": "velocity", "gripper": "position"}
+    assert commanded_interfaces(controllers_of(reported), state()) == {"wheel": "velocity", "gripper": "position"}
 
 
 def test_of_a_drive_that_takes_targets_the_mode_reports_what_is_commanded():
-    told = controllers_of([TARGET])
-    assert commanded_interfaces(told, drive_state()) == {"left": "velocity"}
-    assert commanded_interfaces(told, drive_state({"mode": "CSP"})) == {"left": "position"}
-    assert commanded_interfaces(told, drive_state({"mode": "HM"})) == {}
+    reported = controllers_of([TARGET])
+    assert commanded_interfaces(reported, drive_state()) == {"left": "velocity"}
+    assert commanded_interfaces(reported, drive_state({"mode": "CSP"})) == {"left": "position"}
+    assert commanded_interfaces(reported, drive_state({"mode": "HM"})) == {}
 
 
 def test_command_actual_error_work_and_load_of_a_sample():

@@ -30,23 +30,23 @@ def test_the_tree_is_that_of_the_urdf(robby):
 
 
 def test_angles_are_in_joint_order_and_unknown_ones_are_none(robby):
-    found = angles_of(robby, {"left_wheel_joint": 1.0, "right_wheel_joint": math.nan})
-    told = dict(zip([joint.name for joint in robby.from_root], found, strict=True))
-    assert (told["left_wheel_joint"], told["right_wheel_joint"]) == (1.0, None)
+    result = angles_of(robby, {"left_wheel_joint": 1.0, "right_wheel_joint": math.nan})
+    reported = dict(zip([joint.name for joint in robby.from_root], result, strict=True))
+    assert (reported["left_wheel_joint"], reported["right_wheel_joint"]) == (1.0, None)
 
 
 def test_what_cannot_be_drawn_is_reported_and_the_rest_is_there():
     visuals = (Visual("mesh", (1, 1, 1), file="a.stl"), Visual("sphere", (0.2,)))
     tree, _ = made(RobotModel("r", {"base": UrdfLink("base", visuals)}, notes=("x",)))
     assert [note.split(":")[0] for note in tree.notes] == ["x", "mesh a.stl"]
-    assert [each["shape"] for each in tree.tree["visuals"]] == ["sphere"]
+    assert [item["shape"] for item in tree.tree["visuals"]] == ["sphere"]
 
 
 def test_a_mesh_is_served_once_however_often_it_is_used(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     visual = Visual("mesh", (2.0, 2.0, 2.0), file="a.obj")
     tree, published = made(RobotModel("r", {"base": UrdfLink("base", (visual, visual))}), str(tmp_path / "r.urdf"))
-    assert [each["url"] for each in tree.tree["visuals"]] == ["/mesh/1.stl"] * 2
+    assert [item["url"] for item in tree.tree["visuals"]] == ["/mesh/1.stl"] * 2
     assert len(published) == 1
 
 

@@ -16,8 +16,8 @@ def placed(x=0.0, y=0.0, turn=0.0):
 
 def test_shapes_are_reported_once_and_again_where_they_have_moved():
     world = WorldView()
-    told = world.take((BOX,), placed())
-    assert told == {"place": [0.0, 0.0, 0.0], "shapes": [DRAWN | {"moves": False, "robot": "", "grip": 0.0}]}
+    reported = world.take((BOX,), placed())
+    assert reported == {"place": [0.0, 0.0, 0.0], "shapes": [DRAWN | {"moves": False, "robot": "", "grip": 0.0}]}
     assert world.take((BOX,), placed()) is None
     assert world.take((), placed())["shapes"] == []
     assert world.document["shapes"] == []
@@ -28,8 +28,8 @@ def test_patches_and_other_robots_are_reported_as_such():
     wheel = WorldShape(
         name="b/wheel", kind="ellipsoid", size=(1.0, 1.0, 0.2), position=(0.0, 0.0, 0.5), moves=True, robot="b"
     )
-    told = WorldView().take((patch, wheel), placed())["shapes"]
-    assert [(each["shape"], each["robot"], each["grip"]) for each in told] == [
+    reported = WorldView().take((patch, wheel), placed())["shapes"]
+    assert [(item["shape"], item["robot"], item["grip"]) for item in reported] == [
         ("patch", "", 0.1),
         ("ellipsoid", "b", 0),
     ]

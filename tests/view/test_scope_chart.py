@@ -23,8 +23,8 @@ def test_a_thinned_signal_keeps_its_peaks_and_its_order(values, most):
 
 def test_signals_of_one_unit_share_a_field_and_what_is_not_known_is_a_gap():
     options = chart_options(NAMED, None, (-0.2, 0.2))
-    lines = {each["id"]: each for each in options["series"]}
-    assert [lines[each]["xAxisIndex"] for each in ("s0", "s1", "s2")] == [0, 1, 0]
+    lines = {option["id"]: option for option in options["series"]}
+    assert [lines[name]["xAxisIndex"] for name in ("s0", "s1", "s2")] == [0, 1, 0]
     assert lines["s1"]["data"][0] == (-0.5, None)
     assert [axis["name"] for axis in options["yAxis"]] == ["rad", "rad/s"]
     assert height_of(NAMED) > 300
@@ -35,7 +35,7 @@ def test_cursors_and_the_trigger_are_all_that_changes_with_them():
     change = cursor_change(NAMED, (-0.2, 0.3))
     assert set(change) == {"series"}
     marks = change["series"][0]["markLine"]["data"]
-    assert [(each["xAxis"], each["name"]) for each in marks] == [(-0.2, "1"), (0.3, "2"), (0.0, "T")]
+    assert [(mark["xAxis"], mark["name"]) for mark in marks] == [(-0.2, "1"), (0.3, "2"), (0.0, "T")]
     assert change["series"][0]["markLine"]["precision"] > 6
     assert len(str(change)) < 2000
     assert MAX_POINTS > 1000

@@ -1,4 +1,4 @@
-"""Which drives take targets by themselves, and what a target is in the mode that each is in."""
+"""Drives that take targets without a controller, and the meaning of a target in each mode."""
 
 import pytest
 from support.pages import BASE, FORWARD, TARGET, drive_state, state

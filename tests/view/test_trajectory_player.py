@@ -1,4 +1,4 @@
-"""The player against a robot that only answers; see test_view_app for one that moves."""
+"""The player with a robot that only answers; test_view_app has one that moves."""
 
 import asyncio
 import threading
@@ -87,7 +87,7 @@ class Play:
         return asyncio.run(both())
 
     def cancels(self):
-        return [each for each in self.robot.sent if isinstance(each, CancelTrajectory)]
+        return [item for item in self.robot.sent if isinstance(item, CancelTrajectory)]
 
 
 @pytest.fixture
@@ -130,14 +130,14 @@ def test_while_it_plays_each_tick_reports_the_robot_that_this_process_is_at_work
     def act():
         play.player.tick()
         play.player.tick()
-        beats.extend(each for each in play.robot.sent if isinstance(each, TrajectoryHeartbeat))
+        beats.extend(item for item in play.robot.sent if isinstance(item, TrajectoryHeartbeat))
         play.robot.finish.set()
 
     assert play.run(act).reached
     assert len(beats) == 2
     assert play.robot.sent[0].heartbeat == 2.0
     play.player.tick()
-    assert len([each for each in play.robot.sent if isinstance(each, TrajectoryHeartbeat)]) == 2  # it has ended
+    assert len([item for item in play.robot.sent if isinstance(item, TrajectoryHeartbeat)]) == 2  # it has ended
 
 
 def test_a_silent_page_ends_it_and_one_that_is_there_does_not(play):
@@ -167,9 +167,9 @@ def test_what_is_cancelled_while_it_is_sent_is_cancelled_when_it_is_accepted(pla
 
 
 def test_what_is_cancelled_before_it_is_sent_is_not_sent(play):
-    def points(given):
+    def points(inputs):
         play.player.leave("page 1")
-        return given
+        return inputs
 
     play.robot.send_points = points
     assert play.run(print) == TrajectoryOutcome(
@@ -179,10 +179,10 @@ def test_what_is_cancelled_before_it_is_sent_is_not_sent(play):
 
 
 def test_one_plays_at_a_time(play):
-    told = []
+    reports = []
 
     async def another():
-        told.append(await play.player.play("page 2", "arm", WAVE))
+        reports.append(await play.player.play("page 2", "arm", WAVE))
         play.robot.finish.set()
 
     def act():
@@ -190,4 +190,4 @@ def test_one_plays_at_a_time(play):
         play.tasks = asyncio.ensure_future(another())
 
     assert play.run(act).reached
-    assert "already playing a trajectory" in told[0].text
+    assert "already playing a trajectory" in reports[0].text

@@ -65,7 +65,7 @@ def test_the_table_has_what_is_previewed_alongside_what_is():
 
 
 @pytest.mark.parametrize(
-    ("told", "duration", "done", "words"),
+    ("reported", "duration", "done", "words"),
     [
         (None, 2.0, 0.0, "Playing."),
         (sample(1.0, executing=False), 2.0, 0.0, "Playing."),
@@ -76,13 +76,17 @@ def test_the_table_has_what_is_previewed_alongside_what_is():
         (sample(1.0, speed_scaling_factor=0.1), 2.0, 0.5, "Playing: 1.0 of 2.0 s, at 10 % of its speed."),
     ],
 )
-def test_progress_is_what_the_controller_reports(told, duration, done, words):
-    assert progress_of(told, duration) == (done, words)
+def test_progress_is_what_the_controller_reports(reported, duration, done, words):
+    assert progress_of(reported, duration) == (done, words)
 
 
 def test_only_active_controllers_of_trajectories_take_them():
     def reading(name, state, tells):
         return ControllerReading(name=name, type="", state=state, tells=tells)
 
-    found = [reading("a", "active", "trajectory"), reading("b", "inactive", "trajectory"), reading("c", "active", None)]
-    assert active_trajectory_controllers(found) == ["a"]
+    result = [
+        reading("a", "active", "trajectory"),
+        reading("b", "inactive", "trajectory"),
+        reading("c", "active", None),
+    ]
+    assert active_trajectory_controllers(result) == ["a"]

@@ -138,9 +138,9 @@ def play(private_folders, monkeypatch):
 
     @contextlib.asynccontextmanager
     async def play(**how):
-        said = []
-        app = ViewApp("mock", "127.0.0.1", 0, **({"teleop": True, "report": said.append} | how))
-        app.said = said
+        messages = []
+        app = ViewApp("mock", "127.0.0.1", 0, **({"teleop": True, "report": messages.append} | how))
+        app.said = messages
         running = asyncio.ensure_future(app.run())
         try:
             yield app
@@ -218,8 +218,8 @@ async def test_started_by_run_it_reports_through_the_robot(robot, play):
         app.said.clear()
         app._announce(app._connection)
         await until(lambda: any(event.kind == "view" for event in robot.status().events))
-        (told,) = [event.text for event in robot.status().events if event.kind == "view"]
-        assert [told, *app.said] == [f"view: {app.rules.place}"] * 2  # the token is in no event and in no log
+        (reported,) = [event.text for event in robot.status().events if event.kind == "view"]
+        assert [reported, *app.said] == [f"view: {app.rules.place}"] * 2  # the token is in no event and in no log
         app._lifeline = None
 
 
@@ -317,18 +317,18 @@ async def test_nothing_is_sent_after_stop(robot, play, monkeypatch):
 
 
 async def test_without_teleop_no_client_drives_and_a_second_one_is_reported(robot, play):
-    told = []
+    reports = []
     async with play(teleop=False) as app:
         await connected(app)
         app._page_opened(WholePage())
-        app.hold("page 1", MOTION, told.append)
+        app.hold("page 1", MOTION, reports.append)
         assert app._dead_man.driver is None
     async with play() as app:
         await connected(app)
         for name in ("page 1", "page 2"):
             app._page_opened(WholePage(name))
-            app.hold(name, MOTION, told.append)
-    assert told == ["another page is driving; release the button there first"]
+            app.hold(name, MOTION, reports.append)
+    assert reports == ["another page is driving; release the button there first"]
 
 
 async def test_the_end_of_the_view_ends_what_it_drives(robot, play):
@@ -428,15 +428,15 @@ def arm(private_folders, tmp_path):
 
 def wave(seconds, joints=JOINTS):
     points = [
-        TrajectoryPoint(positions=each.positions, velocities=each.velocities, time_from_start=each.time / 1e9)
-        for each in planned([0.0] * 6, ENDS, seconds).points
+        TrajectoryPoint(positions=point.positions, velocities=point.velocities, time_from_start=point.time / 1e9)
+        for point in planned([0.0] * 6, ENDS, seconds).points
     ]
     return LoadedTrajectory("wave", list(joints), points)
 
 
 def positions(robot):
     joints = robot.status().joints
-    return [joints[each].position for each in JOINTS]
+    return [joints[joint].position for joint in JOINTS]
 
 
 async def begun(app, seconds=30.0):
@@ -444,7 +444,7 @@ async def begun(app, seconds=30.0):
     await connected(app)
     app._page_opened(WholePage())
     playing = asyncio.ensure_future(app.player.play("page 1", "arm_controller", wave(seconds)))
-    await until(lambda: any(each.executing for each in app.robot.state.samples_of(TrajectorySample).values()))
+    await until(lambda: any(item.executing for item in app.robot.state.samples_of(TrajectorySample).values()))
     return playing
 
 
@@ -475,7 +475,7 @@ async def test_a_closed_and_a_silent_page_cancel_and_stop_end_what_is_played(arm
     assert not played.reached
     assert words in played.text
     assert positions(arm) != pytest.approx(ENDS, abs=0.1)
-    assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in arm.status().joints.values()))
+    assert eventually(lambda: all(abs(joint.velocity) < 1e-6 for joint in arm.status().joints.values()))
 
 
 async def test_what_the_robot_refuses_of_a_trajectory_is_its_sentence(arm, play):
@@ -496,5 +496,5 @@ async def test_a_read_only_page_plays_nothing(arm, play):
 async def test_the_end_of_the_view_ends_what_it_plays(arm, play):
     async with play() as app:
         app.tasks = await begun(app)
-    assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in arm.status().joints.values()))
+    assert eventually(lambda: all(abs(joint.velocity) < 1e-6 for joint in arm.status().joints.values()))
     assert positions(arm) != pytest.approx(ENDS, abs=0.1)

@@ -43,14 +43,14 @@ def test_a_state_is_reported_in_words_and_has_a_tone(changed, words, tone):
 
 
 def test_a_node_without_axes_has_no_drive_profile():
-    found = axis_rows(state(nodes={"io": NODE | {"axes": []}}))[0]
-    assert (found.state, found.tone) == ("no drive profile", "idle")
+    result = axis_rows(state(nodes={"io": NODE | {"axes": []}}))[0]
+    assert (result.state, result.tone) == ("no drive profile", "idle")
 
 
 def test_an_error_is_reported_and_colours_what_does_not_run():
-    found = row(ready=False, error="lost: no heartbeat for 0.5 s", nmt_state=None)
-    assert (found.error, found.tone) == ("lost: no heartbeat for 0.5 s", "bad")
-    assert "no heartbeat" in drive_table([found])
+    result = row(ready=False, error="lost: no heartbeat for 0.5 s", nmt_state=None)
+    assert (result.error, result.tone) == ("lost: no heartbeat for 0.5 s", "bad")
+    assert "no heartbeat" in drive_table([result])
     assert row(error="too hot", axis={"cia402_state": "SWITCH_ON_DISABLED"}).tone == "bad"
     assert row(error="too hot").tone == "warn", "it runs, as /diagnostics says"
 
@@ -63,8 +63,8 @@ def test_the_age_is_reported_when_it_matters(age, words):
 
 
 def test_live_never_stands_alongside_not_there():
-    found = row(ready=False, nmt_state=None, age_s=0.01)
-    assert (found.state, found.age) == ("not there", "not heard")
+    result = row(ready=False, nmt_state=None, age_s=0.01)
+    assert (result.state, result.age) == ("not there", "not heard")
 
 
 def test_what_comes_from_outside_is_escaped():
@@ -91,35 +91,35 @@ def test_what_comes_from_outside_is_escaped():
     ],
 )
 def test_the_robot_is_reported_in_words_with_what_to_do_next(changed, words, tone, action):
-    found = banner(state(**changed))
-    assert (found.words, found.tone, found.action) == (words, tone, action)
-    assert tone == "good" or found.advice or found.cause or found.words == "hovering"
+    result = banner(state(**changed))
+    assert (result.words, result.tone, result.action) == (words, tone, action)
+    assert tone == "good" or result.advice or result.cause or result.words == "hovering"
 
 
 def test_running_with_drives_that_are_off_is_not_a_running():
-    found = banner(drive_state(axis={"cia402_state": "SWITCH_ON_DISABLED"}))
-    assert (found.words, found.action) == ("needs enable", "enable")
-    assert found.cause == "All drives are disabled."
+    result = banner(drive_state(axis={"cia402_state": "SWITCH_ON_DISABLED"}))
+    assert (result.words, result.action) == ("needs enable", "enable")
+    assert result.cause == "All drives are disabled."
     axes = [AXIS, AXIS | {"joint": "lift", "cia402_state": "SWITCH_ON_DISABLED"}]
     assert banner(state(nodes={"both": NODE | {"axes": axes}})).cause == "lift is disabled."
 
 
 def test_a_fault_names_its_causes_and_a_latch_its_owner():
-    found = banner(drive_state(axis={"cia402_state": "FAULT", "error": "too hot"}))
-    assert found.words == "needs enable"  # until the runtime says fault
+    result = banner(drive_state(axis={"cia402_state": "FAULT", "error": "too hot"}))
+    assert result.words == "needs enable"  # until the runtime says fault
     nodes = {"left": NODE | {"ready": False, "nmt_state": None, "error": "lost: no heartbeat"}}
     assert banner(state(state="fault", nodes=nodes)).cause == "left: lost: no heartbeat"
-    said = {"left": NODE | {"ready": False, "nmt_state": None, "age": None, "error": "node 3 (left): no heartbeat"}}
-    assert banner(state(state="fault", nodes=said)).cause == "left: no heartbeat"
+    text = {"left": NODE | {"ready": False, "nmt_state": None, "age": None, "error": "node 3 (left): no heartbeat"}}
+    assert banner(state(state="fault", nodes=text)).cause == "left: no heartbeat"
     assert "view" in banner(state(latched=True, latched_by="view")).cause
 
 
 def test_what_is_lost_is_reported_to_be_old_and_out_of_reach_of_stop():
-    found = lost_banner("it has died")
-    assert (found.words, found.action) == ("not connected", "")
-    assert "does not reach" in found.cause
-    assert "it has died" in found.cause
-    assert "out of date" in found.advice
+    result = lost_banner("it has died")
+    assert (result.words, result.action) == ("not connected", "")
+    assert "does not reach" in result.cause
+    assert "it has died" in result.cause
+    assert "out of date" in result.advice
 
 
 def test_below_the_state_stands_what_counts():

@@ -116,12 +116,12 @@ def test_wired_switches_are_touched_where_they_are():
 
 
 def test_moving_values_are_sampled_only_for_subscribers():
-    for wanted in (False, True):
-        mover, owner = powered(samples=wanted)
+    for value in (False, True):
+        mover, owner = powered(samples=value)
         mover.run(trajectory.move_to(0, 0.0, 0.0, 100.0, 1000.0, 1000.0, 1000.0), 0)
         mover.advance(5 * S)
         end = mover.demand.end_ns
-        assert owner.told.count("sampled") == (end // SAMPLE_NS + 1 if wanted else 0)
+        assert owner.told.count("sampled") == (end // SAMPLE_NS + 1 if value else 0)
         assert mover.next_deadline() is None
 
 
@@ -181,7 +181,7 @@ def test_a_pushed_one_is_judged_by_its_load_alone_and_none_without_power():
     mover.power(True, 0)
     mover.apply_torque(trajectory.hold(0, 0.0), 0)
     mover.advance(5_000_000)
-    assert [told[0] for told in owner.told if told[0] != "arrived"] == ["load"]
+    assert [reported[0] for reported in owner.told if reported[0] != "arrived"] == ["load"]
     mover.power(False, 5_000_000)
     mover.advance(20_000_000)
     assert mover.next_event() is None

@@ -52,8 +52,10 @@ class Shared(IndependentPlants):
 
 
 def test_all_buses_are_served_on_their_sides_of_one_world(tmp_path, monkeypatch):
-    shared, lines, made = Shared(), [], []
-    engine = types.SimpleNamespace(make_shared=lambda plants, where: made.append((list(plants), where.name)) or shared)
+    shared, lines, created = Shared(), [], []
+    engine = types.SimpleNamespace(
+        make_shared=lambda plants, where: created.append((list(plants), where.name)) or shared
+    )
     monkeypatch.setattr(bus_group.importlib, "import_module", lambda _name: engine)
 
     class Ending(bus_group.DriveProcess):
@@ -69,7 +71,7 @@ def test_all_buses_are_served_on_their_sides_of_one_world(tmp_path, monkeypatch)
 
     monkeypatch.setattr(bus_group, "DriveProcess", Ending)
     assert run_group(written(tmp_path), lines.append) == 0
-    assert made == [(["a", "b"], "hall.yml")]
+    assert created == [(["a", "b"], "hall.yml")]
     assert shared.sides == [("a", ""), ("b", "")]
     assert shared.closed
     assert lines[0] == "world: guessed"

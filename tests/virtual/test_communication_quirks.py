@@ -136,7 +136,7 @@ def fast(b):
 
 
 def emergency(data):
-    return lambda b: [each[3:] for each in b.faulted().emergencies()] == [bytes.fromhex(data)]
+    return lambda b: [item[3:] for item in b.faulted().emergencies()] == [bytes.fromhex(data)]
 
 
 PROBES = {

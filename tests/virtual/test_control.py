@@ -65,15 +65,15 @@ class Controlled:
 
 @pytest.fixture
 def controlled():
-    made = []
+    created = []
 
     def make(**kwargs):
-        made.append(Controlled(**kwargs))
-        return made[-1]
+        created.append(Controlled(**kwargs))
+        return created[-1]
 
     yield make
-    for each in made:
-        each.close()
+    for item in created:
+        item.close()
 
 
 def test_it_reports_its_identity(controlled):
@@ -91,11 +91,11 @@ def test_it_reports_its_identity(controlled):
 
 def test_it_lists_all_faults_with_what_a_good_master_makes_of_them(controlled):
     listed = controlled().call("faults")
-    assert [each["name"] for each in listed] == [
+    assert [item["name"] for item in listed] == [
         name for name, each in FAULTS.items() if each.acts not in ("input", "output", "program")
     ]
-    assert all(set(each) == {"name", "row", "acts", "does", "reaction", "once", "on"} for each in listed)
-    assert all(each["does"] and each["reaction"] for each in listed)
+    assert all(set(item) == {"name", "row", "acts", "does", "reaction", "once", "on"} for item in listed)
+    assert all(item["does"] and item["reaction"] for item in listed)
 
 
 def test_it_switches_faults_and_the_wire_shows_it_at_once(controlled):
@@ -103,7 +103,7 @@ def test_it_switches_faults_and_the_wire_shows_it_at_once(controlled):
     assert c.call("fault", name="drive_fault") == {"active": ["drive_fault"]}
     frames = list(frames_of(c.listener.receive()))
     assert CanFrame(0x085, bytes.fromhex("1043090000000000")) in frames
-    assert next(each for each in c.call("faults") if each["name"] == "drive_fault")["on"]
+    assert next(item for item in c.call("faults") if item["name"] == "drive_fault")["on"]
     assert c.call("fault", name="drive_fault", on=False) == {"active": []}
 
 
@@ -139,8 +139,8 @@ def test_a_single_node_reports_no_world(controlled):
 
 def test_what_the_axes_do_together_is_reported(controlled):
     world = SimpleNamespace(describe=lambda: WorldState(BasePose(1.5, 0.0, 0.25, 7), {"spring": 2.0}))
-    told = {"base": {"x": 1.5, "y": 0.0, "heading": 0.25, "time_ns": 7}, "others": {"spring": 2.0}}
-    assert controlled(world=world).call("state")["world"] == told
+    reported = {"base": {"x": 1.5, "y": 0.0, "heading": 0.25, "time_ns": 7}, "others": {"spring": 2.0}}
+    assert controlled(world=world).call("state")["world"] == reported
 
 
 def test_a_world_in_which_things_may_happen_reports_this(controlled):
@@ -153,9 +153,9 @@ def test_a_world_in_which_things_may_happen_reports_this(controlled):
 
 def test_the_true_pose_of_the_base_is_reported_by_itself(controlled):
     pose = BasePose(1.5, 0.5, 0.25, 7, z=0.1, pitch=-0.2)
-    told = controlled(world=SimpleNamespace(describe=lambda: WorldState(pose))).call("world")
-    assert told == {"base": {"x": 1.5, "y": 0.5, "heading": 0.25, "time_ns": 7, "z": 0.1, "pitch": -0.2}}
-    assert msgspec.convert(told, WorldState).base == pose
+    reported = controlled(world=SimpleNamespace(describe=lambda: WorldState(pose))).call("world")
+    assert reported == {"base": {"x": 1.5, "y": 0.5, "heading": 0.25, "time_ns": 7, "z": 0.1, "pitch": -0.2}}
+    assert msgspec.convert(reported, WorldState).base == pose
 
 
 def test_what_is_in_a_world_is_reported_with_where_there_is_such_a_thing(controlled):
@@ -165,8 +165,8 @@ def test_what_is_in_a_world_is_reported_with_where_there_is_such_a_thing(control
         def shapes(self):
             return (box,)
 
-    (told,) = controlled(world=Furnished()).call("shapes")
-    assert msgspec.convert(told, WorldShape) == box
+    (reported,) = controlled(world=Furnished()).call("shapes")
+    assert msgspec.convert(reported, WorldShape) == box
 
 
 def test_a_world_without_things_reports_of_none(controlled):

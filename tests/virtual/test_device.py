@@ -119,8 +119,8 @@ def test_errors_are_reported_before_anything_runs(tmp_path):
 
 def test_nodes_of_one_process_may_be_of_different_files():
     eds = Path(__file__).parents[2] / "eds"
-    made = make_devices([2, 5], eds / "TMCM-1270.eds", print, eds_files={5: eds / "generic_cia401.eds"})
-    assert [(node.node_id, bool(node.drives)) for node in made.nodes] == [(2, True), (5, False)]
+    devices = make_devices([2, 5], eds / "TMCM-1270.eds", print, eds_files={5: eds / "generic_cia401.eds"})
+    assert [(node.node_id, bool(node.drives)) for node in devices.nodes] == [(2, True), (5, False)]
 
 
 def test_what_a_world_had_to_guess_is_reported(tmp_path):
@@ -131,13 +131,13 @@ def test_what_a_world_had_to_guess_is_reported(tmp_path):
     )
     plant = tmp_path / "plant.yml"
     plant.write_text("engine: guessing_engine:make")
-    said = []
+    messages = []
     sys.path.insert(0, str(tmp_path))
     try:
-        make_devices([2], Path(__file__).parents[2] / "eds" / "TMCM-1270.eds", said.append, plant=plant)
+        make_devices([2], Path(__file__).parents[2] / "eds" / "TMCM-1270.eds", messages.append, plant=plant)
     finally:
         sys.path.remove(str(tmp_path))
-    assert said == ["world: a mass"]
+    assert messages == ["world: a mass"]
 
 
 @pytest.mark.parametrize("name", [name for name in personality_names() if name != "vfd"])

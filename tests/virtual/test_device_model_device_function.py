@@ -34,8 +34,8 @@ def test_a_drives_process_starts_without_the_functions_of_other_devices():
         "from canopen_control.data_files import data_path; make_device(data_path('eds', 'TMCM-1270.eds'), 3); "
         "print('canopen_control.virtual.io_device' in sys.modules)"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert said.stdout.strip() == "False"
+    message = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert message.stdout.strip() == "False"
 
 
 # -- every file that is of no drive
@@ -49,22 +49,22 @@ PROFILES = {"generic_cia401.eds": Profile.IO, "generic_cia404.eds": Profile.MEAS
 @functools.cache
 def files():
     """Return the dictionaries of all files of the tests and the package that are of no drive, by name."""
-    found = {"an I/O module with outputs alone": parse_eds(EDS_TEXT.encode(), NODE).od}
+    result = {"an I/O module with outputs alone": parse_eds(EDS_TEXT.encode(), NODE).od}
     for path in sorted([*MALFORMED.glob("*.eds"), *DEVIATIONS.glob("*.eds")]):
         try:
-            found[path.name] = read_eds(path, NODE).od
+            result[path.name] = read_eds(path, NODE).od
         except EdsError:
             continue
-    found |= {
+    result |= {
         name: dictionary_of(data_path("eds", name)).for_node(NODE)
         for name in data_names("eds")
         if name.endswith(".eds")
     }
     for name in PROFILES:  # as half of all files are
-        unnamed = found[name].for_node(NODE)
+        unnamed = result[name].for_node(NODE)
         unnamed.add(replace(unnamed[0x1000, 0], default=0))
-        found[f"{name} without a device type"] = unnamed
-    return {name: od for name, od in found.items() if profile_of(od) is not Profile.DRIVE}
+        result[f"{name} without a device type"] = unnamed
+    return {name: od for name, od in result.items() if profile_of(od) is not Profile.DRIVE}
 
 
 def test_there_are_many_of_them():
@@ -85,10 +85,10 @@ def test_it_boots_answers_and_shows_what_is_set(name):
     assert bench.node.nmt.state is NmtState.OPERATIONAL
     assert (function is None) == (profile_of(od) is Profile.NONE)
     if function is not None:
-        inputs = [each.name for each in function.describe() if not each.output]
+        inputs = [item.name for item in function.describe() if not item.output]
         function.set_signals(dict.fromkeys(inputs, 1.0), bench.now)
         bench.on(0.5)
-        assert all(each.value == pytest.approx(1.0, abs=1.1) for each in function.describe() if not each.output)
+        assert all(item.value == pytest.approx(1.0, abs=1.1) for item in function.describe() if not item.output)
 
 
 @pytest.mark.parametrize("name", PROFILES)

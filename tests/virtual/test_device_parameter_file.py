@@ -13,14 +13,14 @@ SAVE, LOAD = 0x65766173, 0x64616F6C
 
 
 def bench(path, node_id=5, started_with=None, lss=False):
-    said = []
-    storage = ParameterFile(path, said.append)
+    messages = []
+    storage = ParameterFile(path, messages.append)
     od = servo_od(node_id)
     od.device = replace(od.device, lss_supported=lss)
     node = make_device(od, storage.node_id(node_id))
     storage.attach(node, started_with or node_id)
     b = Bench(node)
-    b.said = said
+    b.said = messages
     return b
 
 

@@ -97,13 +97,13 @@ def test_what_a_lely_master_writes_at_boot_is_taken_with_bit_30_cleared():
     bench = Bench(tmcm())
     for line in LELY_BOOT.strip().splitlines():
         frame = bytes.fromhex(line)
-        answers = [(each.can_id, each.data) for each in bench.put(0x603, frame)]
+        answers = [(item.can_id, item.data) for item in bench.put(0x603, frame)]
         assert answers == [(0x583, b"\x60" + frame[1:4] + bytes(4))], line
     assert bench.put(0x603, bytes.fromhex("4001180100000000"))[0].data == bytes.fromhex("4301180183020000")
     assert bench.put(0x603, bytes.fromhex("4001140100000000"))[0].data == bytes.fromhex("4301140103030000")
     bench.put(0x000, bytes.fromhex("0103"))
     sent = bench.sync()
-    assert [each.data for each in sent if each.can_id == 0x283] == [bytes(8)]
+    assert [item.data for item in sent if item.can_id == 0x283] == [bytes(8)]
     bench.put(0x303, bytes.fromhex("F2090000"))
     bench.sync()
     assert bench.number(0x60FF) == 2546

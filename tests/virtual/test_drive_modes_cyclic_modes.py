@@ -78,7 +78,7 @@ def jittered(model, sigma_ms):
 @pytest.mark.rest
 @pytest.mark.parametrize(("sigma_ms", "ripple"), [(0.1, 0.042), (0.5, 0.16), (1.0, 0.25)])
 def test_a_sync_that_jitters_makes_the_ripple_that_real_drives_have(sigma_ms, ripple):
-    held, extrapolated = (jittered(each, sigma_ms) for each in (PLAIN, dataclasses.replace(ON, recovers_sync=False)))
+    held, extrapolated = (jittered(item, sigma_ms) for item in (PLAIN, dataclasses.replace(ON, recovers_sync=False)))
     assert held.ripple[0] == pytest.approx(ripple, rel=0.25)
     assert extrapolated.ripple[0] < 0.65 * held.ripple[0]
     if sigma_ms == 1.0:

@@ -291,8 +291,8 @@ def test_inputs_of_a_device_that_lie(name, shown):
     put(b, ai0=1000)
     switches.set(name, True, b.now)
     put(b, ai0=2000)
-    seen = {b.on(0.02).number(0x6401, 1) for _ in range(6)}
-    assert seen == shown if shown else len(seen) > 2
+    observed = {b.on(0.02).number(0x6401, 1) for _ in range(6)}
+    assert observed == shown if shown else len(observed) > 2
     switches.set(name, False, b.now)
     assert b.number(0x6401, 1) == 2000
 
@@ -321,7 +321,7 @@ def test_outputs_that_are_overloaded_are_off_at_the_terminals_and_reported():
     switches = FaultSwitches(b.node)
 
     def lamp():
-        return next(each.value for each in b.node.function.describe() if each.name == "do0")
+        return next(item.value for item in b.node.function.describe() if item.name == "do0")
 
     def emergency():
         b.collect()

@@ -110,18 +110,18 @@ def test_operational_without_a_command():
 
 
 @pytest.mark.parametrize(
-    ("name", "index", "sub", "seen"),
+    ("name", "index", "sub", "observed"),
     [
         (fault("sdo_silent"), 0x1000, 0, None),
         (fault("optional_missing"), 0x603F, 0, 0x06020000),
         (fault("sdo_short_answer"), 0x1000, 0, b"\x92"),
     ],
 )
-def test_sdo_answers(name, index, sub, seen):
+def test_sdo_answers(name, index, sub, observed):
     b = bench()
     healthy = b.answers(index, sub)
     b.set(name)
-    assert b.answers(index, sub) == seen
+    assert b.answers(index, sub) == observed
     b.set(name, False)
     assert b.answers(index, sub) == healthy
 

@@ -26,8 +26,8 @@ def seams(part, seen=None):
     for value in (getattr(part, name) for name in names):
         if isinstance(value, InjectionPoint):
             yield value
-        for each in value.values() if isinstance(value, dict) else (value,):
-            yield from seams(each, seen)
+        for item in value.values() if isinstance(value, dict) else (value,):
+            yield from seams(item, seen)
 
 
 @pytest.mark.sources

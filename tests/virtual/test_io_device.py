@@ -18,7 +18,7 @@ from canopen_control.virtual.io_device import JUMP, KINDS, NOISE, InputFaults
 
 
 def told(device, name):
-    return next(each for each in device.node.function.describe() if each.name == name)
+    return next(item for item in device.node.function.describe() if item.name == name)
 
 
 def test_a_temperature_is_shown_in_its_digits_in_every_format():
@@ -204,8 +204,8 @@ def test_a_healthy_input_shows_what_is_there_and_never_wakes():
 def test_a_stuck_input_keeps_what_it_showed_first_until_it_is_repaired():
     faults = InputFaults()
     faults.switch("stuck", on=True, now=0)
-    assert [faults.value("a", each, 100.0) for each in (1.0, 2.0)] == [1.0, 1.0]
-    assert [faults.line("b", each) for each in (0.0, 1.0)] == [0.0, 0.0]
+    assert [faults.value("a", item, 100.0) for item in (1.0, 2.0)] == [1.0, 1.0]
+    assert [faults.line("b", item) for item in (0.0, 1.0)] == [0.0, 0.0]
     faults.switch("stuck", on=False, now=0)
     assert faults.value("a", 2.0, 100.0) == 2.0
 
@@ -263,7 +263,7 @@ def put_of_whole(bench, **values):
 
 
 def terminal(bench, name):
-    return next(each.value for each in bench.node.function.describe() if each.name == name)
+    return next(item.value for item in bench.node.function.describe() if item.name == name)
 
 
 def test_digital_inputs_are_sent_on_start_and_when_they_change(io):
@@ -413,5 +413,5 @@ def test_inputs_that_are_stuck_noisy_or_jump(io):
     assert io.number(0x6401, 1) == 2000 + round(32767 / 4)
     function.break_inputs("jump", on=False, now=io.now)
     function.break_inputs("noise", on=True, now=io.now)
-    seen = {io.to(io.now + 20 * MS).number(0x6401, 1) for _ in range(10)}
-    assert len(seen) > 3
+    observed = {io.to(io.now + 20 * MS).number(0x6401, 1) for _ in range(10)}
+    assert len(observed) > 3

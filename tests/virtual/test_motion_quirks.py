@@ -45,11 +45,11 @@ def recorded(b):
 def changing(bits, before=lambda b: None):
     def probe(b):
         before(b)
-        seen = set()
+        observed = set()
         for _ in range(40):
             b.on(0.005)
-            seen.add(b.statusword & bits)
-        return len(seen) > 1
+            observed.add(b.statusword & bits)
+        return len(observed) > 1
 
     return probe
 

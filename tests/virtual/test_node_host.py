@@ -56,8 +56,8 @@ def world():
         return worlds[-1]
 
     yield make
-    for each in worlds:
-        each.close()
+    for item in worlds:
+        item.close()
 
 
 def test_nodes_boot_in_the_next_turn_and_answer(world):

@@ -25,13 +25,13 @@ def bench():
 
 
 def heard(input_, times=(), ticks=()):
-    seen = []
-    take = input_.receiver(lambda frame, now: seen.append((frame.data[0], now)))
+    observed = []
+    take = input_.receiver(lambda frame, now: observed.append((frame.data[0], now)))
     for frame, now in zip(FRAMES, times or range(10), strict=True):
         take(frame, now)
     for now in ticks:
         input_.tick(now)
-    return seen
+    return observed
 
 
 def test_healthy_it_hands_all_on_at_once():
@@ -42,8 +42,8 @@ def test_healthy_it_hands_all_on_at_once():
 def test_late_ones_come_in_their_order_when_they_are_due():
     late = RpdoInput()
     late.delay_ns.inject(100)
-    seen = heard(late, ticks=(99, 104, 300))
-    assert seen == [(n, 104 if n < 5 else 300) for n in range(10)]
+    observed = heard(late, ticks=(99, 104, 300))
+    assert observed == [(n, 104 if n < 5 else 300) for n in range(10)]
     assert late.next_deadline() is None
 
 

@@ -45,9 +45,9 @@ def test_a_guard_judges_by_values_where_it_reports_this_and_nothing_is_capped():
     values = store()
     values.guard([0x2000], lambda _entry, value: value)
     values.guard([0x2001], lambda _entry, value: value, by_values=True)
-    found = [values.guarded_by_values(index) for index in (0x2000, 0x2001, 0x2002)]
+    result = [values.guarded_by_values(index) for index in (0x2000, 0x2001, 0x2002)]
     values.ceilings.inject({0x2001: 1})
-    assert (found, values.guarded_by_values(0x2001)) == ([False, True, True], False)
+    assert (result, values.guarded_by_values(0x2001)) == ([False, True, True], False)
 
 
 def test_it_starts_with_the_defaults_of_the_file():
@@ -94,12 +94,12 @@ def test_strings_and_domains_may_have_any_length():
 
 
 def test_sources_guards_and_watchers_have_their_report():
-    values, heard = store(), []
+    values, received = store(), []
     values.on_read(0x2001, 0, lambda: 99)
     values.guard([0x2000], lambda entry, value: value + 1)
-    values.on_write([0x2000], lambda entry, value: heard.append((entry.index, value)))
+    values.on_write([0x2000], lambda entry, value: received.append((entry.index, value)))
     values.download(0x2000, 0, b"\x04")
-    assert (values.get(0x2000), heard, values.upload(0x2001, 0)) == (5, [(0x2000, 5)], b"\x63\0")
+    assert (values.get(0x2000), received, values.upload(0x2001, 0)) == (5, [(0x2000, 5)], b"\x63\0")
 
     def refuse(entry, value):
         raise SdoServerAbort(0x08000022)

@@ -154,9 +154,9 @@ def test_a_loaded_plant_lags_without_feed_forward():
     blind, knowing = (LoadedPlant(velocity_feed_forward=share, **parts) for share in (0.0, 1.0))
     assert settled(blind) == pytest.approx(100 / 20.0, rel=0.02)
     assert settled(knowing) == pytest.approx(0.0, abs=0.1)
-    told = LoadedPlant(velocity_feed_forward=0.0, **parts)
-    told.feed_forward(100.0, 0.0)
-    assert settled(told) == pytest.approx(0.0, abs=0.1)
+    loaded_plant = LoadedPlant(velocity_feed_forward=0.0, **parts)
+    loaded_plant.feed_forward(100.0, 0.0)
+    assert settled(loaded_plant) == pytest.approx(0.0, abs=0.1)
 
 
 @pytest.mark.parametrize("plant", [IdealPlant(), LagPlant(), LoadedPlant()])

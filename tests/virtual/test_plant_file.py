@@ -26,7 +26,7 @@ def world(tmp_path, text):
 
 
 def test_each_axis_has_the_plant_that_the_file_specifies(tmp_path):
-    made = world(
+    created = world(
         tmp_path,
         """
         default: {kind: lag, time_constant: 0.2}
@@ -35,21 +35,21 @@ def test_each_axis_has_the_plant_that_the_file_specifies(tmp_path):
           "3/1": {kind: ideal}
         """,
     )
-    loaded = made.plant(3, 0)
+    loaded = created.plant(3, 0)
     assert isinstance(loaded, LoadedPlant)
     assert (loaded.torque_limit, loaded.inertia, loaded.friction, loaded.external) == (800, 2.0, 30, -50)
     assert (loaded.backlash, loaded.stalled) == (20, True)
-    assert isinstance(made.plant(3, 1), IdealPlant)
-    lag = made.plant(4, 0)
+    assert isinstance(created.plant(3, 1), IdealPlant)
+    lag = created.plant(4, 0)
     assert isinstance(lag, LagPlant)
     assert lag.time_constant == 0.2
 
 
 def test_an_empty_file_leaves_every_axis_ideal(tmp_path):
-    made = world(tmp_path, "")
-    assert isinstance(made.plant(3, 0), IdealPlant)
-    assert (made.describe(), made.period_ns) == (WorldState(), None)
-    made.close()
+    created = world(tmp_path, "")
+    assert isinstance(created.plant(3, 0), IdealPlant)
+    assert (created.describe(), created.period_ns) == (WorldState(), None)
+    created.close()
 
 
 @pytest.mark.parametrize("share", [False, True])
@@ -67,33 +67,33 @@ def test_two_drives_move_the_base_they_are_wheels_of(tmp_path, share):
     for _ in range(50):
         left.on(0.02)
         right.on(0.02)
-    for each in worlds:
-        each.describe()
+    for item in worlds:
+        item.describe()
     pose = worlds[0].describe().base
     way = left.drive.mover.plant.position * METRES
     assert pose.x == pytest.approx(way, abs=1000 * METRES * 0.005)  # to the last point of the grid
     assert (pose.y, pose.heading) == pytest.approx((0.0, 0.0), abs=1e-9)
     assert pose.time_ns == pytest.approx(2 * S, abs=5e6)
     assert right.number(0x6064, signed=True) == -left.number(0x6064, signed=True)
-    for each in worlds:
-        each.close()
+    for item in worlds:
+        item.close()
 
 
 def test_each_wheel_may_have_a_radius_of_its_own(tmp_path):
-    made = world(tmp_path, BASE.replace("reversed", "left_wheel_radius: 0.11, reversed"))
-    wheels = [made.plant(node_id, 0) for node_id in (5, 6)]
+    created = world(tmp_path, BASE.replace("reversed", "left_wheel_radius: 0.11, reversed"))
+    wheels = [created.plant(node_id, 0) for node_id in (5, 6)]
     for wheel in wheels:
         wheel.follow(hold(0, 0.0), 0, S)  # the first point is where it begins
         wheel.follow(move_to(S, 0.0, 0.0, 1000.0, 1000.0, 1e9, 1e9), S, 3 * S)
-    made.describe()
+    created.describe()
     ways = [wheel._distance for wheel in wheels]
     assert ways == pytest.approx([0.11 * math.tau, -0.1 * math.tau])
-    assert made.describe().base.heading == pytest.approx((ways[1] - ways[0]) / 0.4)
+    assert created.describe().base.heading == pytest.approx((ways[1] - ways[0]) / 0.4)
 
 
 def test_a_wheel_has_the_plant_of_its_axis_inside(tmp_path):
-    made = world(tmp_path, BASE + 'axes: {"5": {kind: loaded, inertia: 3.0}}\n')
-    assert made.plant(5, 0).inner.inertia == 3.0
+    created = world(tmp_path, BASE + 'axes: {"5": {kind: loaded, inertia: 3.0}}\n')
+    assert created.plant(5, 0).inner.inertia == 3.0
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_another_engine_can_replace_ours(tmp_path, monkeypatch):
         "class Engine(IndependentPlants):\n    def __init__(self, path): self.path = path\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    made = world(tmp_path, "engine: engine_of_test:Engine\nsprings: [1, 2]\n")
-    assert made.path == tmp_path / "plant.yml"
-    assert isinstance(made.plant(3, 0), IdealPlant)
+    created = world(tmp_path, "engine: engine_of_test:Engine\nsprings: [1, 2]\n")
+    assert created.path == tmp_path / "plant.yml"
+    assert isinstance(created.plant(3, 0), IdealPlant)
     del sys.modules["engine_of_test"]

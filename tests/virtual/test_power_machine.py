@@ -77,13 +77,13 @@ def test_a_window_of_nothing_or_everything_is_not_a_following_error():
 def test_the_motor_has_power_in_the_powered_states_only():
     bench = Bench(servo(x605A=6))
     bench.start()
-    seen = set()
+    observed = set()
     for word in (6, 7, 15, 2, 15, 7, 15, 0, 6, 7, 15):
         bench.control(word)
         bench.on(0.01)
         assert bench.drive.mover.powered == (bench.drive.state in POWERED_STATES)
-        seen.add(bench.drive.state)
-    assert {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED} <= seen
+        observed.add(bench.drive.state)
+    assert {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED} <= observed
 
 
 def test_a_fault_during_a_slow_transition_ends_it():
@@ -138,12 +138,12 @@ def test_what_is_not_obeyed_in_pre_operational_is_reported_once_and_what_to_do()
     for word in (6, 7, 15, 15, 15):
         bench.write(0x6040, word)
     assert bench.state == "SWITCHED_ON"
-    told = "controlword 0x000F ignored: the node is PRE_OPERATIONAL; the drive can be enabled only in OPERATIONAL"
-    assert ignored(bench) == [told]
+    reported = "controlword 0x000F ignored: the node is PRE_OPERATIONAL; the drive can be enabled only in OPERATIONAL"
+    assert ignored(bench) == [reported]
     bench.start()
     bench.write(0x6040, 15)
     assert bench.state == "OPERATION_ENABLED"
-    assert ignored(bench) == [told]
+    assert ignored(bench) == [reported]
 
 
 def test_a_drive_that_serves_it_is_enabled_and_moves_by_sdo_in_pre_operational():

@@ -20,8 +20,8 @@ def state(name, *words, before=lambda b: b.enable(3), seconds=0.0):
 
     def probe(b):
         before(b)
-        for each in words:
-            b.control(each)
+        for word in words:
+            b.control(word)
         b.on(seconds)
         return b.state == name
 
@@ -69,8 +69,8 @@ def brake(b):
 
 def empty_link(b):
     b.faulted()
-    for each in (0x80, 0x06):
-        b.control(each)
+    for value in (0x80, 0x06):
+        b.control(value)
     early = b.state, b.statusword & 1 << 4
     b.on(3.1)
     b.control(0x06)
@@ -164,8 +164,8 @@ def returning(b):
 def first_enable(b):
     b.enable(3)
     early = b.state, b.number(0x603F)
-    for each in (0x80, 0x06, 0x07, 0x0F):
-        b.control(each)
+    for value in (0x80, 0x06, 0x07, 0x0F):
+        b.control(value)
     return early == ("FAULT", 0xFF00) and b.state == "OPERATION_ENABLED"
 
 

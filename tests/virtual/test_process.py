@@ -29,9 +29,9 @@ from canopen_control.virtual.scenario import ScenarioEvent
 
 @pytest.fixture
 def log_reactor():
-    made = Reactor(ManualClock(0))
-    yield made
-    made.close()
+    created = Reactor(ManualClock(0))
+    yield created
+    created.close()
 
 
 def test_the_first_lines_of_a_kind_then_their_number(log_reactor):
@@ -77,8 +77,8 @@ def test_any_number_of_nodes_without_an_id_wait_on_one_bus_and_each_gets_its_soc
     ]
     master = bus.open("master")
     try:
-        for each in served:
-            each.open()
+        for item in served:
+            item.open()
         log_reactor.run_for(0)
         assert sum("has the control socket" in line for line in lines) == 2
         assert served[1].ready_line == "drive 255 (servo, serial number 2) ready on memory:unconfigured"
@@ -92,8 +92,8 @@ def test_any_number_of_nodes_without_an_id_wait_on_one_bus_and_each_gets_its_soc
         assert drive_name("memory:unconfigured", 9) in list_sockets("drive")
         assert drive_name("memory:unconfigured", 255) in list_sockets("drive")
     finally:
-        for each in served:
-            each.close()
+        for item in served:
+            item.close()
         master.close()
         log_reactor.run_for(0)
 
@@ -113,8 +113,8 @@ def test_a_node_served_by_another_client_is_reported_with_what_was_abandoned(log
         assert lost
         assert served[0].error is not None
     finally:
-        for each in served:
-            each.close()
+        for item in served:
+            item.close()
 
 
 PORTS = []
@@ -122,9 +122,9 @@ PORTS = []
 
 @pytest.fixture
 def reactor():
-    made = Reactor(ManualClock(S))
-    yield made
-    made.close()
+    created = Reactor(ManualClock(S))
+    yield created
+    created.close()
     while PORTS:
         PORTS.pop().close()
 
@@ -190,8 +190,8 @@ def test_a_flood_of_error_frames_is_a_line_and_a_sum_for_each_kind(reactor):
     reactor.call_later(S, flood)
     reactor.call_later(12 * S, reactor.stop)
     drives.run()
-    told = [line.split(" ", 1)[1].strip() for line in lines if "overrun" in line or "passive" in line]
-    assert [each.partition(" ")[2] if each[0].isdigit() else each for each in told] == [
+    reported = [line.split(" ", 1)[1].strip() for line in lines if "overrun" in line or "passive" in line]
+    assert [item.partition(" ")[2] if item[0].isdigit() else item for item in reported] == [
         "error-passive 0",
         "overrun 0",
         "error-passive 999 (999 more times in 10 s)",
@@ -334,23 +334,23 @@ def test_a_node_id_given_by_lss_renames_its_control_socket(reactor):
     od.device = replace(od.device, lss_supported=True)
     node = make_device(od, 5)
     bus, drives, lines = started(reactor, [node])
-    master, seen = join(bus, "master"), []
+    master, observed = join(bus, "master"), []
     select = [b"\x04\x01", b"\x11\x09", b"\x04\x00"]
     frames = [CanFrame(0x7E5, data.ljust(8, b"\0")) for data in select] + [CanFrame(0, b"\x82\x05")]
     reactor.call_later(MS, lambda: master.send(pack_records(frames)))
-    reactor.call_later(100 * MS, lambda: seen.extend(list_sockets("drive")))
+    reactor.call_later(100 * MS, lambda: observed.extend(list_sockets("drive")))
     reactor.call_later(200 * MS, reactor.stop)
     drives.run()
-    assert seen == ["process-9"]
+    assert observed == ["process-9"]
     assert any("node 9: LSS: node-ID 9" in line for line in lines)
 
 
 @pytest.mark.sources
 def test_a_timeline_and_a_world_that_depends_on_its_axes_are_served(reactor):
     bus = MemoryBus("process")
-    node, asked = servo(5), []
+    node, requested = servo(5), []
     world = SimpleNamespace(period_ns=20 * MS, describe=WorldState)
-    node.advance_drives = lambda now, advance=node.advance_drives: (asked.append(now), advance(now))
+    node.advance_drives = lambda now, advance=node.advance_drives: (requested.append(now), advance(now))
     lines = []
     timeline = [ScenarioEvent(S // 2, "fault", "5", "warning")]
     drives = DriveProcess(
@@ -358,7 +358,7 @@ def test_a_timeline_and_a_world_that_depends_on_its_axes_are_served(reactor):
     )
     reactor.call_later(S, reactor.stop)
     assert drives.run() == 0
-    assert len(asked) >= 49
+    assert len(requested) >= 49
     assert any("fault warning on" in line for line in lines)
 
 

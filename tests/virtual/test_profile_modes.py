@@ -112,11 +112,11 @@ def test_without_speeds_homing_is_an_error():
 def test_the_switches_show_while_homing():
     bench = homing(17)
     bench.control(0x1F)
-    seen = set()
+    observed = set()
     for _ in range(600):
         bench.on(0.05)
-        seen.add(bench.number(0x60FD) & 7)
-    assert seen >= {0, 1}
+        observed.add(bench.number(0x60FD) & 7)
+    assert observed >= {0, 1}
 
 
 def test_the_tmcm_1270_takes_its_position_for_home_without_power_by_method_35():
@@ -215,8 +215,8 @@ def test_pv_adds_its_offset_and_keeps_within_the_maximum():
 
 def test_the_same_target_written_again_changes_nothing():
     bench, other = enabled(3), enabled(3)
-    for each in (bench, other):
-        each.write(0x60FF, 1000)
+    for item in (bench, other):
+        item.write(0x60FF, 1000)
     for _ in range(20):
         bench.on(0.01)
         bench.write(0x60FF, 1000)

@@ -99,8 +99,8 @@ def test_a_quirk_is_reported_replaced_by_another_strength_and_switched_off_by_it
     bench.set("brake_delay", on=False)
     assert bench.quirks.active == []
     bench.set("brake_delay", on=False)
-    told = [event for event in bench.events if isinstance(event, QuirkSwitched)]
-    assert told[:2] == [QuirkSwitched("brake_delay=1", True), QuirkSwitched("brake_delay=2", True)]
+    reported = [event for event in bench.events if isinstance(event, QuirkSwitched)]
+    assert reported[:2] == [QuirkSwitched("brake_delay=1", True), QuirkSwitched("brake_delay=2", True)]
     with pytest.raises(ConfigError):
         bench.set("remote_nevr")
 

@@ -57,7 +57,7 @@ def test_every_error_is_reported_at_once_with_its_line(tmp_path):
 """
     with pytest.raises(ScenarioError) as caught:
         read(tmp_path, text, (2, 3))
-    said = str(caught.value)
+    message = str(caught.value)
     for line, words in (
         (2, "node 9 is not in this process"),
         (3, "not a time"),
@@ -69,8 +69,8 @@ def test_every_error_is_reported_at_once_with_its_line(tmp_path):
         (9, "did you mean 'brake_delay'"),
         (10, "the strength must be a number, 0.001 to 60 s"),
     ):
-        assert f"scenario.yml:{line}:" in said
-        assert words in said
+        assert f"scenario.yml:{line}:" in message
+        assert words in message
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_a_file_that_is_not_there_is_an_error_too(tmp_path):
 
 def test_steps_happen_in_their_time_and_one_that_cannot_is_reported():
     with Reactor(ManualClock(S)) as reactor:
-        port, node, said = MemoryBus("timeline").open("drives"), servo(5, plant=lambda axis: LoadedPlant()), []
+        port, node, text = MemoryBus("timeline").open("drives"), servo(5, plant=lambda axis: LoadedPlant()), []
         host = NodeHost(reactor, port, [node])
         control = NodeControl(host, node)
         steps = [
@@ -96,14 +96,14 @@ def test_steps_happen_in_their_time_and_one_that_cannot_is_reported():
             ScenarioEvent(3 * S, "plant", "5", plant=(("external", -50.0),)),
             ScenarioEvent(4 * S, "plant", "5", plant=(("colour", 1.0),)),
         ]
-        Timeline(reactor, {node: control}, {5: node}, said.append).plan(steps)
+        Timeline(reactor, {node: control}, {5: node}, text.append).plan(steps)
         active = []
         for _ in range(4):
             reactor.run_for(S + 1)
             active.append(list(node.fault_switches.active))
         assert active[:2] == [["silent"], []]
         assert node.drives[0].mover.plant.external == -50.0
-        assert said == ["node 5: scenario: plant: 'colour' is not a number of this plant"]
+        assert text == ["node 5: scenario: plant: 'colour' is not a number of this plant"]
         control.close()
         host.close()
         port.close()
@@ -142,7 +142,7 @@ def test_an_act_is_played_in_the_world_and_reported_where_there_is_none():
         def act(self, what):
             done.append(what)
 
-    for world, told in ((Acting(), 0), (IndependentPlants(), 1)):
+    for world, reported in ((Acting(), 0), (IndependentPlants(), 1)):
         lines, bus = [], MemoryBus("scenario-act")
         with Reactor(ManualClock(S)) as reactor, contextlib.closing(bus.open("drive")) as port:
             node = servo(5)
@@ -154,7 +154,7 @@ def test_an_act_is_played_in_the_world_and_reported_where_there_is_none():
                 timeline.plan([ScenarioEvent(S, "world", "5", world=SetGrip(friction=0.5))])
                 reactor.run_for(2 * S)
         assert [line for line in lines if "scenario: node 5 is not in a world with physics" in line] == lines
-        assert len(lines) == told
+        assert len(lines) == reported
     assert done == [SetGrip(friction=0.5)]
 
 

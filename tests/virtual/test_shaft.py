@@ -43,11 +43,11 @@ def measured(world):
 @pytest.mark.parametrize("shared", [False, True])
 def test_an_encoder_shows_how_a_drive_has_moved_behind_its_gear(tmp_path, shared):
     more = f", share: {tmp_path}/shafts" if shared else ""
-    made = worlds(tmp_path, 2 if shared else 1, more=more)
-    encoder, drive = measured(made[-1]), driving(made[0])
+    created = worlds(tmp_path, 2 if shared else 1, more=more)
+    encoder, drive = measured(created[-1]), driving(created[0])
     for _ in range(20):
         drive.on(0.1)
-        made[0].publish()
+        created[0].publish()
         encoder.on(0.1)
     turns = drive.drive.mover.plant.position / 1000 / 2
     assert turns > 0.5
@@ -55,12 +55,12 @@ def test_an_encoder_shows_how_a_drive_has_moved_behind_its_gear(tmp_path, shared
     drive.write(0x60FF, 0)
     for _ in range(5):
         drive.on(0.1)
-        made[0].publish()
+        created[0].publish()
         encoder.on(0.1)
     stands = encoder.number(0x6004)
     assert encoder.on(1.0).number(0x6004) == stands
-    for each in made:
-        each.close()
+    for item in created:
+        item.close()
 
 
 def test_it_is_where_the_drive_is_known_to_be_and_until_then_where_it_was(tmp_path):
@@ -85,13 +85,13 @@ def test_what_leads_it_cannot_be_set(tmp_path):
 def test_processes_of_drives_couple_what_the_file_specifies(tmp_path):
     plant = tmp_path / "plant.yml"
     plant.write_text(SHAFT % "")
-    made = make_devices((ENCODER, 6), EDS, print, plant=plant)
-    assert isinstance(made.world, ShaftWorld)
-    coupled, free = made.nodes
+    devices = make_devices((ENCODER, 6), EDS, print, plant=plant)
+    assert isinstance(devices.world, ShaftWorld)
+    coupled, free = devices.nodes
     with pytest.raises(ConfigError, match="the shaft"):
         coupled.function.set_signals({"position": 1.0}, 0)
     free.function.set_signals({"position": 1.0}, 0)
-    assert made.world.period_ns == 5_000_000
+    assert devices.world.period_ns == 5_000_000
     assert not isinstance(IndependentPlants(), ShaftWorld)
 
 

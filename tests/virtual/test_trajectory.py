@@ -70,9 +70,9 @@ def test_a_linear_move_takes_its_time_and_stands():
 def test_the_time_of_a_position_is_found_on_every_piece():
     move = trajectory.move_to(0, 0.0, 0.0, 1000.0, 100.0, 100.0, 50.0)
     for position in (1.0, 50.0, 400.0, 950.0, 1000.0):
-        found = move.time_of(position, 0)
-        assert found is not None
-        assert move.at(found)[0] == pytest.approx(position, abs=1e-5)
+        result = move.time_of(position, 0)
+        assert result is not None
+        assert move.at(result)[0] == pytest.approx(position, abs=1e-5)
     assert move.time_of(1001.0, 0) is None
     assert trajectory.cruise(0, 0.0, -10.0).time_of(-20.0, S) == 2 * S
     assert trajectory.cruise(0, 0.0, -10.0).time_of(20.0, S) is None
@@ -140,7 +140,7 @@ def test_an_end_velocity_is_reached_where_the_way_is_long_enough():
 def test_a_linear_move_continues_with_its_velocity_for_as_long_as_commanded():
     demand = trajectory.linear_to(0, 100.0, 200.0, 0.01, 0.03)
     assert [demand.at(round(ms * 1e6)) for ms in (5, 10, 40, 41, 400)] == [
-        pytest.approx(each) for each in ((150, 10_000), (200, 10_000), (500, 0), (500, 0), (500, 0))
+        pytest.approx(item) for item in ((150, 10_000), (200, 10_000), (500, 0), (500, 0), (500, 0))
     ]
     assert trajectory.linear_to(0, 100.0, 200.0, 0.0, 0.03).at(0) == (200.0, 0.0)
 

@@ -140,14 +140,14 @@ def test_bit_rates_are_those_of_the_file_and_a_change_is_reported():
 
 
 def test_each_identifier_has_its_receiver_and_two_of_one_both_receive_in_order():
-    heard = []
-    routes = [(1, lambda f, now: heard.append("a")), (2, lambda f, now: heard.append("b"))]
-    table = merged([*routes, (1, lambda f, now: heard.append("c"))])
+    received = []
+    routes = [(1, lambda f, now: received.append("a")), (2, lambda f, now: received.append("b"))]
+    table = merged([*routes, (1, lambda f, now: received.append("c"))])
     assert table.keys() == {1, 2}
     table[1](CanFrame(1, b""), 0)
-    assert heard == ["a", "c"]
+    assert received == ["a", "c"]
     table[2](CanFrame(2, b""), 0)
-    assert heard == ["a", "c", "b"]
+    assert received == ["a", "c", "b"]
 
 
 def test_a_version_reports_that_the_identifiers_changed_and_only_that():
@@ -482,17 +482,17 @@ def test_random_frames_never_crash_it_and_move_it_only_in_operation(steps, enabl
     was_operational_when_enabled = False
     for step in [*ENABLE, *steps] if enabled else steps:
         before = bench.drive.mover.plant.position
-        seen = {bench.drive.state}
-        enabled_before = State.OPERATION_ENABLED in seen
+        observed = {bench.drive.state}
+        enabled_before = State.OPERATION_ENABLED in observed
         operational_before = bench.node.operational
         act(bench, step)
-        seen |= {
+        observed |= {
             decode_statusword(bench.statusword),
             *(e.state for e in bench.events if hasattr(e, "axis") and hasattr(e, "state")),
         }
         bench.events.clear()
         if bench.drive.mover.plant.position != before:
-            assert may_move(seen)
+            assert may_move(observed)
         # Operation begins only while OPERATIONAL; what turns outside of it was turning before.
         if bench.drive.state is State.OPERATION_ENABLED and not enabled_before:
             was_operational_when_enabled = operational_before or bench.node.operational

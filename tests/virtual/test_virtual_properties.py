@@ -1,4 +1,4 @@
-"""The virtual drive as a whole: against closed forms, against a reference of its own, on dictionaries of every kind."""
+"""The virtual drive as a whole, compared with closed forms and a reference, on dictionaries of all kinds."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_a_file_that_deviates_makes_a_drive_that_turns(path):
 def test_an_axis_0x800_higher_is_enabled_in_each_of_its_modes_alone(axis, mode):
     b = Bench(servo(axes=3)).enable(mode, axis=axis)
     states = [drive.state.name for drive in b.node.drives.values()]
-    assert states == ["OPERATION_ENABLED" if each == axis else "SWITCH_ON_DISABLED" for each in range(3)]
+    assert states == ["OPERATION_ENABLED" if item == axis else "SWITCH_ON_DISABLED" for item in range(3)]
     assert b.number(0x6061 + 0x800 * axis) == mode
 
 
@@ -107,8 +107,8 @@ def ramp(v0, v1, rate):
 
 def check(b, seconds, form):
     velocity, way = form
-    for t, gone, seen in sampled(b, seconds):
-        assert seen == pytest.approx(velocity(t), rel=0.01, abs=1)
+    for t, gone, observed in sampled(b, seconds):
+        assert observed == pytest.approx(velocity(t), rel=0.01, abs=1)
         assert gone == pytest.approx(way(t), abs=1)
 
 
@@ -177,13 +177,13 @@ def test_torque_modes_follow_the_lag_of_mass_and_viscous_friction(mode, slope):
     gain, tau = 50.0, 0.05  # counts/s for each per mille, s
     velocity = way = torque = 0.0
     step = 0.00005
-    for t, gone, seen in sampled(b, 0.4):
+    for t, gone, observed in sampled(b, 0.4):
         for _ in range(100):  # an integration of its own, not the closed form of the plant
             torque = min(200.0, torque + slope * step)
             change = (torque * gain - velocity) / tau * step
             way += (velocity + 0.5 * change) * step
             velocity += change
-        assert seen == pytest.approx(velocity, rel=0.01, abs=3), t
+        assert observed == pytest.approx(velocity, rel=0.01, abs=3), t
         assert gone == pytest.approx(way, abs=max(1.5, 0.005 * way))
 
 

@@ -126,11 +126,11 @@ def test_the_keys_of_parts_stand_alongside_those_of_the_whole():
 def test_errors_in_a_part_are_reported_as_those_of_the_whole_and_what_is_derived_is_not_a_key():
     with pytest.raises(RobotConfigError) as caught:
         parse("left: -1\nnam: b\nsides: {left: 1}\nmade_of: stone", Box, error=RobotConfigError)
-    said = str(caught.value)
-    assert "1:7: left: -1 is out of range" in said
-    assert "unknown key 'nam' (did you mean 'name'?)" in said
-    assert "unknown key 'sides'" in said
-    assert "unknown key 'made_of'" in said
+    message = str(caught.value)
+    assert "1:7: left: -1 is out of range" in message
+    assert "unknown key 'nam' (did you mean 'name'?)" in message
+    assert "unknown key 'sides'" in message
+    assert "unknown key 'made_of'" in message
     with pytest.raises(RobotConfigError, match="missing key 'left'"):
         parse("name: b", Box, error=RobotConfigError)
 

@@ -22,7 +22,7 @@ def test_problems_are_reported_once_in_the_order_of_lines_and_warnings_do_not_ra
     problems.raise_if_any()
     for line in (2, 1, 2):
         problems.error(node(problems, line), "bad")
-    assert [each.line for each in problems.errors] == [1, 2]
+    assert [item.line for item in problems.errors] == [1, 2]
     with pytest.raises(RobotConfigError, match="2 errors"):
         problems.raise_if_any(RobotConfigError)
     with pytest.raises(BusConfigError) as caught:
@@ -46,4 +46,4 @@ def test_a_part_is_judged_apart_from_what_was_found_before():
     assert str(caught.value) == "f:1:1: a: inside"
     with problems.raising(RobotConfigError):
         pass
-    assert [each.message for each in problems.errors] == ["before"]
+    assert [item.message for item in problems.errors] == ["before"]

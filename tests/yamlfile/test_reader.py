@@ -85,7 +85,7 @@ def test_numbers_are_taken_as_rcl_takes_them():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "output"),
     [
         ("010", "010 is a number of base 8 in YAML, and means 8; write it in base 10 or 16"),
         ("1:30", "1:30 is a number of base 60 in YAML, and means 90; write it in base 10 or 16"),
@@ -93,14 +93,14 @@ def test_numbers_are_taken_as_rcl_takes_them():
         ("0x10", ""),
     ],
 )
-def test_a_number_that_yaml_reads_in_another_base_is_reported(text, said):
-    found: list[Problem] = []
-    parse(f"{{node_id: {text}, scale: {text}}}", Drive, "bus.yml", warnings=found)
-    assert [each.message for each in found] == [said] * (2 if said else 0)
+def test_a_number_that_yaml_reads_in_another_base_is_reported(text, output):
+    results: list[Problem] = []
+    parse(f"{{node_id: {text}, scale: {text}}}", Drive, "bus.yml", warnings=results)
+    assert [item.message for item in results] == [output] * (2 if output else 0)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ('"5"', "'5'; remove the quotes"),
         ('"0x1F"', "'0x1F'; remove the quotes"),
@@ -112,15 +112,15 @@ def test_a_number_that_yaml_reads_in_another_base_is_reported(text, said):
         ("five", "'five'"),
     ],
 )
-def test_a_text_that_means_a_number_is_refused_with_the_way_to_write_it(text, said):
+def test_a_text_that_means_a_number_is_refused_with_the_way_to_write_it(text, message):
     assert messages(f"scale: {text}\nnode_id: 1", Drive) == [
-        f"bus.yml:1:8: scale: expected a number, got the text {said}"
+        f"bus.yml:1:8: scale: expected a number, got the text {message}"
     ]
     assert messages("node_id: 1e1", Drive)[0].endswith("expected an integer, got the text '1e1'; write 10")
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("\tnode_id: 1", "1:1: found character '\\t' that cannot start any token; indent with spaces instead of tabs"),
         ("scale: @x", "that cannot start any token; put a text that begins with this character in quotes"),
@@ -135,19 +135,19 @@ def test_a_text_that_means_a_number_is_refused_with_the_way_to_write_it(text, sa
         ("scale: {a: 1", "separate the entries with commas, and close the bracket"),
     ],
 )
-def test_an_error_of_the_grammar_names_the_correction(text, said):
-    (found,) = messages(text, Drive)
-    assert said in found
+def test_an_error_of_the_grammar_names_the_correction(text, message):
+    (result,) = messages(text, Drive)
+    assert message in result
 
 
 def test_each_merge_conflict_is_reported_and_nothing_else():
     conflict = "<<<<<<< HEAD\nnode_id: 1\n=======\nnode_id: 2\n>>>>>>> other\n"
-    said = "a merge conflict: keep one of the versions, and remove the lines with <, = and >"
-    assert messages(f"{conflict}scale: 1\n{conflict}", Drive) == [f"bus.yml:1:1: {said}", f"bus.yml:7:1: {said}"]
+    text = "a merge conflict: keep one of the versions, and remove the lines with <, = and >"
+    assert messages(f"{conflict}scale: 1\n{conflict}", Drive) == [f"bus.yml:1:1: {text}", f"bus.yml:7:1: {text}"]
 
 
 def test_every_error_is_reported_at_once_in_the_order_of_the_lines():
-    found = messages(
+    result = messages(
         "nodes:\n"
         "  left: {node_id: 200, hartbeat_producer: 3}\n"
         "  right:\n"
@@ -157,7 +157,7 @@ def test_every_error_is_reported_at_once_in_the_order_of_the_lines():
         "    cob_id: 1.5\n"
         "foo: 1\n"
     )
-    assert found == [
+    assert result == [
         "bus.yml:2:19: nodes.left.node_id: 200 is out of range 1..127",
         "bus.yml:2:24: nodes.left.hartbeat_producer: unknown key 'hartbeat_producer' (did you mean "
         "'heartbeat_producer'?)",
@@ -185,8 +185,8 @@ def test_a_missing_key_is_named_where_its_mapping_stands():
 
 
 def test_a_repeated_key_is_an_error_with_both_lines():
-    found = messages("nodes:\n  left: {node_id: 1}\n  right: {node_id: 2}\n  left: {node_id: 3}\n")
-    assert found == ["bus.yml:4:3: nodes.left: duplicate key 'left' (first at line 2); rename or remove one"]
+    result = messages("nodes:\n  left: {node_id: 1}\n  right: {node_id: 2}\n  left: {node_id: 3}\n")
+    assert result == ["bus.yml:4:3: nodes.left: duplicate key 'left' (first at line 2); rename or remove one"]
     assert messages("nodes: {}\npdos: {3: a, 0x3: b}\n") == [
         "bus.yml:2:14: pdos.0x3: duplicate key 3, which was written differently before"
     ]
@@ -196,7 +196,7 @@ def test_without_strictness_repeated_and_unknown_keys_are_warnings_and_the_last_
     warnings: list[Problem] = []
     value = parse("{node_id: 1, scale: 2, scale: 3, nodeid: 4}", Drive, warnings=warnings, strict=False)
     assert value.scale == 3.0
-    assert [each.message for each in warnings] == [
+    assert [warning.message for warning in warnings] == [
         "duplicate key 'scale' (first at line 1); rename or remove one",
         "unknown key 'nodeid' (did you mean 'node_id'?)",
     ]
@@ -218,8 +218,8 @@ def test_anchors_and_merge_keys_work_and_own_keys_win():
 
 
 def test_an_error_behind_an_alias_is_reported_once_for_each_place_it_is_used_in():
-    found = messages("nodes:\n  a: &a {node_id: 500}\n  b: *a\n")
-    assert found == [
+    result = messages("nodes:\n  a: &a {node_id: 500}\n  b: *a\n")
+    assert result == [
         "bus.yml:2:19: nodes.a.node_id: 500 is out of range 1..127",
         "bus.yml:2:19: nodes.b.node_id: 500 is out of range 1..127",
     ]
@@ -264,9 +264,9 @@ def test_enums_literals_tuples_and_text_report_the_expected_values():
 
 def test_a_check_across_fields_joins_the_other_errors_with_its_place():
     def check(bus: Bus, problems: Problems) -> None:
-        for each in bus.nodes.values():
-            if each.node_id == 5:
-                problems.error(each.here, "five is taken")
+        for node in bus.nodes.values():
+            if node.node_id == 5:
+                problems.error(node.here, "five is taken")
 
     assert messages("nodes:\n  a: {node_id: 5}\n", check=check) == ["bus.yml:2:6: nodes.a: five is taken"]
 
@@ -382,12 +382,12 @@ WORDS = (
 @given(st.lists(st.sampled_from(WORDS), max_size=16).map("".join))
 def test_both_parsers_give_the_same_tree_or_the_same_error(text):
     try:
-        wanted = shape(yaml.compose(text + "\n", Loader=yaml.SafeLoader))
+        expected = shape(yaml.compose(text + "\n", Loader=yaml.SafeLoader))
     except yaml.YAMLError as error:
         with pytest.raises(type(error), match=re.escape(str(error))):
             reader._root(text + "\n")
     else:
-        assert shape(reader._root(text + "\n")) == wanted
+        assert shape(reader._root(text + "\n")) == expected
 
 
 def test_all_files_of_the_bundled_robots_are_read_by_the_fast_parser(monkeypatch):

@@ -1,9 +1,9 @@
 // three.js is loaded after the page, so that STOP and the state never wait for the picture. The scene is drawn only after
 // a change and while it is visible, and with fewer pixels where the CPU draws it.
 const FAULT = 0xd62828, SLOW_MS = 45, LEAST_RATIO = 0.5, MOST_POINTS = 1500;
-const BELIEVED = 0x266ec8, TRUE = 0xe07a00; // colours of the paths by odometry and of the base itself
-const STANDING = 0x9aa7b5, MOVING = 0xc79a5b, OTHER = 0x8d7fc7; // colours of objects in the world: fixed, movable, other robots
-const SLIPPERY = 0x6fb7d6, GRIPPY = 0xb98a6a, USUAL = 0.5; // colours of floor patches by friction
+const ODOMETRY = 0x266ec8, TRUE = 0xe07a00; // colours of the paths by odometry and of the base itself
+const FIXED = 0x9aa7b5, MOVING = 0xc79a5b, OTHER = 0x8d7fc7; // colours of objects in the world: fixed, movable, other robots
+const LOW_FRICTION = 0x6fb7d6, HIGH_FRICTION = 0xb98a6a, USUAL = 0.5; // colours of floor patches by friction
 const GHOST = { color: 0x1d5fd1, transparent: true, opacity: 0.35, depthWrite: false };
 const NONE = "This browser cannot draw 3D (no WebGL). All other parts of this page work.";
 
@@ -21,7 +21,7 @@ export default {
     this.latest = {};
     this.robot = JSON.parse(JSON.stringify(this.tree)); // a plain copy, which Vue does not observe
     this.listen("cc-scene", (event) => this.move(event.detail));
-    this.trails = { trail: { color: BELIEVED, points: [] }, truth: { color: TRUE, points: [] } };
+    this.trails = { trail: { color: ODOMETRY, points: [] }, truth: { color: TRUE, points: [] } };
     for (const name of ["trail", "truth"]) this.listen(`cc-${name}`, (event) => this.setTrail(name, event.detail));
     this.listen("cc-world", (event) => this.setWorld(event.detail));
     this.listen("cc-ghost", (event) => this.setGhost(event.detail));
@@ -153,7 +153,7 @@ export default {
         place.position.set(...visual.position);
         place.quaternion.copy(this.turn(visual.wxyz));
         this.links.get(link).add(place);
-        const [red, green, blue] = visual.color.map((each) => each / 255);
+        const [red, green, blue] = visual.color.map((channel) => channel / 255);
         const color = new THREE.Color().setRGB(red, green, blue, THREE.SRGBColorSpace);
         const material = new THREE.MeshStandardMaterial({
           color, roughness: 0.65, metalness: 0.05, transparent: visual.opacity < 1, opacity: visual.opacity,
@@ -177,10 +177,10 @@ export default {
     },
     worldMaterial(THREE, { shape, moves, robot, grip }) {
       if (shape === "patch") {
-        const color = grip < USUAL ? SLIPPERY : GRIPPY;
+        const color = grip < USUAL ? LOW_FRICTION : HIGH_FRICTION;
         return new THREE.MeshStandardMaterial({ color, roughness: 0.9, transparent: true, opacity: 0.55 });
       }
-      return new THREE.MeshStandardMaterial({ color: robot ? OTHER : moves ? MOVING : STANDING, roughness: 0.8 });
+      return new THREE.MeshStandardMaterial({ color: robot ? OTHER : moves ? MOVING : FIXED, roughness: 0.8 });
     },
     async addMesh(place, visual, material) {
       place.scale.set(...visual.size);

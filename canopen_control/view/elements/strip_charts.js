@@ -2,7 +2,7 @@ const HEIGHT = 84, LEFT = 44, BOTTOM = 18, TOP = 6, RIGHT = 8;
 
 function nice(span, count) {
   const raw = span / Math.max(count, 1), power = 10 ** Math.floor(Math.log10(raw || 1));
-  return [1, 2, 5, 10].map((each) => each * power).find((each) => each >= raw) || power * 10;
+  return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= raw) || power * 10;
 }
 
 export default {
@@ -141,7 +141,7 @@ export default {
       let row = null;
       if (this.pointAt !== null) {
         const time = newest - (1 - this.pointAt) * this.span;
-        row = this.rows.reduce((best, each) => (best === null || Math.abs(each[0] - time) < Math.abs(best[0] - time) ? each : best), null);
+        row = this.rows.reduce((best, candidate) => (best === null || Math.abs(candidate[0] - time) < Math.abs(best[0] - time) ? candidate : best), null);
         if (row) {
           g.fillStyle = "#16324f";
           g.fillRect(Math.round(x(row[0])), TOP, 1, HEIGHT - TOP - BOTTOM);

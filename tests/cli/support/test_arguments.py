@@ -54,8 +54,8 @@ def own_types(parser):
     """Yield every function of ours that reads an argument."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            for each in action.choices.values():
-                yield from own_types(each)
+            for choice in action.choices.values():
+                yield from own_types(choice)
         elif action.type not in (None, int, float, str):
             yield action.type
 
@@ -96,9 +96,9 @@ def test_the_former_name_of_an_option_is_understood_and_names_the_new_one(line, 
     verb, *words = line.split()
     args = parser_of(verb).parse_args(words)
     assert getattr(args, dest) == value
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert f"{words[-2]} is now called {new};" in said
+    error_output = capsys.readouterr().err
+    assert error_output.count("\n") == 1
+    assert f"{words[-2]} is now called {new};" in error_output
     words[-2] = new
     assert parser_of(verb).parse_args(words) == args
     assert capsys.readouterr().err == ""
@@ -109,8 +109,8 @@ def actions_of(parser):
     yield parser
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            for each in action.choices.values():
-                yield from actions_of(each)
+            for choice in action.choices.values():
+                yield from actions_of(choice)
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -121,8 +121,8 @@ def test_every_help_has_exit_codes_an_example_and_arguments_in_upper_case(verb):
         assert "example: canopen-control" in text or any(
             isinstance(action, argparse._SubParsersAction) for action in parser._actions
         ), parser.prog
-        positionals = [each for each in parser._actions if not each.option_strings and each.help != argparse.SUPPRESS]
-        names = [str(each.metavar) for each in positionals if each.choices is None]
+        positionals = [item for item in parser._actions if not item.option_strings and item.help != argparse.SUPPRESS]
+        names = [str(positional.metavar) for positional in positionals if positional.choices is None]
         assert [name for name in names if not name[0].isupper() and "|" not in name] == [], parser.prog
 
 

@@ -68,26 +68,26 @@ def test_of_several_buses_one_is_chosen(flight, monkeypatch):
         open_frames(str(flight))
 
 
-def arguments(*given):
+def arguments(*inputs):
     parser = argparse.ArgumentParser()
     add_network_arguments(parser)
-    return parser.parse_args(given)
+    return parser.parse_args(inputs)
 
 
 def test_a_robots_files_give_the_names_on_any_channel():
-    heard = watched_bus(arguments("robby"), "local:nobody-runs-here")
-    assert (heard.channel, heard.owner) == ("local:nobody-runs-here", "")
-    assert heard.network.nodes[3].name == "left_drive"
-    assert heard.network.channel == "local:nobody-runs-here"
+    received = watched_bus(arguments("robby"), "local:nobody-runs-here")
+    assert (received.channel, received.owner) == ("local:nobody-runs-here", "")
+    assert received.network.nodes[3].name == "left_drive"
+    assert received.network.channel == "local:nobody-runs-here"
 
 
 def test_without_names_it_reports_this_and_continues(capsys):
     assert described(arguments()).nodes == {}
     assert "object names are unknown: give ROBOT, --name or --eds" in capsys.readouterr().err
-    heard = watched_bus(arguments(), "local:nobody-runs-here")
-    assert heard.network.nodes == {}
+    received = watched_bus(arguments(), "local:nobody-runs-here")
+    assert received.network.nodes == {}
     assert capsys.readouterr().err == ""  # not before the bus is open
-    heard.report_notes()
+    received.report_notes()
     assert "object names are unknown: give ROBOT, --name or --eds" in capsys.readouterr().err
 
 

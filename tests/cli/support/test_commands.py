@@ -116,8 +116,8 @@ def test_a_joint_that_does_not_follow_is_named_once_and_exit_code_1_until_the_ad
     capsys.readouterr()
     assert main(["command", FORWARD, "5", "5", *how]) == 1
     advice = "canopen-control axis enable left_drive"
-    said = f"canopen-control: left_wheel_joint does not follow: left_drive is not enabled: {advice}\n"
-    assert capsys.readouterr().err == said
+    text = f"canopen-control: left_wheel_joint does not follow: left_drive is not enabled: {advice}\n"
+    assert capsys.readouterr().err == text
     assert main(["command", FORWARD, "0", "5", *how]) == 0  # this joint is to stand
     assert main(advice.split()[1:]) == 0
     assert main(["command", FORWARD, "5", "5", *how]) == 0
@@ -136,8 +136,8 @@ def test_the_json_of_a_command_has_the_joints_that_do_not_follow(robby, capsys):
 def test_a_command_right_after_a_switch_waits_for_the_drives(robby, capsys):
     base = "robby_base_controller"
     assert main(["twist", base, "0.1", "0", "--for", "0.3"]) == 1
-    said = capsys.readouterr().err
-    assert f"controller switch --activate {base} --deactivate {FORWARD}" in said
+    error_output = capsys.readouterr().err
+    assert f"controller switch --activate {base} --deactivate {FORWARD}" in error_output
     assert main(["stop"]) == 0
     assert main(["controller", "switch", "--activate", base, "--deactivate", FORWARD]) == 0
     assert main(["twist", base, "0.1", "0", "--for", "0.3"]) == 0

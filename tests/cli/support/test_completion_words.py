@@ -16,11 +16,11 @@ def complete(line):
     finder = CompletionFinder(
         parser_for(line), always_complete_options=False, default_completer=SuppressCompleter(), append_space=False
     )
-    text, found = " ".join(line), []
-    while (whole := finder.rl_complete(text, len(found))) is not None:
+    text, result = " ".join(line), []
+    while (whole := finder.rl_complete(text, len(result))) is not None:
         word = line[-1] + whole[len(text) :]
-        found.append((word, finder.get_display_completions().get(word, "")))
-    return found
+        result.append((word, finder.get_display_completions().get(word, "")))
+    return result
 
 
 def words(*line):

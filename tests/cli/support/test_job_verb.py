@@ -25,9 +25,9 @@ def arguments(*words):
 
 
 def backup(**changes):
-    found = read_parameters(session_with(TMCM), twice=False)[0]
+    result = read_parameters(session_with(TMCM), twice=False)[0]
     values = {(int(name[1:5], 16), 0): value for name, value in changes.items()}
-    return replace(found, values={**found.values, **values}, where="left.dcf")
+    return replace(result, values={**result.values, **values}, where="left.dcf")
 
 
 def test_the_report_is_printed(capsys):
@@ -41,17 +41,17 @@ def test_what_was_refused_goes_to_standard_error_and_is_the_exit_code(capsys):
     session = session_with(TMCM)
     session.transfers.device.store.ceilings.inject({0x6083: 1})
     assert restored(session, backup(s6083=9), arguments()) == 1
-    told = capsys.readouterr()
-    assert "canopen-control: refused: 0x6083:00" in told.err
-    assert told.out.endswith("1 parameters refused; the drive is unchanged\n")
+    output = capsys.readouterr()
+    assert "canopen-control: refused: 0x6083:00" in output.err
+    assert output.out.endswith("1 parameters refused; the drive is unchanged\n")
 
 
 def test_the_same_as_json(capsys):
     assert restored(session_with(TMCM), backup(s6081=9), arguments("--json", "--store")) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert (found["written"], found["stored"], found["source"]) == (1, True, "left.dcf")
+    result = json.loads(capsys.readouterr().out)
+    assert (result["written"], result["stored"], result["source"]) == (1, True, "left.dcf")
     counts = ["written", "verified", "protected", "foreign", "refused"]
-    assert list(found) == ["source", "node_id", *counts, "undone", "stored"]
+    assert list(result) == ["source", "node_id", *counts, "undone", "stored"]
 
 
 def parsed(job, *words):
@@ -78,6 +78,6 @@ def test_a_note_and_the_progress_are_for_standard_error(capsys):
     run.at(1, 2)
     run.note("look at this")
     run.close()
-    told = capsys.readouterr()
-    assert (told.out, told.err) == ("", "canopen-control: look at this\n")
+    output = capsys.readouterr()
+    assert (output.out, output.err) == ("", "canopen-control: look at this\n")
     assert (run.done, run.total, run.doing) == (1, 2, "writing node 5")

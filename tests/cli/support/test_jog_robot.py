@@ -26,7 +26,7 @@ from canopen_control.scaffold.new_robot import Device
 
 def device(eds=GENERIC, without=()):
     od = read_eds(find_eds(eds), NODE_ID).od
-    for address in [each for each in od.entries if each[0] in without]:
+    for address in [entry for entry in od.entries if entry[0] in without]:
         del od.entries[address]
     return Device(NODE_ID, find_eds(eds), od)
 
@@ -60,10 +60,12 @@ def test_what_a_drive_cannot_do_is_reported_by_its_modes(private_folders):
 
 def test_the_user_is_notified_what_stops_the_drive():
     assert DEAD_MAN_S < 0.5
-    told = [
-        dead_man_words(Supervision(*each)) for each in ((True, True, False), (False, False, True), (True, False, False))
+    reported = [
+        dead_man_words(Supervision(*item)) for item in ((True, True, False), (False, False, True), (True, False, False))
     ]
-    assert ["heartbeat (0x1016)" in told[0], "guarded (0x100C, 0x100D)" in told[1], "NONE" in told[2]] == [True] * 3
+    assert ["heartbeat (0x1016)" in reported[0], "guarded (0x100C, 0x100D)" in reported[1], "NONE" in reported[2]] == [
+        True
+    ] * 3
 
 
 def test_a_running_robot_of_one_drive_is_jogged_through_it(private_folders, monkeypatch, capsys):

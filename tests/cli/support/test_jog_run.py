@@ -75,7 +75,7 @@ def test_a_fault_reset_asks_for_nothing_else(monkeypatch):
     client = FakeClient()
     monkeypatch.setattr(jog_run.RobotClient, "connect", lambda _name: client)
     assert reset_fault(DRIVE) == "joint: the fault is reset; the drive stays disabled"
-    assert [each.action for each in client.asked] == ["fault-reset"]
+    assert [item.action for item in client.asked] == ["fault-reset"]
 
 
 def test_a_command_dies_with_its_sender_and_names_what_it_means():

@@ -26,7 +26,7 @@ def session(held=HELD, robot=""):
 
 
 def rows(*addresses):
-    return rows_of(OD, live_objects(session(), [OD[each] for each in addresses]), 5)
+    return rows_of(OD, live_objects(session(), [OD[address] for address in addresses]), 5)
 
 
 def test_what_the_node_refuses_is_reported_in_its_line_and_the_others_are_read():
@@ -59,9 +59,9 @@ def test_a_tree_has_each_object_once_with_its_subindices_below():
 
 
 def test_csv_is_read_back_as_it_was():
-    found = list(csv.DictReader(io.StringIO(csv_text(rows((0x6041, 0), (0x1017, 0))))))
-    assert [each["value"] for each in found] == ["0x0250", "1600"]
-    assert found[1]["name"] == "Producer heartbeat time"
+    dict_reader = list(csv.DictReader(io.StringIO(csv_text(rows((0x6041, 0), (0x1017, 0))))))
+    assert [item["value"] for item in dict_reader] == ["0x0250", "1600"]
+    assert dict_reader[1]["name"] == "Producer heartbeat time"
 
 
 def test_a_running_robot_is_asked_no_faster_than_it_may(monkeypatch):

@@ -25,9 +25,9 @@ def test_an_axis_that_is_not_there_is_reported(robot):
 
 
 def test_counts_that_a_user_reports_are_those_of_joints_and_drives(robot):
-    told = with_counts(robot, 1600.0)
-    assert {each.axis.counts for each in told.joints} == {1600.0}
-    assert {each.counts for each in told.nodes[0].drive.axes} == {1600.0}
+    reported = with_counts(robot, 1600.0)
+    assert {joint.axis.counts for joint in reported.joints} == {1600.0}
+    assert {item.counts for item in reported.nodes[0].drive.axes} == {1600.0}
     assert with_counts(robot, None) is robot
 
 

@@ -35,7 +35,7 @@ def test_a_node_is_asked_for_what_the_file_holds_by_its_dictionary():
     assert session.od.node_id == 9
     side = read_like(session, FILE)
     assert side.parameters.values == {(0x6081, 0): 0}
-    assert [each.entry.index for each in side.left_out] == [0x6083]
+    assert [item.entry.index for item in side.left_out] == [0x6083]
     assert side.parameters.identity.device_type == 0x20192
 
 

@@ -1,4 +1,4 @@
-"""Parsers of the verbs: what is a value, and what is an option."""
+"""Parsers of the verbs: distinction of values and options."""
 
 import argparse
 
@@ -39,8 +39,8 @@ def own_parsers(parser):
     yield parser
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            for each in action.choices.values():
-                yield from own_parsers(each)
+            for choice in action.choices.values():
+                yield from own_parsers(choice)
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -18,7 +18,7 @@ ACTIONS = [(verb, path, action) for verb in VERBS for path, action in actions_of
 
 @pytest.mark.parametrize(("path", "action"), [(path, action) for _, path, action in ACTIONS])
 def test_every_action_has_json_or_is_listed_with_a_reason(path, action):
-    has = any("--json" in each.option_strings for each in action._actions)
+    has = any("--json" in item.option_strings for item in action._actions)
     assert has is (path not in WITHOUT_JSON)
 
 
@@ -105,7 +105,7 @@ def test_a_man_page_is_made_for_every_verb(verb, capsys):
     assert page.startswith('.TH "')
     assert f".SH NAME\n{name} \\- " in page
     if verb is None:
-        assert all(rf"\fBcanopen\-control\-{each}\fR(1)" in page for each in VERBS)
+        assert all(rf"\fBcanopen\-control\-{item}\fR(1)" in page for item in VERBS)
         return
     options = {option for _, action in actions_of(parser_of(verb), verb) for option in action._option_string_actions}
     hidden = {"--duration", "--length", "--seconds", "--name"}  # former names

@@ -33,9 +33,9 @@ def test_an_interrupted_campaign_reports_how_far_it_was_and_is_not_a_success(tmp
 
     monkeypatch.setattr(Campaign, "run", one)
     assert run_campaign(setup_of(), order(), tmp_path / "out") == 130
-    told = capsys.readouterr()
-    assert told.out.startswith("1 seeds, ")
-    assert "canopen-control: interrupted: 1 of 2 seeds were run" in told.err
+    output = capsys.readouterr()
+    assert output.out.startswith("1 seeds, ")
+    assert "canopen-control: interrupted: 1 of 2 seeds were run" in output.err
 
 
 @pytest.mark.rest
@@ -43,10 +43,10 @@ def test_an_interrupted_campaign_reports_how_far_it_was_and_is_not_a_success(tmp
 def test_a_breach_is_reported_shrunk_and_written(tmp_path, capsys, monkeypatch):
     MUTANTS["reset_chains_into_enable"](monkeypatch)
     monkeypatch.setattr(Campaign, "shrink", lambda self, result, hear: self.schedule(result.seed)[:12])
-    wanted = order(range(6, 7), duration_ns=7 * S, as_json=True)
-    assert run_campaign(setup_of(), wanted, tmp_path) == 1
-    found = json.loads(capsys.readouterr().out)
-    assert "enable_unasked" in found["breaches"][0]
-    [scenario] = found["scenarios"]
+    expected = order(range(6, 7), duration_ns=7 * S, as_json=True)
+    assert run_campaign(setup_of(), expected, tmp_path) == 1
+    results = json.loads(capsys.readouterr().out)
+    assert "enable_unasked" in results["breaches"][0]
+    [scenario] = results["scenarios"]
     assert (tmp_path / "summary.html").exists()
     assert "steps:" in Path(scenario).read_text()

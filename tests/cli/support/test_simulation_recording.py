@@ -39,8 +39,8 @@ def test_a_recording_of_a_simulation_does_the_same_again(tmp_path, capsys):
     for joint, reading in was.states[-1].joints.items():
         assert abs(reading.position) > 3.0
         assert became.states[-1].joints[joint].position == pytest.approx(reading.position, abs=0.05)
-    assert [(each.method, bytes(each.params)) for each in was.requests] == [
-        (each.method, bytes(each.params)) for each in became.requests
+    assert [(request.method, bytes(request.params)) for request in was.requests] == [
+        (request.method, bytes(request.params)) for request in became.requests
     ]
     capsys.readouterr()
     assert main(["simulate", "robby", "--scenario", str(seed), "--json"]) == 0
@@ -64,7 +64,7 @@ def test_frames_alone_report_what_went_wrong(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "text"),
     [
         (["--record", "run.log"], "as run.zip"),
         (["--recording", "/nowhere.zip"], "/nowhere.zip"),
@@ -75,9 +75,9 @@ def test_frames_alone_report_what_went_wrong(tmp_path, capsys):
         (["--record", "/nowhere/a.zip", "--for", "100ms"], "/nowhere/a.zip"),
     ],
 )
-def test_what_cannot_be_is_reported(capsys, words, said):
+def test_what_cannot_be_is_reported(capsys, words, text):
     assert main(["simulate", "robby", *words]) == 2
-    assert said in capsys.readouterr().err
+    assert text in capsys.readouterr().err
 
 
 def test_a_log_of_one_bus_is_not_a_recording_of_several(tmp_path, capsys):

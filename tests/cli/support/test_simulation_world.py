@@ -16,18 +16,18 @@ def hall(tmp_path):
 
 def test_robots_of_a_world_are_reported_one_by_one(hall, capsys):
     assert main(["simulate", "--world", hall, "--for", "1"]) == 0
-    said = capsys.readouterr().out
-    assert "two: node 3 (left_drive): " in said
-    assert "one: seed 0, " in said
-    assert "two: seed 1, " in said
-    assert "1 s of 2 robots in " in said
+    output = capsys.readouterr().out
+    assert "two: node 3 (left_drive): " in output
+    assert "one: seed 0, " in output
+    assert "two: seed 1, " in output
+    assert "1 s of 2 robots in " in output
 
 
 def test_as_json_it_is_one_object(hall, capsys):
     assert main(["simulate", "--world", hall, "--for", "1", "--seed", "7", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert (found["seed"], found["robot_s"], found["breaches"]) == (7, 1.0, [])
-    assert [each["seed"] for each in found["robots"].values()] == [7, 8]
+    result = json.loads(capsys.readouterr().out)
+    assert (result["seed"], result["robot_s"], result["breaches"]) == (7, 1.0, [])
+    assert [item["seed"] for item in result["robots"].values()] == [7, 8]
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ DEVIATES = {
 
 
 @pytest.mark.parametrize(
-    "case", [each for each in CASES if each["name"] not in DEVIATES], ids=lambda case: case["name"]
+    "case", [item for item in CASES if item["name"] not in DEVIATES], ids=lambda case: case["name"]
 )
 def test_it_behaves_as_upstream_does(case):
     player = Player(case)
@@ -45,7 +45,7 @@ def test_it_behaves_as_upstream_does(case):
 
 def test_only_what_is_named_deviates():
     for name in DEVIATES:
-        case = next(each for each in CASES if each["name"] == name)
+        case = next(item for item in CASES if item["name"] == name)
         player = Player(case)
         steps = zip(case["in"]["steps"], case["expect"]["steps"], strict=True)
         assert any(player.play(step, expect) for step, expect in steps)
@@ -65,14 +65,14 @@ class Arm:
     def __init__(self, limits=(-3.0, 3.0, 2.0), kind="revolute", **params):
         names = tuple(f"{joint}/position" for joint in JOINTS)
         self.hardware = Hardware(*names, states=(*names, *(f"{joint}/velocity" for joint in JOINTS)), name="arm")
-        for each in self.hardware.state_interfaces:
-            each.value = 0.0
+        for interface in self.hardware.state_interfaces:
+            interface.value = 0.0
         registry = InterfaceRegistry()
         registry.register(self.hardware)
-        description = {each: Joint(each, kind, "", "", limits=UrdfLimits(*limits)) for each in JOINTS}
+        description = {item: Joint(item, kind, "", "", limits=UrdfLimits(*limits)) for item in JOINTS}
         self.manager = ControllerManager(registry, 100, description=description)
-        given = {"command_interfaces": ["position"], "state_interfaces": ["position", "velocity"], **params}
-        self.controller = add(self.manager, "arm", TYPE, joints=list(JOINTS), **given)
+        inputs = {"command_interfaces": ["position"], "state_interfaces": ["position", "velocity"], **params}
+        self.controller = add(self.manager, "arm", TYPE, joints=list(JOINTS), **inputs)
         self.now, self.events = S, []
         self.manager.switch(["arm"], now=self.now)
 
@@ -88,20 +88,22 @@ class Arm:
                     self.hardware.set(f"{command.joint}/velocity", (command.value - before) / 0.01)
 
     def state(self, joint):
-        return next(each.value for each in self.hardware.state_interfaces if each.name == f"{joint}/position")
+        return next(
+            interface.value for interface in self.hardware.state_interfaces if interface.name == f"{joint}/position"
+        )
 
     def positions(self):
         return [self.state(joint) for joint in JOINTS]
 
     def enable(self, joint, enabled=True):
-        for each in self.hardware.command_interfaces:
-            if each.joint == joint:
-                each.enabled = enabled
+        for interface in self.hardware.command_interfaces:
+            if interface.joint == joint:
+                interface.enabled = enabled
 
     def send(self, *points, names=JOINTS, **tolerances):
         """Send a goal through (time in s, position of both joints)."""
-        made = [Point([p] * len(names), time=round(t * S)) for t, p in points]
-        goal = TrajectoryGoal(JointTrajectory(names, made), GoalTolerances(**tolerances))
+        created = [Point([p] * len(names), time=round(t * S)) for t, p in points]
+        goal = TrajectoryGoal(JointTrajectory(names, created), GoalTolerances(**tolerances))
         self.controller.send_goal(goal, self.now)
         return goal
 
@@ -153,8 +155,8 @@ def test_one_trajectory_after_the_other_never_leaps():
 def test_a_continuous_joint_whose_interface_has_ends_is_judged_by_them():
     arm = Arm(kind="continuous")
     arm.manager.switch([], ["arm"], now=arm.now)
-    for each in arm.hardware.command_interfaces:
-        each.minimum, each.maximum = -3.0, 3.0
+    for interface in arm.hardware.command_interfaces:
+        interface.minimum, interface.maximum = -3.0, 3.0
     arm.manager.switch(["arm"], now=arm.now)
     with pytest.raises(ControlError, match="a at 10 is beyond its limits of -3 to 3"):
         arm.send((9.0, 10.0))
@@ -162,8 +164,8 @@ def test_a_continuous_joint_whose_interface_has_ends_is_judged_by_them():
 
 def test_what_the_object_cannot_hold_is_judged_on_the_turn_on_which_the_joint_is():
     arm = Arm(kind="continuous")
-    for each in arm.hardware.command_interfaces:
-        each.lowest, each.highest = -4.0, 4.0
+    for interface in arm.hardware.command_interfaces:
+        interface.lowest, interface.highest = -4.0, 4.0
     assert arm.send((3.0, 1000.0)).ended is False
     with pytest.raises(ControlError, match="a to 7, and"):
         arm.send((3.0, 1.0), (9.0, 7.0))
@@ -177,7 +179,7 @@ def test_a_joint_that_is_lost_ends_the_goal_with_its_name_and_nothing_is_command
     assert (goal.state, goal.code) == (GoalState.ABORTED, ResultCode.INVALID_GOAL)
     assert goal.text == "b: not enabled; enable it, then send the goal again"
     assert [event.kind for event in arm.events][-1] == "goal_aborted"
-    assert all(math.isnan(each) for each in arm.hardware.values())
+    assert all(math.isnan(item) for item in arm.hardware.values())
 
 
 def test_after_an_enable_the_joints_are_held_where_they_are_and_never_where_they_were_going(arm):
@@ -232,7 +234,7 @@ def test_a_bad_goal_is_refused_and_nothing_moves(arm, points, text):
 
 def test_the_death_of_the_sender_ends_the_goal_in_a_decelerated_hold():
     arm = Arm(
-        constraints={"decelerate_on_cancel": True, **{each: {"max_deceleration_on_cancel": 2.0} for each in JOINTS}}
+        constraints={"decelerate_on_cancel": True, **{joint: {"max_deceleration_on_cancel": 2.0} for joint in JOINTS}}
     )
     goal = arm.send((1.0, 1.0))
     sender = arm.controller.command_timeout.holder = object()
@@ -254,7 +256,7 @@ def test_the_death_of_the_sender_ends_the_goal_in_a_decelerated_hold():
 
 def test_a_second_stop_begins_where_the_joints_are():
     arm = Arm(
-        constraints={"decelerate_on_cancel": True, **{each: {"max_deceleration_on_cancel": 2.0} for each in JOINTS}}
+        constraints={"decelerate_on_cancel": True, **{joint: {"max_deceleration_on_cancel": 2.0} for joint in JOINTS}}
     )
     arm.controller.cancel(arm.send((1.0, 1.0)))
     first = arm.send((1.0, 1.0))
@@ -280,12 +282,12 @@ def test_a_slow_look_ahead_does_not_jump_to_the_end(arm):
 
 
 def test_a_command_time_out_does_not_make_a_goal_that_was_missed_a_success():
-    arm = Arm(cmd_timeout=0.2, constraints={each: {"goal": 0.01} for each in JOINTS})
+    arm = Arm(cmd_timeout=0.2, constraints={joint: {"goal": 0.01} for joint in JOINTS})
     goal = arm.send((0.5, 0.5))
     arm.run(20)
     arm.hardware.command_interfaces[0].value = math.nan
-    for each in arm.hardware.command_interfaces:
-        each.value = 0.0
+    for interface in arm.hardware.command_interfaces:
+        interface.value = 0.0
     for _ in range(60):
         arm.run()
         arm.hardware.set("a/position", 0.2)  # it is stuck
@@ -308,14 +310,14 @@ def test_what_is_set_while_it_is_inactive_counts_once_it_is_active(arm):
     "name", ["joints", "interpolation_method", "gains.a.antiwindup_strategy", "action_monitor_rate"]
 )
 def test_what_is_read_only_upstream_is_so_here(arm, name):
-    reading = {each.name: each for each in arm.manager.parameters("arm")}
+    reading = {parameter.name: parameter for parameter in arm.manager.parameters("arm")}
     assert reading[name].read_only
     assert not reading["gains.a.p"].read_only
     assert not reading["constraints.a.goal"].read_only
 
 
 def test_a_joint_that_is_held_back_ends_the_goal_with_its_name_and_what_it_was():
-    arm = Arm(constraints={each: {"trajectory": 0.05} for each in JOINTS})
+    arm = Arm(constraints={joint: {"trajectory": 0.05} for joint in JOINTS})
     goal = arm.send((1.0, 1.0))
     for _ in range(20):
         arm.run()
@@ -346,7 +348,7 @@ def test_a_trajectory_that_is_not_a_goal_is_cancelled_too(arm):
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("inputs", "reported"),
     [
         ({"constraints": BRAKES}, None),
         ({"constraints": {"decelerate_on_cancel": True}}, "a has no constraints.a.max_deceleration_on_cancel"),
@@ -354,16 +356,16 @@ def test_a_trajectory_that_is_not_a_goal_is_cancelled_too(arm):
         ({"constraints": BRAKES, "limits": (-3.0, 3.0, math.inf)}, "no velocity limit of a"),
     ],
 )
-def test_a_deceleration_that_has_no_effect_is_reported(given, told):
-    arm = Arm(**given)
-    texts = [each.text for each in arm.manager.events() if each.kind == "decelerate_on_cancel"]
-    assert (told in texts[0]) if told else not texts
+def test_a_deceleration_that_has_no_effect_is_reported(inputs, reported):
+    arm = Arm(**inputs)
+    texts = [event.text for event in arm.manager.events() if event.kind == "decelerate_on_cancel"]
+    assert (reported in texts[0]) if reported else not texts
 
 
 @pytest.mark.parametrize(("deceleration", "slow"), [(2.0, False), (0.001, True)])
 def test_a_deceleration_with_which_a_stop_takes_long_is_reported(deceleration, slow):
     arm = Arm(constraints={**BRAKES, "b": {"max_deceleration_on_cancel": deceleration}})
-    texts = [each.text for each in arm.manager.events() if each.kind == SLOW_STOP]
+    texts = [event.text for event in arm.manager.events() if event.kind == SLOW_STOP]
     key = "constraints.b.max_deceleration_on_cancel"
     assert bool(texts) is slow
     assert all("b needs " in text and text.endswith(f"raise the magnitude of {key}") for text in texts)
@@ -384,7 +386,7 @@ def test_positions_alone_are_upsampled_where_that_is_requested():
     arm = Arm(positions_upsampling__enable=True, positions_upsampling__policy_frequency=10.0)
     message = JointTrajectory(JOINTS, [Point([p, p]) for p in (0.0, 0.1, 0.3)])
     arm.controller.set_trajectory(message, arm.now)
-    assert [each.time for each in message.points] == [100 * MS, 200 * MS, 300 * MS]
+    assert [point.time for point in message.points] == [100 * MS, 200 * MS, 300 * MS]
     assert message.points[1].velocities[0] > 0.0
 
 
@@ -411,8 +413,8 @@ def test_a_trajectory_that_comes_ahead_of_its_time_leaves_the_one_that_runs_unti
     arm = blending()
     first = arm.send((2.0, 1.0))
     arm.run(50)
-    made = [Point([0.2, 0.2], time=S)]
-    second = TrajectoryGoal(JointTrajectory(JOINTS, made, arm.now + S))
+    created = [Point([0.2, 0.2], time=S)]
+    second = TrajectoryGoal(JointTrajectory(JOINTS, created, arm.now + S))
     arm.controller.send_goal(second, arm.now)
     assert (first.state, first.code) == (GoalState.ABORTED, ResultCode.INVALID_GOAL)
     arm.run(99)
@@ -474,8 +476,8 @@ def test_a_hold_never_moves_whatever_the_joints_do(drift):
     arm = Arm()
     arm.run()
     held = arm.hardware.values()
-    for each in drift:
-        arm.hardware.set("a/position", each)
+    for item in drift:
+        arm.hardware.set("a/position", item)
         arm.run()
         assert arm.hardware.values() == held
 
@@ -485,7 +487,7 @@ PATHS = st.lists(st.tuples(st.integers(20, 200), st.floats(-1.0, 1.0)), min_size
 
 @pytest.mark.parametrize("holds", [False, True])
 def test_its_cycles_leave_no_object_behind(holds):
-    arm = Arm(constraints={each: {"trajectory": 2000.0, "goal": 2000.0} for each in JOINTS})
+    arm = Arm(constraints={joint: {"trajectory": 2000.0, "goal": 2000.0} for joint in JOINTS})
     if not holds:
         arm.send((1000.0, 1.0))
     arm.run(10)
@@ -520,11 +522,11 @@ def test_whatever_follows_whatever_the_commands_never_jump(first, cycles, second
 
 
 def test_a_tolerance_that_is_set_counts_for_the_goals_to_come(arm):
-    wanted = ParameterValue(name="constraints.a.trajectory", kind="double", value=0.125)
-    arm.manager.set_parameters("arm", [wanted])
+    parameter_value = ParameterValue(name="constraints.a.trajectory", kind="double", value=0.125)
+    arm.manager.set_parameters("arm", [parameter_value])
     arm.run()
     arm.send((0.5, 0.2))
-    assert [each.position for each in arm.controller.tolerances.path] == [0.125, 0.0]
+    assert [item.position for item in arm.controller.tolerances.path] == [0.125, 0.0]
     with pytest.raises(ControlError, match="'joints' cannot be set because it is read-only"):
         arm.manager.set_parameters("arm", [ParameterValue(name="joints", kind="string_array", value=["b"])])
 
@@ -556,8 +558,8 @@ def test_points_that_a_joint_cannot_reach_in_time_are_refused_or_taken_and_repor
     arm = Arm()
     arm.send((0.1, 0.0), (0.2, 1.0))
     assert max(steps_of(arm, 30)) == pytest.approx(0.1)
-    (told,) = [each.text for each in arm.events if each.kind == "unreachable"]
-    assert "a would have to move 1 in 0.1 s, faster than its limit of 2" in told
+    (reported,) = [event.text for event in arm.events if event.kind == "unreachable"]
+    assert "a would have to move 1 in 0.1 s, faster than its limit of 2" in reported
 
 
 def test_a_point_limiter_holds_velocity_and_acceleration_and_reports_it_once():
@@ -569,7 +571,7 @@ def test_a_point_limiter_holds_velocity_and_acceleration_and_reports_it_once():
         speeds.append(arm.controller.output.velocities[0])
     assert max(speeds) == pytest.approx(2.0)
     assert max(abs(b - a) for a, b in itertools.pairwise(speeds)) <= 4.0 * 0.01 + 1e-9
-    assert [each.text for each in arm.events if each.kind == "limited"] == [
+    assert [event.text for event in arm.events if event.kind == "limited"] == [
         "arm: a is slowed down by its limits; plan slower, or raise joint_limits"
     ]
 

@@ -23,9 +23,9 @@ def found(*errors, over=False, past=0.0, **state):
     group.error.positions[:] = errors
     follower = Followed()
     vars(follower).update(state)
-    made = ToleranceMonitor(group)
-    made.check(TOLERANCES, follower, over=over, time_since_end=past)
-    return made
+    tolerance_monitor = ToleranceMonitor(group)
+    tolerance_monitor.check(TOLERANCES, follower, over=over, time_since_end=past)
+    return tolerance_monitor
 
 
 def test_on_the_way_the_path_counts_and_at_the_end_the_goal():

@@ -17,27 +17,27 @@ S = 1_000_000_000
 
 def made(points, frequency=0.0):
     width = len(points[0].positions) if points else 0
-    return upsampled(JointTrajectory([str(each) for each in range(width)], points), frequency)
+    return upsampled(JointTrajectory([str(number) for number in range(width)], points), frequency)
 
 
 @pytest.mark.parametrize("case", cases("jtc_upsampling_master"), ids=lambda case: case["name"])
 def test_the_velocities_are_upstreams(case):
-    points = [point(each) for each in case["in"]["points"]]
-    found = made(points)
+    points = [point(item) for item in case["in"]["points"]]
+    result = made(points)
     if not case["expect"]["filled"]:
-        assert found is None or not any(each.velocities for each in found)
+        assert result is None or not any(item.velocities for item in result)
         return
-    assert found is not None
-    assert all(close(each.velocities, want) for each, want in zip(found, case["expect"]["velocities"], strict=True))
+    assert result is not None
+    assert all(close(each.velocities, want) for each, want in zip(result, case["expect"]["velocities"], strict=True))
 
 
 def test_points_of_a_policy_get_its_times_and_others_keep_theirs():
     points = [Point([0.0]), Point([1.0]), Point([2.0])]
     assert made(points) is None  # their times do not increase
-    found = made(points, 10.0)
-    assert [each.time for each in found] == list(found.times) == [S // 10, S // 5, 3 * S // 10]
+    result = made(points, 10.0)
+    assert [item.time for item in result] == list(result.times) == [S // 10, S // 5, 3 * S // 10]
     timed = [Point([0.0], time=S), Point([1.0], time=3 * S)]
-    assert [each.time for each in made(timed, 10.0)] == [S, 3 * S]
+    assert [item.time for item in made(timed, 10.0)] == [S, 3 * S]
 
 
 def test_what_reports_more_than_positions_is_left_as_it_is():
@@ -75,9 +75,9 @@ def test_accelerations_are_continuous_at_the_inner_points_across_blocks_too(step
     for position, step in steps * times:
         time += step
         points.append(Point([position], time=time))
-    found = list(made(points))
-    assert found[0].velocities == found[-1].velocities == [0.0]
-    smooth(found)
+    result = list(made(points))
+    assert result[0].velocities == result[-1].velocities == [0.0]
+    smooth(result)
 
 
 def packed(count):
@@ -96,9 +96,9 @@ def test_of_a_long_one_nothing_is_worked_out_before_the_joints_come_there():
         before = 0
         sys.setprofile(lambda frame, event, argument: calls.append(event))
         try:
-            found = upsampled(message, 0.0)
+            result = upsampled(message, 0.0)
             before = len(calls)
-            found[500]
+            result[500]
         finally:
             sys.setprofile(None)
         counts = before, len(calls) - before
@@ -111,9 +111,9 @@ def test_of_a_long_one_nothing_is_worked_out_before_the_joints_come_there():
 
 
 def test_two_blocks_are_kept():
-    found = made([Point([float(i)], time=i * S) for i in range(100)])
-    assert isinstance(found, UpsampledPoints)
-    assert [found[i].velocities for i in (15, 16, 99, -1)] == [
-        each.velocities for each in itertools.chain(list(found)[15:17], [found[99], found[99]])
+    result = made([Point([float(i)], time=i * S) for i in range(100)])
+    assert isinstance(result, UpsampledPoints)
+    assert [result[i].velocities for i in (15, 16, 99, -1)] == [
+        item.velocities for item in itertools.chain(list(result)[15:17], [result[99], result[99]])
     ]
-    assert len(found._blocks) == 2
+    assert len(result._blocks) == 2

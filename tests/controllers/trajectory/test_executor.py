@@ -29,9 +29,9 @@ JOINTS_OF_STOP = st.lists(
 
 def stop(joints) -> StopMotion:
     positions, velocities, decelerations = zip(*joints, strict=True)
-    made = StopMotion(decelerations)
-    made.set_before(5 * S_OF_STOP, Point(positions, velocities), [False] * len(joints))
-    return made
+    stop_motion = StopMotion(decelerations)
+    stop_motion.set_before(5 * S_OF_STOP, Point(positions, velocities), [False] * len(joints))
+    return stop_motion
 
 
 def course(made: StopMotion, ms: int) -> list[Point]:
@@ -43,13 +43,13 @@ def course(made: StopMotion, ms: int) -> list[Point]:
 
 
 def test_a_joint_comes_to_rest_with_its_deceleration():
-    made = stop([(1.0, 2.0, 4.0), (0.0, -1.0, 4.0)])
-    begin, middle, end = (course(made, 701)[index] for index in (0, 250, 700))
+    created = stop([(1.0, 2.0, 4.0), (0.0, -1.0, 4.0)])
+    begin, middle, end = (course(created, 701)[index] for index in (0, 250, 700))
     assert (begin.positions, begin.velocities, begin.accelerations) == ([1.0, 0.0], [2.0, -1.0], [-4.0, 4.0])
     assert middle.positions == pytest.approx([1.375, -0.125])
     assert middle.velocities == [1.0, 0.0]
     assert (end.positions, end.velocities, end.accelerations) == ([1.5, -0.125], [0.0, 0.0], [0.0, 0.0])
-    assert (made.is_over, made.time_of(0), end.time) == (True, S_OF_STOP // 2, 700 * S_OF_STOP // 1000)
+    assert (created.is_over, created.time_of(0), end.time) == (True, S_OF_STOP // 2, 700 * S_OF_STOP // 1000)
 
 
 @given(JOINTS_OF_STOP)
@@ -57,7 +57,7 @@ def test_no_joint_jumps_turns_back_or_goes_faster_than_before(joints):
     points = course(stop(joints), 200)
     for index, (position, velocity, _) in enumerate(joints):
         assert points[0].positions[index] == pytest.approx(position, abs=1e-9)
-        way = [each.positions[index] for each in points]
+        way = [point.positions[index] for point in points]
         for a, b in itertools.pairwise(way):
             assert abs(b - a) <= abs(velocity) / 1000 + 1e-9
             assert (b - a) * velocity >= -1e-9
@@ -99,12 +99,12 @@ def test_where_more_than_positions_is_commanded_it_runs_at_its_own_speed():
 
 
 @pytest.mark.parametrize(
-    ("time", "factor", "wanted"),
+    ("time", "factor", "expected"),
     [(10_000_000, 1.0, 10_000_000), (10_000_000, 0.3, 2_999_999), (10_000_000, 0.1, 1_000_000),
      (3_333_333, 0.5, 1_666_666), (10_000_000, 0.0, 0)],
 )  # fmt: skip
-def test_a_scaled_time_is_cut_to_whole_nanoseconds(time, factor, wanted):
-    assert scaled(time, factor) == wanted
+def test_a_scaled_time_is_cut_to_whole_nanoseconds(time, factor, expected):
+    assert scaled(time, factor) == expected
 
 
 S, MS = 1_000_000_000, 1_000_000
@@ -113,17 +113,19 @@ WRAP = [False, False]
 
 def line_of_blend(*points, start=10.0):
     """Return a trajectory of two joints through (time in s, position, position), from 0 at rest at 10 s."""
-    made = ActiveTrajectory(JointTrajectory(["a", "b"], [Point([p, q], time=round(t * S)) for t, p, q in points]))
-    made.start = round(start * S)
-    return made
+    active_trajectory = ActiveTrajectory(
+        JointTrajectory(["a", "b"], [Point([p, q], time=round(t * S)) for t, p, q in points])
+    )
+    active_trajectory.start = round(start * S)
+    return active_trajectory
 
 
 def running(*points):
-    made = line_of_blend(*points)
-    made.begin(10 * S)
-    made.set_before(10 * S, Point([0.0, 0.0]), WRAP)
-    made.sample(10 * S, Point())
-    return made
+    created = line_of_blend(*points)
+    created.begin(10 * S)
+    created.set_before(10 * S, Point([0.0, 0.0]), WRAP)
+    created.sample(10 * S, Point())
+    return created
 
 
 def at(motion, t):
@@ -257,7 +259,7 @@ class Joints:
             self.follower.write(self.now, 0.01)
 
     def commanded(self):
-        return [each.value for each in self.commands]
+        return [command.value for command in self.commands]
 
 
 def line(end, seconds, names=JOINTS):

@@ -10,72 +10,72 @@ from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
 
 def group(joints=("a", "b"), commanded=None, commands=("position",), states=("position", "velocity")):
-    made = JointGroup(joints, commanded or joints, commands, states)
-    given = [CommandInterface(*each.rsplit("/", 1)) for each in made.command_names]
-    read = [StateInterface(*each.rsplit("/", 1), 0.0) for each in made.state_names]
-    made.set_interfaces(given, read)
-    return made, given, read
+    joint_group = JointGroup(joints, commanded or joints, commands, states)
+    inputs = [CommandInterface(*name.rsplit("/", 1)) for name in joint_group.command_names]
+    read = [StateInterface(*name.rsplit("/", 1), 0.0) for name in joint_group.state_names]
+    joint_group.set_interfaces(inputs, read)
+    return joint_group, inputs, read
 
 
 @pytest.mark.parametrize("case", cases("jtc_compute_error"), ids=lambda case: case["name"])
 def test_the_error_is_upstreams(case):
     params, expect = case["in"]["params"], case["expect"]["error"]
-    made, *_ = group(
+    created, *_ = group(
         tuple(params["joints"]), None, tuple(params["command_interfaces"]), tuple(params["state_interfaces"])
     )
-    made.wrap[:] = [case["in"].get("wrap", {}).get(joint, False) for joint in params["joints"]]
-    made.actual = point(case["in"]["current"])
-    made.compare(point(case["in"]["desired"]))
+    created.wrap[:] = [case["in"].get("wrap", {}).get(joint, False) for joint in params["joints"]]
+    created.actual = point(case["in"]["current"])
+    created.compare(point(case["in"]["desired"]))
     for key in ("positions", "velocities", "accelerations"):
-        assert close(getattr(made.error, key), expect[key]), key
+        assert close(getattr(created.error, key), expect[key]), key
 
 
 def test_interfaces_are_named_joint_by_joint():
-    made, *_ = group(commands=("position", "velocity"))
-    assert made.command_names == ["a/position", "a/velocity", "b/position", "b/velocity"]
-    assert made.state_names == ["a/position", "a/velocity", "b/position", "b/velocity"]
+    created, *_ = group(commands=("position", "velocity"))
+    assert created.command_names == ["a/position", "a/velocity", "b/position", "b/velocity"]
+    assert created.state_names == ["a/position", "a/velocity", "b/position", "b/velocity"]
 
 
 def test_fewer_joints_are_commanded_by_name_and_as_many_by_place():
-    made, commands, _ = group(commanded=("b",))
-    made.write("position", [1.0, 2.0])
-    assert [each.value for each in commands] == [2.0]
-    assert made.targets()[1] == 2.0
-    assert math.isnan(made.targets()[0])
-    made, commands, _ = group(commanded=("x", "y"))
-    made.write("position", [1.0, 2.0])
-    assert [(each.joint, each.value) for each in commands] == [("x", 1.0), ("y", 2.0)]
+    created, commands, _ = group(commanded=("b",))
+    created.write("position", [1.0, 2.0])
+    assert [command.value for command in commands] == [2.0]
+    assert created.targets()[1] == 2.0
+    assert math.isnan(created.targets()[0])
+    created, commands, _ = group(commanded=("x", "y"))
+    created.write("position", [1.0, 2.0])
+    assert [(command.joint, command.value) for command in commands] == [("x", 1.0), ("y", 2.0)]
 
 
 def test_it_waits_for_a_joint_that_is_disabled_or_has_an_unknown_position():
-    made, commands, states = group()
-    assert made.waits_for() is None
+    created, commands, states = group()
+    assert created.waits_for() is None
     commands[1].enabled = False
-    assert made.waits_for() == "b"
+    assert created.waits_for() == "b"
     commands[1].enabled = True
     states[0].value = math.nan
-    assert made.waits_for() == "a"
+    assert created.waits_for() == "a"
 
 
 def test_letting_go_leaves_positions_to_the_hardware_and_all_else_at_zero():
-    made, commands, _ = group(commands=("position", "velocity"))
-    for each in commands:
-        each.value = 1.0
-    made.release()
-    assert [(each.interface, each.value) for each in commands if each.interface == "velocity"] == [
+    created, commands, _ = group(commands=("position", "velocity"))
+    for command in commands:
+        command.value = 1.0
+    created.release()
+    assert [(command.interface, command.value) for command in commands if command.interface == "velocity"] == [
         ("velocity", 0.0)
     ] * 2
-    assert all(math.isnan(each.value) for each in commands if each.interface == "position")
+    assert all(math.isnan(command.value) for command in commands if command.interface == "position")
 
 
 def test_it_begins_with_what_stands_commanded_where_all_of_it_is_known():
-    made, commands, _ = group()
+    created, commands, _ = group()
     commands[0].value = 1.0
-    made.begin_with_commands()
-    assert made.actual.positions == [0.0, 0.0]
+    created.begin_with_commands()
+    assert created.actual.positions == [0.0, 0.0]
     commands[1].value = 2.0
-    made.begin_with_commands()
-    assert made.actual.positions == [1.0, 2.0]
+    created.begin_with_commands()
+    assert created.actual.positions == [1.0, 2.0]
 
 
 GAINS = [JointGains(p=2.0, ff_velocity_scale=1.0), JointGains(p=3.0, d=0.5)]

@@ -30,8 +30,8 @@ DEFAULT = SegmentTolerances((StateTolerance(0.1), StateTolerance(0.2)), (StateTo
 
 def numbers(tolerances: SegmentTolerances):
     return {
-        "path": [[each.position, each.velocity, each.acceleration] for each in tolerances.path],
-        "goal": [[each.position, each.velocity, each.acceleration] for each in tolerances.goal],
+        "path": [[item.position, item.velocity, item.acceleration] for item in tolerances.path],
+        "goal": [[item.position, item.velocity, item.acceleration] for item in tolerances.goal],
         "goal_time": tolerances.goal_time,
     }
 
@@ -39,8 +39,8 @@ def numbers(tolerances: SegmentTolerances):
 def of_goal(values) -> GoalTolerances:
     lists = {
         key: tuple(
-            JointTolerance(*(each.get(name, 0.0) for name in ("position", "velocity", "acceleration")), each["name"])
-            for each in values.get(f"{key}_tolerance", ())
+            JointTolerance(*(item.get(name, 0.0) for name in ("position", "velocity", "acceleration")), item["name"])
+            for item in values.get(f"{key}_tolerance", ())
         )
         for key in ("path", "goal")
     }
@@ -54,39 +54,41 @@ def agree(found, wanted) -> bool:
 
 @pytest.mark.parametrize("case", cases("jtc_check_state_tolerance"), ids=lambda case: case["name"])
 def test_errors_are_within_as_upstream_judges(case):
-    given = case["in"]
-    found = within(StateTolerance(*given["tolerance"]), point(given["error"]), given["joint_index"])
-    assert found is case["expect"]["within"]
+    inputs = case["in"]
+    result = within(StateTolerance(*inputs["tolerance"]), point(inputs["error"]), inputs["joint_index"])
+    assert result is case["expect"]["within"]
 
 
 @pytest.mark.parametrize("case", cases("jtc_tolerance_resolution"), ids=lambda case: case["name"])
 def test_tolerances_of_a_goal_are_resolved_as_upstream_does(case):
-    given, expect = case["in"], case["expect"]
-    params = read_params(Params.of(given["params"]), "arm")
+    inputs, expect = case["in"], case["expect"]
+    params = read_params(Params.of(inputs["params"]), "arm")
     assert agree(numbers(params.tolerances()), expect["default"])
-    found, why = resolve(of_goal(given["goal"]), params.joints, params.tolerances())
-    assert agree(numbers(found), expect["active"])
+    result, why = resolve(of_goal(inputs["goal"]), params.joints, params.tolerances())
+    assert agree(numbers(result), expect["active"])
     assert (why is not None) is expect["fell_back_to_default"]
 
 
 def test_a_goal_that_names_a_strange_joint_is_reported_with_whose():
-    found, why = resolve(GoalTolerances(path=(JointTolerance(0.5, name="elbow"),)), JOINTS, DEFAULT)
-    assert found == DEFAULT
+    result, why = resolve(GoalTolerances(path=(JointTolerance(0.5, name="elbow"),)), JOINTS, DEFAULT)
+    assert result == DEFAULT
     assert "'elbow'" in why
     assert "joint1, joint2" in why
 
 
 def test_minus_one_is_not_a_tolerance_and_zero_the_parameters():
-    given = GoalTolerances(path=(JointTolerance(-1.0, name="joint1"), JointTolerance(0.0, 0.3, name="joint2")))
-    found, why = resolve(given, JOINTS, DEFAULT)
+    goal_tolerances = GoalTolerances(
+        path=(JointTolerance(-1.0, name="joint1"), JointTolerance(0.0, 0.3, name="joint2"))
+    )
+    result, why = resolve(goal_tolerances, JOINTS, DEFAULT)
     assert why is None
-    assert found.path == (StateTolerance(), StateTolerance(0.2, 0.3))
+    assert result.path == (StateTolerance(), StateTolerance(0.2, 0.3))
 
 
 def test_parameters_that_are_missing_are_off():
     default = SegmentTolerances((StateTolerance(math.nan),) * 2, (StateTolerance(),) * 2)
-    found, _ = resolve(GoalTolerances(), JOINTS, default)
-    assert within(found.path[0], Point([9.0], [], []), 0)
+    result, _ = resolve(GoalTolerances(), JOINTS, default)
+    assert within(result.path[0], Point([9.0], [], []), 0)
 
 
 @pytest.mark.parametrize("case", cases("jtc_interface_combinations"), ids=lambda case: case["name"])
@@ -109,11 +111,11 @@ def test_joints_of_another_hardware_are_as_many_and_fewer_are_some_of_them():
 
 
 @pytest.mark.parametrize(
-    ("given", "word"), [([], "empty"), (["position", "position"], "twice"), (["torque"], "torque")]
+    ("inputs", "word"), [([], "empty"), (["position", "position"], "twice"), (["torque"], "torque")]
 )
-def test_a_list_that_is_none_is_reported(given, word):
-    assert word in wrong_commands(given)
-    assert word in wrong_states(given)
+def test_a_list_that_is_none_is_reported(inputs, word):
+    assert word in wrong_commands(inputs)
+    assert word in wrong_states(inputs)
 
 
 MIN = {"joints": ["a", "b"], "command_interfaces": ["position"], "state_interfaces": ["position", "velocity"]}
@@ -124,18 +126,18 @@ def read(**more):
 
 
 def test_gains_and_constraints_are_those_of_each_joint():
-    found = read(
+    result = read(
         gains={"b": {"p": 2, "i_clamp": 3.0}},
         constraints={"goal_time": 1.5, "a": {"trajectory": 0.1}, "b": {"goal": 0.2, "max_deceleration_on_cancel": 4}},
         **{"speed_scaling.state_interface": "robot/speed"},
     )
-    assert found.gains[1].p == 2.0
-    assert (found.gains[1].pid().i_min, found.gains[1].pid().i_max) == (-3.0, 3.0)
-    assert found.constraints == (JointConstraints(0.1), JointConstraints(0.0, 0.2, 4.0))
-    assert (found.goal_time, found.scaling_state) == (1.5, "robot/speed")
-    tolerances = found.tolerances()
-    assert [each.position for each in tolerances.path] == [0.1, 0.0]
-    assert [(each.position, each.velocity) for each in tolerances.goal] == [(0.0, 0.01), (0.2, 0.01)]
+    assert result.gains[1].p == 2.0
+    assert (result.gains[1].pid().i_min, result.gains[1].pid().i_max) == (-3.0, 3.0)
+    assert result.constraints == (JointConstraints(0.1), JointConstraints(0.0, 0.2, 4.0))
+    assert (result.goal_time, result.scaling_state) == (1.5, "robot/speed")
+    tolerances = result.tolerances()
+    assert [item.position for item in tolerances.path] == [0.1, 0.0]
+    assert [(item.position, item.velocity) for item in tolerances.goal] == [(0.0, 0.01), (0.2, 0.01)]
 
 
 def test_a_finite_clamp_of_one_side_wins_over_the_deprecated_one():
@@ -185,7 +187,7 @@ def test_unread_entries_are_reported(key):
 
 
 def test_limits_of_the_point_limiter_are_those_given_else_of_the_description():
-    found = read(
+    result = read(
         joint_limiter_type=POINT_LIMITER,
         joint_limits={
             "a": {
@@ -197,7 +199,7 @@ def test_limits_of_the_point_limiter_are_those_given_else_of_the_description():
             "b": {"has_position_limits": False, "max_deceleration": 3.0},
         },
     )
-    a, b = (each.hard(-1.0, 1.0, 4.0) for each in found.joint_limits)
+    a, b = (limit.hard(-1.0, 1.0, 4.0) for limit in result.joint_limits)
     assert a == HardLimits(-1.0, 1.0, 0.5, max_acceleration=2.0)
     assert b == HardLimits(max_velocity=4.0, max_deceleration=3.0)
     assert read().joint_limiter_type == ""

@@ -18,18 +18,18 @@ UNKNOWN = "missing command value is NaN: nothing appended, rows not remapped"
 PARTIAL = cases("jtc_partial_goal")
 
 
-@pytest.mark.parametrize("case", [each for each in PARTIAL if each["name"] != UNKNOWN], ids=lambda case: case["name"])
+@pytest.mark.parametrize("case", [item for item in PARTIAL if item["name"] != UNKNOWN], ids=lambda case: case["name"])
 def test_it_fills_up_and_sorts_as_upstream_does(case):
-    given, expect = case["in"], case["expect"]
-    joints, made = given["params"]["joints"], message(given["trajectory"])
-    commands = [given.get("command", {}).get(f"{joint}/position", math.nan) for joint in joints]
-    states = [given.get("state", {}).get(f"{joint}/position", 0.0) for joint in joints]
-    arrangement = Arrangement(made.joint_names, joints, commands, states)
+    inputs, expect = case["in"], case["expect"]
+    joints, created = inputs["params"]["joints"], message(inputs["trajectory"])
+    commands = [inputs.get("command", {}).get(f"{joint}/position", math.nan) for joint in joints]
+    states = [inputs.get("state", {}).get(f"{joint}/position", 0.0) for joint in joints]
+    arrangement = Arrangement(created.joint_names, joints, commands, states)
     assert arrangement.names == expect["joint_names_after_fill"]
-    for found, wanted in zip(made.points, expect["points_after_sort"], strict=True):
-        arrangement.apply(found)
-        assert not differences(found, wanted)
-        assert found.time == wanted["t_ns"]
+    for result, expected in zip(created.points, expect["points_after_sort"], strict=True):
+        arrangement.apply(result)
+        assert not differences(result, expected)
+        assert result.time == expected["t_ns"]
 
 
 def test_a_point_takes_the_values_of_another_in_its_own_lists():
@@ -47,15 +47,15 @@ ANGLES = st.floats(-1e3, 1e3)
 
 @pytest.mark.parametrize("case", cases("shortest_angular_distance"), ids=lambda case: case["name"])
 def test_the_shortest_way_is_upstreams(case):
-    given = case["in"]
-    assert same(shortest_angular_distance(given["from"], given["to"]), case["expect"]["distance"])
+    inputs = case["in"]
+    assert same(shortest_angular_distance(inputs["from"], inputs["to"]), case["expect"]["distance"])
 
 
 @pytest.mark.parametrize("case", cases("jtc_wraparound"), ids=lambda case: case["name"])
 def test_the_turns_between_start_and_first_point_are_upstreams(case):
     """Upstream moves the start by them, the trajectory is shifted by them here."""
-    given = case["in"]
-    pairs = zip(given["current"], given["next"], given["wrap"], strict=False)
+    inputs = case["in"]
+    pairs = zip(inputs["current"], inputs["next"], inputs["wrap"], strict=False)
     moved = [begin - whole_turns(begin, end) if wrap else begin for begin, end, wrap in pairs]
     assert close(moved, case["expect"]["current_after"][: len(moved)])
 

@@ -34,14 +34,14 @@ POINTS = st.lists(
 
 
 def survey(*pieces: list[Point]) -> TrajectorySummary:
-    made = TrajectorySummary()
+    trajectory_summary = TrajectorySummary()
     for piece in pieces:
-        made.add(piece, [each.time for each in piece])
-    return made
+        trajectory_summary.add(piece, [item.time for item in piece])
+    return trajectory_summary
 
 
 def split(points: list[Point], cuts: list[int]) -> list[list[Point]]:
-    at = sorted({0, len(points), *(each % (len(points) + 1) for each in cuts)})
+    at = sorted({0, len(points), *(cut % (len(points) + 1) for cut in cuts)})
     return [points[a:b] for a, b in itertools.pairwise(at)]
 
 
@@ -59,10 +59,10 @@ def test_the_mean_velocities_between_points_are_those_of_the_whole_however_it_ca
     means = survey(*split(points, cuts)).means
     pairs = list(itertools.pairwise(points))
     for joint in range(2 if pairs else 0):
-        found = [(q.positions[joint] - p.positions[joint]) / ((q.time - p.time) * 1e-9) for p, q in pairs]
-        assert math.isclose(means.lowest[joint], min(found), rel_tol=1e-6, abs_tol=1e-6)
-        assert math.isclose(means.highest[joint], max(found), rel_tol=1e-6, abs_tol=1e-6)
-    assert [at for each in means.ranges for at in range(each.begin, each.end)] == list(range(1, len(points)))
+        result = [(q.positions[joint] - p.positions[joint]) / ((q.time - p.time) * 1e-9) for p, q in pairs]
+        assert math.isclose(means.lowest[joint], min(result), rel_tol=1e-6, abs_tol=1e-6)
+        assert math.isclose(means.highest[joint], max(result), rel_tol=1e-6, abs_tol=1e-6)
+    assert [at for item in means.ranges for at in range(item.begin, item.end)] == list(range(1, len(points)))
 
 
 @given(POINTS, st.lists(st.integers(0, 20), max_size=4))
@@ -72,28 +72,28 @@ def test_pieces_come_to_the_same_as_the_whole(points, cuts):
 
 @given(POINTS, st.lists(st.integers(0, 20), max_size=4))
 def test_it_reports_the_first_point_of_each_kind(points, cuts):
-    found = survey(*split(points, cuts))
+    result = survey(*split(points, cuts))
 
     def first(wrong):
         return next((index for index, each in enumerate(points) if wrong(index, each)), NONE)
 
-    assert found.not_increasing == first(lambda index, each: index and each.time <= points[index - 1].time)
-    assert found.empty == first(lambda _, each: not (each.positions or each.velocities or each.accelerations))
+    assert result.not_increasing == first(lambda index, each: index and each.time <= points[index - 1].time)
+    assert result.empty == first(lambda _, each: not (each.positions or each.velocities or each.accelerations))
     values = lambda each: (*each.positions, *each.velocities, *each.accelerations, *each.effort)  # noqa: E731
-    assert found.infinite == first(lambda _, each: not all(map(math.isfinite, values(each))))
-    assert found.sized(0, (2,)) == first(lambda _, each: len(each.positions) != 2)
+    assert result.infinite == first(lambda _, each: not all(map(math.isfinite, values(each))))
+    assert result.sized(0, (2,)) == first(lambda _, each: len(each.positions) != 2)
 
 
 @given(st.lists(st.lists(st.floats(-9.0, 9.0), min_size=2, max_size=2), min_size=1, max_size=12), st.integers(1, 4))
 def test_extremes_are_those_of_all_pieces_and_each_piece_reports_where_its_own_are(positions, size):
-    points = [Point(each, time=index) for index, each in enumerate(positions)]
+    points = [Point(item, time=index) for index, item in enumerate(positions)]
     extremes = survey(*(points[at : at + size] for at in range(0, len(points), size))).positions
     for joint in range(2):
-        assert extremes.lowest[joint] == min(each[joint] for each in positions)
-        assert extremes.highest[joint] == max(each[joint] for each in positions)
-        for each in extremes.ranges:
-            column = [position[joint] for position in positions[each.begin : each.end]]
-            assert (each.lowest[joint], each.highest[joint]) == (min(column), max(column))
+        assert extremes.lowest[joint] == min(item[joint] for item in positions)
+        assert extremes.highest[joint] == max(item[joint] for item in positions)
+        for item in extremes.ranges:
+            column = [position[joint] for position in positions[item.begin : item.end]]
+            assert (item.lowest[joint], item.highest[joint]) == (min(column), max(column))
 
 
 def naive(message: JointTrajectory, *, integration: bool, effort: bool) -> Rule | None:
@@ -148,16 +148,22 @@ def values(point: Point) -> object:
 @given(st.lists(COMING, max_size=4))
 def test_every_point_is_as_it_came_whatever_pieces_it_came_in(pieces):
     packed = PointBuffer()
-    for each in pieces:
-        packed.add(each)
-    came = [point for each in pieces for point in each]
+    for piece in pieces:
+        packed.add(piece)
+    came = [point for piece in pieces for point in piece]
     assert len(packed) == packed.survey.count == len(came)
-    for index, each in enumerate(came):
-        wanted = (each.positions, each.velocities, each.accelerations, each.effort, round(each.time_from_start * 1e9))
-        assert values(packed[index]) == wanted
+    for index, piece in enumerate(came):
+        expected = (
+            piece.positions,
+            piece.velocities,
+            piece.accelerations,
+            piece.effort,
+            round(piece.time_from_start * 1e9),
+        )
+        assert values(packed[index]) == expected
     if came:
         assert values(packed[-1]) == values(packed[len(came) - 1])
-    assert [values(each) for each in packed] == [values(packed[index]) for index in range(len(came))]
+    assert [values(item) for item in packed] == [values(packed[index]) for index in range(len(came))]
 
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), -1e12])
@@ -180,12 +186,12 @@ def test_a_trajectory_keeps_them_packed_and_their_survey():
 @given(st.lists(COMING, max_size=4), st.data())
 def test_positions_alone_are_those_of_the_points(pieces, data):
     packed = PointBuffer()
-    for each in pieces:
-        packed.add(each)
+    for piece in pieces:
+        packed.add(piece)
     end = data.draw(st.integers(0, len(packed)))
     begin = data.draw(st.integers(0, end))
-    found = [list(each) for each in packed.positions(begin, end)]
-    assert found == [packed[index].positions for index in range(begin, end)]
+    result = [list(position) for position in packed.positions(begin, end)]
+    assert result == [packed[index].positions for index in range(begin, end)]
 
 
 S = 1_000_000_000
@@ -194,11 +200,11 @@ LIMITS = {"a": JointLimits(-1.0, 1.0, 2.0), "b": JointLimits(continuous=True)}
 
 @pytest.mark.parametrize("case", cases("jtc_validate_trajectory"), ids=lambda case: case["name"])
 def test_the_first_rule_that_is_broken_is_upstreams(case):
-    given = case["in"]
-    params = read_params(Params.of(given["params"]), "arm")
-    made = message(given["trajectory"])
+    inputs = case["in"]
+    params = read_params(Params.of(inputs["params"]), "arm")
+    created = message(inputs["trajectory"])
     effort = "effort" in params.command_interfaces
-    refused = broken_rule(made, survey_of(made), params, given["now_ns"], effort=effort)
+    refused = broken_rule(created, survey_of(created), params, inputs["now_ns"], effort=effort)
     assert (refused is None) is case["expect"]["accept"]
     if refused is not None:
         assert refused.rule.name == case["expect"]["reason"]
@@ -210,7 +216,7 @@ def to(*positions: float, time: float = 1.0, **more: list[float]) -> JointTrajec
 
 
 @pytest.mark.parametrize(
-    ("given", "text"),
+    ("inputs", "text"),
     [
         (to(math.nan, 0.0), "point 0: the position of a is nan; give finite numbers"),
         (to(0.0, math.inf), "point 0: the position of b is inf"),
@@ -222,8 +228,8 @@ def to(*positions: float, time: float = 1.0, **more: list[float]) -> JointTrajec
         (JointTrajectory(["a", "a"], [Point([0.0, 0.0])]), "names a twice"),
     ],
 )
-def test_what_no_joint_can_bear_is_named_with_its_joint(given, text):
-    assert text in limit_error(given, survey_of(given), LIMITS)
+def test_what_no_joint_can_bear_is_named_with_its_joint(inputs, text):
+    assert text in limit_error(inputs, survey_of(inputs), LIMITS)
 
 
 def through(*points):
@@ -232,7 +238,7 @@ def through(*points):
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("inputs", "reported"),
     [
         (through((0.0, -0.9, 0.0), (1.0, 0.9, 0.0), (2.0, 0.9, 40.0)), None),
         (through((0.0, -0.9, 0.0), (0.895, 0.9, 0.0)), None),  # 2.01 rad/s: times are written with few digits
@@ -242,23 +248,23 @@ def through(*points):
         ),
     ],
 )
-def test_a_point_that_cannot_be_reached_in_time_is_named_with_the_time_it_needs(given, told):
-    found = unreachable(given, survey_of(given), LIMITS)
-    assert (found is None) is (told is None)
-    assert told is None or told in found
+def test_a_point_that_cannot_be_reached_in_time_is_named_with_the_time_it_needs(inputs, reported):
+    result = unreachable(inputs, survey_of(inputs), LIMITS)
+    assert (result is None) is (reported is None)
+    assert reported is None or reported in result
 
 
 def test_a_joint_that_may_not_move_reaches_nothing_and_points_without_positions_report_nothing_of_the_way():
-    given = through((0.0, 0.0, 0.0), (0.001, 1.0, 0.0))
-    found = unreachable(given, survey_of(given), {"a": JointLimits(velocity=0.0)})
-    assert "faster than its limit of 0; leave it where it is, or set unreachable_points" in found
+    inputs = through((0.0, 0.0, 0.0), (0.001, 1.0, 0.0))
+    result = unreachable(inputs, survey_of(inputs), {"a": JointLimits(velocity=0.0)})
+    assert "faster than its limit of 0; leave it where it is, or set unreachable_points" in result
     mixed = JointTrajectory(["a"], [Point([0.0]), Point(velocities=[0.0], time=1), Point([1.0], time=2)])
     assert unreachable(mixed, survey_of(mixed), LIMITS) is None
 
 
 def test_limits_bear_the_rounding_of_a_planner_and_turns_without_end():
-    given = to(1.0 + 1e-7, 100.0)
-    assert limit_error(given, survey_of(given), LIMITS) is None
+    inputs = to(1.0 + 1e-7, 100.0)
+    assert limit_error(inputs, survey_of(inputs), LIMITS) is None
 
 
 @pytest.mark.parametrize(
@@ -298,5 +304,10 @@ def test_nothing_leads_to_a_first_point_of_velocities_that_is_past(point, stamp,
 
 @pytest.mark.parametrize(("now", "word"), [(12 * S, "1 s ago"), (100_000 * S, "1 days (by another clock?) ago")])
 def test_how_long_ago_it_ended_is_reported(now, word):
-    given = JointTrajectory(["a"], [Point([0.0], time=S)], 10 * S)
-    assert word in broken_rule(given, survey_of(given), TrajectoryParams(joints=("a",)), now, effort=False).text
+    joint_trajectory = JointTrajectory(["a"], [Point([0.0], time=S)], 10 * S)
+    assert (
+        word
+        in broken_rule(
+            joint_trajectory, survey_of(joint_trajectory), TrajectoryParams(joints=("a",)), now, effort=False
+        ).text
+    )

@@ -26,19 +26,19 @@ class Counted(PointBuffer):
 def acceptance(lower=-3.0, upper=3.0, kind="revolute"):
     params = TrajectoryParams(joints=JOINTS, command_interfaces=("position",), state_interfaces=("position",))
     group = JointGroup(JOINTS, JOINTS, ("position",), ("position",))
-    commands = [CommandInterface(each, "position") for each in JOINTS]
-    group.set_interfaces(commands, [StateInterface(each, "position", 0.0) for each in JOINTS])
+    commands = [CommandInterface(joint, "position") for joint in JOINTS]
+    group.set_interfaces(commands, [StateInterface(joint, "position", 0.0) for joint in JOINTS])
     group.read()
-    joints = {each: Joint(each, kind, "", "", limits=UrdfLimits(lower, upper, 2.0)) for each in JOINTS}
+    joints = {joint: Joint(joint, kind, "", "", limits=UrdfLimits(lower, upper, 2.0)) for joint in JOINTS}
     return Acceptance(params, group, joints), commands
 
 
 def packed(count, position=lambda index: [0.0, 0.0]):
-    made = Counted()
+    counted = Counted()
     for at in range(0, count, 80):
         indices = range(at, min(at + 80, count))
-        made.add([TrajectoryPoint(positions=position(each), time_from_start=float(each)) for each in indices])
-    return JointTrajectory(JOINTS, made)
+        counted.add([TrajectoryPoint(positions=position(item), time_from_start=float(item)) for item in indices])
+    return JointTrajectory(JOINTS, counted)
 
 
 @pytest.mark.parametrize("count", [1, 500, 20_000])
@@ -70,11 +70,11 @@ def test_limits_of_the_interfaces_count_alongside_those_of_the_description():
 def test_a_joint_has_its_limits_under_the_name_that_a_controller_exports_it_by():
     names = ("loops/a", "b")
     params = TrajectoryParams(joints=names, command_interfaces=("position",), state_interfaces=("position",))
-    joints = {each: Joint(each, "revolute", "", "", limits=UrdfLimits(-3.0, 3.0, 2.0)) for each in JOINTS}
-    made = Acceptance(params, JointGroup(names, names, ("position",), ("position",)), joints)
-    assert [(each.upper, each.velocity) for each in made.limits.values()] == [(3.0, 2.0), (3.0, 2.0)]
-    told = made.mistake(JointTrajectory(names, [Point([4.0, 0.0], time=S)]), 0, [3.5, 0.0])
-    assert "loops/a" in told.text
+    joints = {joint: Joint(joint, "revolute", "", "", limits=UrdfLimits(-3.0, 3.0, 2.0)) for joint in JOINTS}
+    created = Acceptance(params, JointGroup(names, names, ("position",), ("position",)), joints)
+    assert [(limit.upper, limit.velocity) for limit in created.limits.values()] == [(3.0, 2.0), (3.0, 2.0)]
+    reported = created.mistake(JointTrajectory(names, [Point([4.0, 0.0], time=S)]), 0, [3.5, 0.0])
+    assert "loops/a" in reported.text
 
 
 def test_joints_that_turn_without_end_have_no_limits():

@@ -50,26 +50,26 @@ messages = st.builds(
 @pytest.mark.rest
 @given(messages)
 def test_what_is_encoded_is_decoded_to_the_same(message):
-    made = codecs()
-    assert made.decode("p/msg/All", made.encode("p/msg/All", message)) == message
+    created = codecs()
+    assert created.decode("p/msg/All", created.encode("p/msg/All", message)) == message
 
 
 @given(messages, st.data())
 def test_a_body_that_is_cut_is_refused(message, data):
-    made = codecs()
-    body = made.encode("p/msg/All", message)
+    created = codecs()
+    body = created.encode("p/msg/All", message)
     with pytest.raises(ValueError, match=r"not the body|announced"):
-        made.decode("p/msg/All", body[: data.draw(st.integers(0, len(body) - 1))])
+        created.decode("p/msg/All", body[: data.draw(st.integers(0, len(body) - 1))])
 
 
 @given(st.binary(max_size=200))
 def test_garbage_is_a_message_or_a_value_error(body):
-    made = codecs()
+    created = codecs()
     try:
-        message = made.decode("p/msg/All", body)
+        message = created.decode("p/msg/All", body)
     except ValueError:
         return
-    assert made.decode("p/msg/All", made.encode("p/msg/All", message)) is not None
+    assert created.decode("p/msg/All", created.encode("p/msg/All", message)) is not None
 
 
 def test_a_length_of_four_gigabytes_allocates_nothing():

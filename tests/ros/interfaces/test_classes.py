@@ -79,15 +79,15 @@ def test_field_types_are_in_idls_words(made):
 
 
 def test_the_type_support_is_made_once_when_it_is_first_asked_for():
-    asked = []
+    requests = []
 
     class Supports:
         def message(self, name):
-            asked.append(name)
+            requests.append(name)
             return ("create", "destroy", "from_py", "to_py", name)
 
         def service(self, name):
-            asked.append(name)
+            requests.append(name)
             return name
 
     registry = Registry()
@@ -103,11 +103,11 @@ def test_the_type_support_is_made_once_when_it_is_first_asked_for():
     assert type(service)._TYPE_SUPPORT == "p/srv/S"
     assert type(service.Request)._TYPE_SUPPORT == "p/srv/S_Request"
     assert type(service.Request)._CONVERT_TO_PY == "to_py"
-    assert asked == ["p/srv/S", "p/srv/S_Request", "p/srv/S_Response", "p/srv/S_Event"]
+    assert requests == ["p/srv/S", "p/srv/S_Request", "p/srv/S_Response", "p/srv/S_Event"]
 
 
 def test_an_action_has_what_rclpy_asks_for_and_loads_the_supports_of_its_parts():
-    asked = []
+    requests = []
 
     class Supports:
         def message(self, name):
@@ -117,7 +117,7 @@ def test_an_action_has_what_rclpy_asks_for_and_loads_the_supports_of_its_parts()
             return name
 
         def action(self, name, cancel, status):
-            asked.append((name, cancel, status))
+            requests.append((name, cancel, status))
             return f"action {name}"
 
     registry = Registry()
@@ -131,23 +131,23 @@ def test_an_action_has_what_rclpy_asks_for_and_loads_the_supports_of_its_parts()
         return classes[name]
 
     def service_of(name):
-        parts = {each: class_of(f"{name}_{each}") for each in ("Request", "Response")}
+        parts = {item: class_of(f"{name}_{item}") for item in ("Request", "Response")}
         return classes.setdefault(name, service_class(name, parts, Supports))
 
     service_of("action_msgs/srv/CancelGoal")
     action = action_class("p/action/A", class_of, service_of, Supports)
-    parts = [class_of(f"p/action/A_{each}") for each in ("Goal", "Result", "Feedback")]
+    parts = [class_of(f"p/action/A_{item}") for item in ("Goal", "Result", "Feedback")]
     assert [action.Goal, action.Result, action.Feedback] == parts
     assert action.Result.OK == 1
     assert action.Impl.SendGoalService.Request is class_of("p/action/A_SendGoal_Request")
     assert action.Impl.GetResultService.Response is class_of("p/action/A_GetResult_Response")
     type(action).__import_type_support__()
-    assert asked == [("p/action/A", "action_msgs/srv/CancelGoal", "action_msgs/msg/GoalStatusArray")]
+    assert requests == [("p/action/A", "action_msgs/srv/CancelGoal", "action_msgs/msg/GoalStatusArray")]
     loaded = [action, action.Impl.SendGoalService, action.Impl.GetResultService, action.Impl.FeedbackMessage]
-    told = [type(each)._TYPE_SUPPORT for each in loaded]
-    assert told == [
+    supports = [type(item)._TYPE_SUPPORT for item in loaded]
+    assert supports == [
         "action p/action/A",
-        *(f"p/action/A_{each}" for each in ("SendGoal", "GetResult", "FeedbackMessage")),
+        *(f"p/action/A_{item}" for item in ("SendGoal", "GetResult", "FeedbackMessage")),
     ]
 
 

@@ -60,13 +60,13 @@ def test_a_constant_is_not_a_field_and_an_empty_message_has_one_byte():
 
 def test_a_service_is_request_response_event_and_itself():
     request, response, event, service = parse("p/srv/S", ["string name", "---", "bool ok"])
-    assert [each.name for each in (request, response, event, service)] == [
+    assert [item.name for item in (request, response, event, service)] == [
         "p/srv/S_Request", "p/srv/S_Response", "p/srv/S_Event", "p/srv/S",
     ]  # fmt: skip
-    assert [each.name for each in request.fields] == ["name"]
-    assert [each.name for each in response.fields] == ["ok"]
+    assert [field.name for field in request.fields] == ["name"]
+    assert [field.name for field in response.fields] == ["ok"]
     assert event.fields[1].type == FieldType(1, Shape.BOUNDED_SEQUENCE, 1, nested="p/srv/S_Request")
-    assert [each.type.nested for each in service.fields] == ["p/srv/S_Request", "p/srv/S_Response", "p/srv/S_Event"]
+    assert [field.type.nested for field in service.fields] == ["p/srv/S_Request", "p/srv/S_Response", "p/srv/S_Event"]
 
 
 @pytest.mark.parametrize("line", ["uint8", "uint8 9a", "[] a", "wstring a"])
@@ -81,22 +81,22 @@ def test_type_ids_go_both_ways(type_id):
 
 
 def test_an_action_is_three_messages_two_services_the_feedback_and_itself():
-    made = {each.name: each for each in parse("p/action/A", ["T a", "---", "int32 OK=1", "---", "uint8 b"])}
-    assert [name.partition("A")[2] for name in made] == [
+    created = {item.name: item for item in parse("p/action/A", ["T a", "---", "int32 OK=1", "---", "uint8 b"])}
+    assert [name.partition("A")[2] for name in created] == [
         "_Goal", "_Result", "_Feedback",
         "_SendGoal_Request", "_SendGoal_Response", "_SendGoal_Event", "_SendGoal",
         "_GetResult_Request", "_GetResult_Response", "_GetResult_Event", "_GetResult",
         "_FeedbackMessage", "",
     ]  # fmt: skip
-    assert made["p/action/A_Goal"].fields == (Field("a", FieldType(1, nested="p/msg/T")),)
-    assert made["p/action/A_Result"].constants == {"OK": 1}
-    told = {name: [each.type.nested or each.name for each in made[name].fields] for name in made}
+    assert created["p/action/A_Goal"].fields == (Field("a", FieldType(1, nested="p/msg/T")),)
+    assert created["p/action/A_Result"].constants == {"OK": 1}
+    reported = {name: [field.type.nested or field.name for field in created[name].fields] for name in created}
     uuid = "unique_identifier_msgs/msg/UUID"
-    assert told["p/action/A_SendGoal_Request"] == [uuid, "p/action/A_Goal"]
-    assert told["p/action/A_SendGoal_Response"] == ["accepted", "builtin_interfaces/msg/Time"]
-    assert told["p/action/A_GetResult_Response"] == ["status", "p/action/A_Result"]
-    assert told["p/action/A_FeedbackMessage"] == [uuid, "p/action/A_Feedback"]
-    assert told["p/action/A"][3:] == ["p/action/A_SendGoal", "p/action/A_GetResult", "p/action/A_FeedbackMessage"]
+    assert reported["p/action/A_SendGoal_Request"] == [uuid, "p/action/A_Goal"]
+    assert reported["p/action/A_SendGoal_Response"] == ["accepted", "builtin_interfaces/msg/Time"]
+    assert reported["p/action/A_GetResult_Response"] == ["status", "p/action/A_Result"]
+    assert reported["p/action/A_FeedbackMessage"] == [uuid, "p/action/A_Feedback"]
+    assert reported["p/action/A"][3:] == ["p/action/A_SendGoal", "p/action/A_GetResult", "p/action/A_FeedbackMessage"]
 
 
 @pytest.mark.parametrize(("name", "lines"), [("p/action/A", ["---"]), ("p/srv/S", []), ("p/srv/S", ["---", "---"])])
@@ -126,8 +126,8 @@ def test_the_hash_is_the_published_one(registry, name):
 def test_the_hashes_of_every_installed_message_and_service_are_the_installed_ones():
     registry, checked = Registry([SHARE]), 0
     for path in SHARE.glob("*_msgs/[ms][sr][gv]/*.json"):
-        told = json.loads(path.read_text())["type_hashes"][0]
-        assert hash_text(registry.describe(told["type_name"])) == told["hash_string"], told["type_name"]
+        reported = json.loads(path.read_text())["type_hashes"][0]
+        assert hash_text(registry.describe(reported["type_name"])) == reported["hash_string"], reported["type_name"]
         checked += 1
     assert checked > 100
 
@@ -158,8 +158,8 @@ def test_the_hash_depends_on_every_name():
 def test_a_definition_is_read_when_it_is_asked_for_and_a_later_one_counts():
     registry = Registry()
     registry.add({"p/msg/A": ["no-field"], "p/srv/S": ["uint8 a", "---"]})
-    assert [each.name for each in registry.get("p/srv/S_Request").fields] == ["a"]
+    assert [field.name for field in registry.get("p/srv/S_Request").fields] == ["a"]
     with pytest.raises(ValueError, match="cannot read the line"):
         registry.get("p/msg/A")
     registry.add({"p/srv/S": ["uint8 b", "---"]})
-    assert [each.name for each in registry.get("p/srv/S_Request").fields] == ["b"]
+    assert [field.name for field in registry.get("p/srv/S_Request").fields] == ["b"]

@@ -1,4 +1,4 @@
-"""`provide()` as another program uses it: the one of the guide as it stands there, and wrong requests."""
+"""`provide()` used by another program: the program of the guide, and invalid requests."""
 
 from __future__ import annotations
 
@@ -36,22 +36,22 @@ def program():
 
 
 def test_the_program_of_the_guide_lists_the_controllers(stage):
-    said = run_ros(program(), stage.domain)
-    assert said.splitlines() == ["joint_state_broadcaster active", "forward active", "base inactive"]
+    ros = run_ros(program(), stage.domain)
+    assert ros.splitlines() == ["joint_state_broadcaster active", "forward active", "base inactive"]
 
 
 def test_the_packages_are_imported_as_any_other():
     assert "cannot import name 'Nonsense' from 'control_msgs.msg'" in run_ros(IMPORTS)
 
 
-@pytest.mark.parametrize("asked", ["'nav2_msgs'", "['tf2_msgs', 'nav2_msgs']"])
-def test_a_package_that_cannot_be_made_is_refused_by_name(asked):
+@pytest.mark.parametrize("requested", ["'nav2_msgs'", "['tf2_msgs', 'nav2_msgs']"])
+def test_a_package_that_cannot_be_made_is_refused_by_name(requested):
     code = f"""
 import sys
 from canopen_control.errors import CanopenError
 from canopen_control.ros.interfaces import provide
 try:
-    provide({asked})
+    provide({requested})
 except CanopenError as error:
     print(error)
 assert "tf2_msgs" not in sys.modules

@@ -32,8 +32,8 @@ def test_the_library_needs_no_other_and_allows_no_code_on_the_stack(processor):
     held = (FOLDER / f"callbacks_{processor}.so").read_bytes()
     assert b"libc.so" not in held
     header, count = int.from_bytes(held[32:40], "little"), int.from_bytes(held[56:58], "little")
-    segments = [held[header + 56 * each :][:56] for each in range(count)]
-    kinds = {int.from_bytes(each[:4], "little"): int.from_bytes(each[4:8], "little") for each in segments}
+    segments = [held[header + 56 * number :][:56] for number in range(count)]
+    kinds = {int.from_bytes(segment[:4], "little"): int.from_bytes(segment[4:8], "little") for segment in segments}
     assert kinds[0x6474E551] & 1 == 0  # PT_GNU_STACK without PF_X
 
 
@@ -47,20 +47,20 @@ def test_a_processor_without_a_library_is_reported_with_what_to_make_one(monkeyp
 
 def test_the_number_of_types_is_limited_and_one_more_is_refused():
     callbacks = support.Callbacks(0, 0, 0, 0)
-    made = {callbacks.deserializer(f"p/msg/T{each}", 0) for each in range(support.SLOTS)}
-    assert len(made) == support.SLOTS
+    created = {callbacks.deserializer(f"p/msg/T{number}", 0) for number in range(support.SLOTS)}
+    assert len(created) == support.SLOTS
     with pytest.raises(RuntimeError, match="more than 512 types"):
         callbacks.deserializer("p/msg/Last", 0)
 
 
 def test_a_support_of_a_kind_is_found_by_its_name():
     callbacks = support.Callbacks(0, 0, 0, 0)
-    names = [ctypes.create_string_buffer(each) for each in (b"one", b"another", b"anoth")]
-    supports = [support.MessageSupport(ctypes.addressof(each)) for each in names]
-    where = [ctypes.addressof(each) for each in supports]
+    names = [ctypes.create_string_buffer(item) for item in (b"one", b"another", b"anoth")]
+    supports = [support.MessageSupport(ctypes.addressof(name)) for name in names]
+    where = [ctypes.addressof(item) for item in supports]
     supports[0].kinds[:] = where
     find = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)(callbacks["message_of_kind"])
-    assert [find(where[0], each) for each in (b"one", b"another", b"anoth", b"ano", b"")] == [*where, None, None]
+    assert [find(where[0], item) for item in (b"one", b"another", b"anoth", b"ano", b"")] == [*where, None, None]
 
 
 @pytest.mark.ros
@@ -104,7 +104,7 @@ class Native:
         self.name, self.codecs, self.taken = name, Codecs(registry.get, lambda _: SimpleNamespace), []
         self._position = POSITION(lambda cdr: ctypes.c_size_t.from_address(cdr).value)
         self._assign = ASSIGN(self._take)
-        position, assign = (ctypes.cast(each, ctypes.c_void_p).value for each in (self._position, self._assign))
+        position, assign = (ctypes.cast(item, ctypes.c_void_p).value for item in (self._position, self._assign))
         self.callbacks = Callbacks(0, position, assign, end_offset=8)
         supports = Supports(SimpleNamespace(callbacks=self.callbacks), registry, self.codecs)
         self._deserialize = DESERIALIZE(self.callbacks.deserializer(name, supports._layout(name)))

@@ -1,4 +1,4 @@
-"""One record of a fault: what it says by its source, on the wire and in words."""
+"""The record of a fault, by its source: on the wire and as text."""
 
 import pytest
 

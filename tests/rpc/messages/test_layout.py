@@ -3,5 +3,5 @@ from canopen_control.rpc.wire import convert
 
 
 def test_an_older_recording_may_lack_names():
-    found = convert({"name": "left", "node_id": 3, "eds": None, "pdos": []}, NodeLayout)
-    assert (found.eds, found.pdos) == (None, ())
+    result = convert({"name": "left", "node_id": 3, "eds": None, "pdos": []}, NodeLayout)
+    assert (result.eds, result.pdos) == (None, ())

@@ -94,18 +94,18 @@ SAMPLES = {
 def test_samples_of_every_kind_cross_the_wire_as_what_they_are():
     there = convert(plain(StateSample(samples=SAMPLES)), StateSample)
     assert there.samples == SAMPLES
-    assert {type(each) for each in there.samples.values()} == set(typing.get_args(ControllerSample))
+    assert {type(sample) for sample in there.samples.values()} == set(typing.get_args(ControllerSample))
     assert there.samples_of(PidSample) == {"loops": SAMPLES["loops"]}
     assert there.samples_of(OdometrySample) == {name: SAMPLES[name] for name in ("base", "forklift", "platform")}
 
 
 def test_a_sample_grows_into_a_kind_that_has_its_fields():
-    found = grown(MecanumSample, SAMPLES["base"], wheels=[1.0])
-    assert (found.x, found.limited, found.wheels, kind_of(type(found))) == (1.0, (0.4, 0.1), [1.0], "mecanum")
+    result = grown(MecanumSample, SAMPLES["base"], wheels=[1.0])
+    assert (result.x, result.limited, result.wheels, kind_of(type(result))) == (1.0, (0.4, 0.1), [1.0], "mecanum")
 
 
 def test_each_kind_has_a_word_of_its_own():
-    kinds = [kind_of(each) for each in typing.get_args(ControllerSample)]
+    kinds = [kind_of(arg) for arg in typing.get_args(ControllerSample)]
     assert kinds == [
         *("odometry", "steering", "mecanum", "joint_states", "gpio", "diagnostics", "trajectory", "pid", "gripper"),
         *("imu", "range", "wrench", "pose", "batteries"),

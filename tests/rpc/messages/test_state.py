@@ -37,7 +37,7 @@ def test_an_event_reports_only_what_there_is_to_report():
 
 def test_a_joint_has_its_interfaces_by_name():
     joint = JointReading("wheel", 1.0, 2.0, None, 3.0, {"temperature": 40.0})
-    assert [joint.value(each) for each in ("position", "velocity", "effort", "temperature", "other")] == (
+    assert [joint.value(name) for name in ("position", "velocity", "effort", "temperature", "other")] == (
         [1.0, 2.0, None, 40.0, None]
     )
     assert joint.values == {"position": 1.0, "velocity": 2.0, "effort": None, "temperature": 40.0}

@@ -15,7 +15,7 @@ TRAJECTORY = {"controller": "arm", "joints": ["a"], "points": [{"positions": [1.
 
 
 def names(kind):
-    return {each.name for each in msgspec.structs.fields(kind)}
+    return {field.name for field in msgspec.structs.fields(kind)}
 
 
 def test_a_goal_that_is_accepted_at_once_reports_all_that_one_that_is_followed_reports():
@@ -24,7 +24,7 @@ def test_a_goal_that_is_accepted_at_once_reports_all_that_one_that_is_followed_r
 
 
 def test_a_trajectory_that_is_not_a_goal_has_no_tolerances():
-    assert not any("tolerance" in each for each in names(SetTrajectory))
+    assert not any("tolerance" in name for name in names(SetTrajectory))
     with pytest.raises(ValueError, match="unknown field"):
         convert({**TRAJECTORY, "goal_time_tolerance": 1.0}, SetTrajectory)
 

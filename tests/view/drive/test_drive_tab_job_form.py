@@ -12,7 +12,7 @@ from canopen_control.view.drive.drive_tab import JobForm
 
 async def test_the_inputs_are_those_of_the_verb():
     async with visited(lambda: JobForm(RESTORE)) as (_user, form):
-        assert [each.text for each in seen(ui.checkbox)] == [
+        assert [item.text for item in seen(ui.checkbox)] == [
             one.text for one in RESTORE.declared.values() if one.is_switch
         ]
         assert form.options() == RestoreOptions(protect=[])

@@ -35,7 +35,7 @@ async def shown(work, press=""):
             user.find(press).click()
             await settle(lambda: work._ending.is_set())
         bar.show()
-        return html(user), [each.text for each in seen(ui.button)]
+        return html(user), [item.text for item in seen(ui.button)]
 
 
 async def test_work_of_another_tab_is_reported_and_is_in_the_way():

@@ -1,4 +1,4 @@
-"""The frame of the Drive view, for a simulated user: which node, which tab, and what ends when it is left."""
+"""The frame of the Drive view, for a simulated user: node, tab, and the end of work on leaving."""
 
 import pytest
 
@@ -79,7 +79,7 @@ async def test_nothing_is_made_before_it_is_opened():
 async def test_a_page_is_opened_at_its_address():
     async with played({"drive": "left_drive", "tab": "two"}) as (user, _view):
         await expect_seen(user, "OtherTab of left_drive")
-    assert [type(each) for each in MADE] == [OtherTab]
+    assert [type(item) for item in MADE] == [OtherTab]
 
 
 async def test_a_tab_that_is_left_is_reported_and_stays():
@@ -104,7 +104,7 @@ async def test_another_node_has_tabs_of_its_own(monkeypatch):
         switch(user, "drive")
         view._choice.value = "io"
         await at_rest()
-        assert ([type(each) for each in MADE], MADE[0].left) == ([FakeTab, FakeTab], 1)
+        assert ([type(item) for item in MADE], MADE[0].left) == ([FakeTab, FakeTab], 1)
 
 
 async def test_a_page_that_is_closed_ends_what_its_tabs_do():

@@ -1,4 +1,4 @@
-"""The Objects tab for a simulated user: what is read, what is sent, and what a write says."""
+"""The Objects tab for a simulated user: reading, updates, and the results of writing."""
 
 import contextlib
 
@@ -29,7 +29,7 @@ class Watched:
         self.watched, self.written = [], []
 
     def watch(self, _page, _desk, entries):
-        self.watched.append([each.index for each in entries])
+        self.watched.append([entry.index for entry in entries])
 
     def soon(self, _desk, entry):
         self.written.append(entry.index)
@@ -72,7 +72,7 @@ async def test_values_are_sent_once_the_tree_is_there(sent):
         tab.show(page.content())
         tab.show(page.content())
         assert before == []
-        assert [each[1]["0x6081:00"]["value"] for each in sent] == ["500", "500"]  # as it came into sight, and as news
+        assert [item[1]["0x6081:00"]["value"] for item in sent] == ["500", "500"]  # as it came into sight, and as news
 
 
 async def test_a_search_is_answered_with_what_it_means(sent):
@@ -97,7 +97,7 @@ async def test_a_write_is_answered_at_its_object_and_can_be_undone(sent):
     assert sent[0] == ("answer", "0x6081:00", "written: 0x6081:00 Profile velocity: 0 -> 1234", True)
     assert "last write: 0x6081:00 Profile velocity: 0 -&gt; 1234" in words
     assert sent[1][2] == "undone: 0x6081:00 Profile velocity: 1234 -> 0"
-    assert [each[2] for each in written] == [(1234).to_bytes(4, "little"), bytes(4)]
+    assert [item[2] for item in written] == [(1234).to_bytes(4, "little"), bytes(4)]
     assert soon == [0x6081, 0x6081]
 
 
@@ -111,9 +111,9 @@ async def test_a_refusal_is_reported_at_its_object(sent):
         user.find(kind=ObjectTree).trigger("write", {"address": "0x6083:00", "text": "1"})
         await settle(lambda: len(sent) == 4)
         assert tab._context.node_jobs.stub.written == []
-    told = {each[1]: each[2] for each in sent}
-    assert "is read-only; nothing was written" in told["0x6041:00"]
-    assert "0x08000022" in told["0x6083:00"]
+    reported = {item[1]: item[2] for item in sent}
+    assert "is read-only; nothing was written" in reported["0x6041:00"]
+    assert "0x08000022" in reported["0x6083:00"]
     assert not any(good for *_, good in sent)
 
 

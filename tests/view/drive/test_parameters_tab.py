@@ -58,8 +58,8 @@ async def press(user, label, tab, page):
 async def test_a_backup_is_made_and_can_be_saved():
     async with played() as (user, tab, page):
         work = await press(user, "Back up", tab, page)
-        said, there = work.sentence, "Save the file" in [each.text for each in seen(ui.button)]
-    assert said.endswith("parameters to left_drive.dcf")
+        message, there = work.sentence, "Save the file" in [item.text for item in seen(ui.button)]
+    assert message.endswith("parameters to left_drive.dcf")
     assert there
 
 
@@ -102,7 +102,7 @@ async def test_a_file_that_is_none_is_reported_and_the_one_before_is_discarded()
         await upload(user, "left.dcf", data)
         await upload(user, "x.dcf", b"nonsense")
         tab.show(page.content())
-        text, buttons = html(user), {each.text: each.enabled for each in seen(ui.button)}
+        text, buttons = html(user), {item.text: item.enabled for item in seen(ui.button)}
     assert "Not read. x.dcf" in text
     assert (buttons["Compare with the node"], buttons["Restore the file"]) == (False, False)
 
@@ -119,7 +119,7 @@ async def test_a_node_is_cloned_from_another_with_the_globs_that_stay():
 
 async def test_a_read_only_page_may_back_up_and_compare():
     async with played(teleop=False) as (user, _tab, _page):
-        text, buttons = html(user), [each.text for each in seen(ui.button)]
+        text, buttons = html(user), [item.text for item in seen(ui.button)]
     assert "This page is read-only" in text
     assert "Restore the file" not in buttons
     assert {"Back up", "Compare with the node"} <= set(buttons)
@@ -131,7 +131,7 @@ async def test_nothing_else_begins_next_to_it():
         user.find("Back up").click()
         await expect_seen(user, "left_drive is busy: Loading a.bin into left_drive; wait until this has ended")
         tab.show(page.content())
-        assert "Back up" not in [each.text for each in seen(ui.button) if each.enabled]
+        assert "Back up" not in [item.text for item in seen(ui.button) if item.enabled]
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def loaded(monkeypatch):
 
 
 def buttons():
-    return {each.text: each.enabled for each in seen(ui.button)}
+    return {item.text: item.enabled for item in seen(ui.button)}
 
 
 async def test_a_program_is_chosen_and_loaded(loaded):

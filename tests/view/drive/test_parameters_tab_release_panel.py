@@ -27,7 +27,7 @@ async def played(new=None, **how):
 
 async def look(new=None):
     async with played(new) as (user, _page):
-        return html(user), [(each.text, each.enabled) for each in seen(ui.button)]
+        return html(user), [(item.text, item.enabled) for item in seen(ui.button)]
 
 
 async def test_an_enabled_drive_is_not_taken_out():

@@ -1,4 +1,4 @@
-"""The Scope tab for a simulated user: what can be chosen, what is drawn, cursors, overlay and files."""
+"""The Scope tab for a simulated user: choices, charts, cursors, overlay and files."""
 
 import contextlib
 
@@ -67,7 +67,7 @@ async def test_numbers_of_the_node_and_joints_of_the_robot_are_offered():
     assert options["left_drive:0x606C:00"] == "0x606C Velocity actual value"
     assert options["left:velocity"] == "left velocity"
     assert chosen == ["left_drive:0x606C:00", "left_drive:0x6064:00"]
-    assert not any("0x1008" in each for each in signals_of(OD, "n"))  # a text
+    assert not any("0x1008" in item for item in signals_of(OD, "n"))  # a text
     assert signals_of(None, "n") == {}
 
 
@@ -79,15 +79,15 @@ async def test_a_shot_is_drawn_with_cursors_and_the_next_one_over_it(began, sent
         waits = tab._single.enabled, tab._end.enabled
         finish(began[0], NAMED)
         tab.show(page.content())
-        first = [each["id"] for each in tab._chart.options["series"]]
+        first = [option["id"] for option in tab._chart.options["series"]]
         tab._range.value = {"min": 0, "max": 500}
         readings = html(user)
         user.find("Keep as overlay").click()
         finish(began[0], NamedShot(NAMED.shot, NAMED.names, NAMED.units, "shot of 11"))
         tab.show(page.content())
-        both = [each["name"] for each in tab._chart.options["series"][:2]]
+        both = [option["name"] for option in tab._chart.options["series"][:2]]
         user.find("Drop the overlay").click()
-        after = [each["id"] for each in tab._chart.options["series"]]
+        after = [option["id"] for option in tab._chart.options["series"]]
     assert (began[0].options.length, began[0].options.trigger, began[0].options.rolling) == (2.0, "", False)
     assert waits == (False, True)
     assert first == after == ["s0", "marks0"]
@@ -153,20 +153,20 @@ async def test_files_are_what_the_scope_writes(began, sent, monkeypatch):
 
 @pytest.mark.rest
 async def test_a_file_that_was_saved_is_laid_below_the_shot_and_a_bad_one_is_reported(began, monkeypatch):
-    told = []
-    monkeypatch.setattr(scope_tab, "show_notice", lambda what, why: told.append(why))
+    reports = []
+    monkeypatch.setattr(scope_tab, "show_notice", lambda what, why: reports.append(why))
     async with played() as (user, tab, page):
         user.find("Single").click()
         await settle(lambda: bool(began))
         finish(began[0], NAMED)
         tab.show(page.content())
         await upload(user, "old.csv", csv_of(NAMED).encode(), until=lambda: tab._overlay is not None)
-        both = [each["name"] for each in tab._chart.options["series"][:2]]
-        await upload(user, "photo.csv", b"\xff\xd8\xff", until=lambda: bool(told))
+        both = [option["name"] for option in tab._chart.options["series"][:2]]
+        await upload(user, "photo.csv", b"\xff\xd8\xff", until=lambda: bool(reports))
         label, can_be_dropped = tab._overlay.label, tab._drop.visible
     assert both == ["left_drive:0x606C (old.csv)", "left_drive:0x606C"]
     assert (label, can_be_dropped) == ("old.csv", True)
-    assert told == ["photo.csv is not a text file; choose a CSV file that was saved by a scope"]
+    assert reports == ["photo.csv is not a text file; choose a CSV file that was saved by a scope"]
 
 
 def test_an_overlay_has_a_signal_of_the_shot():

@@ -1,4 +1,4 @@
-"""The Tune tab for a simulated user: nothing moves without a confirmation, and what was found is shown."""
+"""The Tune tab for a simulated user: nothing moves without a confirmation, and results are shown."""
 
 import contextlib
 
@@ -127,7 +127,7 @@ async def test_each_test_shows_what_it_has():
         for test in TuneTest:
             tab._test.value = test.name
             inputs = (tab._speed, tab._signal, tab._torque, tab._form.inputs["crossover"])
-            shown[test] = [each.visible for each in inputs], tab._plan().request.seconds
+            shown[test] = [item.visible for item in inputs], tab._plan().request.seconds
 
     assert shown[TuneTest.STEP] == ([True, False, False, False], 2.0)
     assert shown[TuneTest.BODE] == ([False, True, False, False], 8.0)

@@ -30,13 +30,16 @@ async def test_what_is_sent_goes_out_in_one_message(monkeypatch):
 
 
 async def test_a_held_button_reports_this_and_a_foreign_word_is_nothing():
-    told, go = [], HoldButton("go", "Go")
-    async with visited(lambda: HoldButtons([go], told.append, lambda: told.append("let go"))) as (user, _buttons):
+    reported, go = [], HoldButton("go", "Go")
+    async with visited(lambda: HoldButtons([go], reported.append, lambda: reported.append("let go"))) as (
+        user,
+        _buttons,
+    ):
         group = user.find(kind=HoldButtons)
         for word in ("go", "other", None, ["go"]):
             group.trigger("hold", word)
         group.trigger("release")
-    assert told == ["go", "let go"]
+    assert reported == ["go", "let go"]
 
 
 async def test_a_held_button_sends_often_enough_for_the_dead_man():
@@ -53,18 +56,18 @@ async def test_it_is_given_its_tree():
 
 async def test_every_line_is_a_row_that_is_sent():
     async with visited(lambda: StripCharts(charts(["a"], ["can"]), names(["a"], ["can"]), 30.0)) as (_user, strips):
-        found, rows = strips.props["charts"], strips.props["names"]
-    assert {line["row"] for chart in found for line in chart["lines"]} <= set(rows)
+        result, rows = strips.props["charts"], strips.props["names"]
+    assert {line["row"] for chart in result for line in chart["lines"]} <= set(rows)
 
 
 async def test_a_page_reports_that_it_is_there_while_it_is_to():
-    told = []
-    async with visited(lambda: PresenceElement(lambda: told.append("here"))) as (user, presence):
+    reports = []
+    async with visited(lambda: PresenceElement(lambda: reports.append("here"))) as (user, presence):
         user.find(kind=PresenceElement).trigger("here")
         before = presence.props["on"]
         presence.switch(on=True)
         assert (before, presence.props["on"]) == (False, True)
-    assert told == ["here"]
+    assert reports == ["here"]
 
 
 class Heard:
@@ -84,8 +87,8 @@ class Heard:
 
 
 async def test_a_tree_of_objects_reports_what_is_in_sight_sought_and_written_and_no_nonsense():
-    heard = Heard()
-    async with visited(lambda: ObjectTree([], "286-4F6", heard, writes=False)) as (user, tree):
+    received = Heard()
+    async with visited(lambda: ObjectTree([], "286-4F6", received, writes=False)) as (user, tree):
         for event, args in (
             ("seen", ["0x6081:00", 5]),
             ("seen", None),
@@ -96,7 +99,7 @@ async def test_a_tree_of_objects_reports_what_is_in_sight_sought_and_written_and
         ):
             user.find(kind=ObjectTree).trigger(event, args)
         assert (tree._props["writes"], tree._props["product"]) == (False, "286-4F6")
-    assert heard.told == [
+    assert received.told == [
         ("seen", ["0x6081:00"]),
         ("seen", []),
         ("search", "v" * 200),
@@ -112,7 +115,7 @@ async def test_a_tree_is_sent_values_matches_and_answers(monkeypatch):
         tree.matches("", None)
         tree.matches("speed", ("0x6081:00",))
         tree.answer("0x6081:00", "written", good=True)
-    assert [each[0] for each in sent] == ["values", "matches", "matches", "answer"]
+    assert [item[0] for item in sent] == ["values", "matches", "matches", "answer"]
     assert sent[1:] == [
         ("matches", None, "", ""),
         ("matches", ["0x6081:00"], "", "speed"),

@@ -40,7 +40,7 @@ async def played(world):
 
 
 def field(label):
-    return next(each for each in seen(ui.number) if each.props["label"] == label)
+    return next(item for item in seen(ui.number) if item.props["label"] == label)
 
 
 async def test_what_a_person_asks_for_happens_and_is_in_the_events():
@@ -65,7 +65,7 @@ async def test_what_a_person_asks_for_happens_and_is_in_the_events():
 
 
 @pytest.mark.parametrize(
-    ("label", "value", "button", "said"),
+    ("label", "value", "button", "text"),
     [
         ("s", 0, "Push", "a push needs a duration above 0"),
         ("friction", -1, "Set floor friction", "friction cannot be negative"),
@@ -73,12 +73,12 @@ async def test_what_a_person_asks_for_happens_and_is_in_the_events():
         ("y, N", None, "Push", "a field is empty"),
     ],
 )
-async def test_a_number_that_cannot_be_is_reported_and_nothing_happens(label, value, button, said):
+async def test_a_number_that_cannot_be_is_reported_and_nothing_happens(label, value, button, text):
     world = World()
     async with played(world) as (user, _panel, context):
         field(label).value = value
         user.find(button).click()
-        await expect_seen(user, said)
+        await expect_seen(user, text)
     assert world.acts == context.asked == []
 
 

@@ -28,9 +28,9 @@ async def test_drives_and_faults_are_offered_and_what_is_on_is_reported():
         drive, fault = seen(ui.select)
         assert (drive.value, fault.value, fault.options) == ("left_drive", "silent", ["silent", "hot"])
         fault.value = "hot"
-        found = html(user)
-    assert "left_drive: silent" in found
-    assert "The drive is hot (once)" in found
+        result = html(user)
+    assert "left_drive: silent" in result
+    assert "The drive is hot (once)" in result
 
 
 async def test_a_fault_is_switched():
@@ -51,12 +51,12 @@ async def test_what_the_drive_refuses_is_reported():
 
 
 async def test_inputs_are_set_where_a_device_has_some():
-    given = []
+    inputs = []
     context = FakeContext().with_faults()
     board = context.content().faults
     module = (*board.drives["left_drive"], FaultListing(name="input_stuck", acts="input"))
     context.robot.faults = DriveFaults({"io": module, **board.drives})
-    context.robot.drives.ask = lambda drive, request: given.append((drive, request.values))
+    context.robot.drives.ask = lambda drive, request: inputs.append((drive, request.values))
     async with visited(lambda: FaultPanel(context)) as (user, panel):
         panel.show(context.content())
         drive = seen(ui.select)[0]
@@ -69,18 +69,18 @@ async def test_inputs_are_set_where_a_device_has_some():
         await expect_seen(user, "write SIGNAL=NUMBER")
         drive.value = "left_drive"
         await user.should_not_see("inputs, as di0=1,ai0=16384")
-    assert given == [("io", {"di0": 1.0, "ai0": 2.5})]
+    assert inputs == [("io", {"di0": 1.0, "ai0": 2.5})]
 
 
 async def test_on_mock_hardware_nothing_is_offered_to_be_broken():
     context = FakeContext()
     async with visited(lambda: FaultPanel(context)) as (_user, panel):
-        found = []
+        results = []
         for board in (DriveFaults(), context.with_faults().robot.faults, DriveFaults()):
             context.robot.faults = board
             panel.show(context.content())
-            found.append(panel._whole.visible)
-        assert found == [False, True, False]
+            results.append(panel._whole.visible)
+        assert results == [False, True, False]
 
 
 async def test_a_quirk_is_explained_and_switched_with_its_strength():
@@ -101,9 +101,9 @@ async def test_a_quirk_is_explained_and_switched_with_its_strength():
             await at_rest()
         user.find("Quirk off").click()
         await at_rest()
-        found = html(user)
-    assert "The drive follows late." in found
-    assert "jsd#48" in found
-    assert "left_drive: silent, brake_delay=0.5" in found
+        result = html(user)
+    assert "The drive follows late." in result
+    assert "jsd#48" in result
+    assert "left_drive: silent, brake_delay=0.5" in result
     names = ["brake_delay", "brake_delay=1.5", "brake_delay@0", "brake_delay=2@0"]
     assert switched == [*(("left_drive", name, True) for name in names), ("left_drive", "brake_delay", False)]

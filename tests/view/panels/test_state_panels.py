@@ -60,10 +60,10 @@ async def shown(new=None, lost="", press=False, refusal=None):
 
 
 async def test_a_latched_stop_has_its_remedy():
-    text, labels, asked = await shown(state(latched=True, latched_by="view"), press=True)
+    text, labels, requested = await shown(state(latched=True, latched_by="view"), press=True)
     assert "STOP is latched" in text
     assert labels == ["Release STOP"]
-    assert asked == [Release(source="view")]
+    assert requested == [Release(source="view")]
 
 
 async def test_a_fault_reports_its_cause_and_is_reset_from_here():
@@ -74,5 +74,5 @@ async def test_a_fault_reports_its_cause_and_is_reset_from_here():
 
 
 async def test_what_the_robot_refuses_is_reported():
-    *_, asked = await shown(state(latched=True), press=True, refusal="somebody else has latched it")
-    assert len(asked) == 1
+    *_, requested = await shown(state(latched=True), press=True, refusal="somebody else has latched it")
+    assert len(requested) == 1

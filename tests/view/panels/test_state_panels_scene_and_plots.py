@@ -20,5 +20,7 @@ async def test_the_robot_is_there_and_the_camera_releases_it(monkeypatch):
 async def test_every_chart_is_in_its_tab():
     context = FakeContext()
     async with visited(lambda: PlotsPanel(context)) as (user, _panel):
-        found = [[chart["key"] for chart in each.props["charts"]] for each in user.find(kind=StripCharts).elements]
-    assert sorted(found) == [["cycle", "work", "load"], ["left", "lift", "error"]]
+        result = [
+            [chart["key"] for chart in element.props["charts"]] for element in user.find(kind=StripCharts).elements
+        ]
+    assert sorted(result) == [["cycle", "work", "load"], ["left", "lift", "error"]]

@@ -47,14 +47,14 @@ async def test_without_drives_there_is_nothing_to_enable():
 async def test_enable_is_grey_and_closed_while_stop_is_latched():
     context = FakeContext()
     async with visited(lambda: PowerPanel(context)) as (_user, panel):
-        found = []
+        results = []
         for latched in (False, True, False):
             panel.show(context.content(state(latched=latched)))
-            (enable,) = [each for each in seen(ui.button) if each.text == "Enable"]
-            found.append((enable.enabled, enable.props["color"]))
-            others = [each.enabled for each in seen(ui.button) if each.text != "Enable"]
+            (enable,) = [item for item in seen(ui.button) if item.text == "Enable"]
+            results.append((enable.enabled, enable.props["color"]))
+            others = [item.enabled for item in seen(ui.button) if item.text != "Enable"]
             assert others == [True, True]  # to disable is always allowed
-        assert found == [(True, "green-8"), (False, "grey-5"), (True, "green-8")]
+        assert results == [(True, "green-8"), (False, "grey-5"), (True, "green-8")]
 
 
 def played(context):
@@ -105,9 +105,9 @@ async def test_another_mode_makes_another_target_and_ends_what_is_driven():
     async with played(context) as (user, panel):
         let = context.let
         panel.show(context.content(drive_state({"mode": "HM"})))
-        let, buttons, said = context.let - let, seen(HoldButtons), html(user)
+        let, buttons, text = context.let - let, seen(HoldButtons), html(user)
     assert (let, buttons) == (1, [])
-    assert "choose another mode" in said
+    assert "choose another mode" in text
 
 
 async def test_the_end_of_the_slider_is_chosen():
@@ -125,7 +125,7 @@ async def test_each_drive_is_enabled_and_stopped_by_itself_and_a_refusal_is_repo
     context = of_drive()
     context.refusal = "no RPDO carries its target"
     async with played(context) as (user, _panel):
-        (button,) = [each for each in seen(ui.button) if each.props.get("aria-label") == label]
+        (button,) = [item for item in seen(ui.button) if item.props.get("aria-label") == label]
         user.find(button.text).click()
         await settle(lambda: context.asked)
         await expect_seen(user, "no RPDO carries its target")
@@ -145,11 +145,11 @@ async def test_a_mode_is_asked_for_and_that_of_the_drive_is_shown():
 
 async def test_a_read_only_page_may_stop_and_nothing_else():
     async with played(of_drive(teleop=False)) as (user, _panel):
-        able = {each.text: each.enabled for each in seen(ui.button)}
-        buttons, choice, said = seen(HoldButtons), seen(ui.select)[0].enabled, html(user)
+        able = {item.text: item.enabled for item in seen(ui.button)}
+        buttons, choice, message = seen(HoldButtons), seen(ui.select)[0].enabled, html(user)
     assert able == {"Enable": False, "Stop": True}
     assert (buttons, choice) == ([], False)
-    assert "--teleop" in said
+    assert "--teleop" in message
 
 
 async def test_a_disabled_drive_is_not_shown_as_ready_and_a_robot_without_such_drives_has_no_panel():

@@ -43,10 +43,10 @@ async def test_a_base_is_driven_by_a_pad_at_the_speeds_of_its_sliders():
         for key in ("forward", "left", "back", "right"):
             hold(user, key)
         user.find(kind=HoldButtons).trigger("release")
-    assert [(each.moving.linear, each.moving.angular) for each in context.held] == [
+    assert [(item.moving.linear, item.moving.angular) for item in context.held] == [
         (0.5, 0.0), (0.0, 1.5), (-0.5, 0.0), (0.0, -1.5),
     ]  # fmt: skip
-    assert all(each.resting.linear == each.resting.angular == 0.0 for each in context.held)
+    assert all(item.resting.linear == item.resting.angular == 0.0 for item in context.held)
     assert context.let == 2  # once when it was built
 
 
@@ -58,10 +58,10 @@ async def test_a_base_that_drives_sideways_has_two_more_buttons():
         linear.value = 0.5
         for key in ("slide_left", "slide_right", "forward"):
             hold(user, key)
-    assert [(each.moving.linear, each.moving.lateral, each.moving.angular) for each in context.held] == [
+    assert [(item.moving.linear, item.moving.lateral, item.moving.angular) for item in context.held] == [
         (0.0, 0.5, 0.0), (0.0, -0.5, 0.0), (0.5, 0.0, 0.0),
     ]  # fmt: skip
-    assert all(each.resting.lateral == 0.0 for each in context.held)
+    assert all(item.resting.lateral == 0.0 for item in context.held)
 
 
 async def test_joints_are_driven_by_what_their_sliders_report_and_rest_at_zero():
@@ -81,7 +81,7 @@ async def test_a_position_begins_where_the_joint_is_within_its_limits_and_rests_
         hold(user, "drive")
         user.find(kind=ui.slider).trigger("update:modelValue", 0.4)
         hold(user, "drive")
-    assert [each.moving.values for each in context.held] == [[0.1], [0.4]]
+    assert [item.moving.values for item in context.held] == [[0.1], [0.4]]
     assert context.held[1].resting.values == [0.1]
 
 

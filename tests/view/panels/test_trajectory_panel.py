@@ -59,8 +59,8 @@ async def played(controllers=(FORWARD, ARM), **how):
 
 
 async def upload(user, data=None, name="wave.json"):
-    given = json.dumps(WAVE).encode() if data is None else data
-    await seen(ui.upload)[0].handle_uploads([SmallFileUpload(name, "", given)])
+    inputs = json.dumps(WAVE).encode() if data is None else data
+    await seen(ui.upload)[0].handle_uploads([SmallFileUpload(name, "", inputs)])
     await settle(lambda: "Preview" in html(user) or "Not loaded." in html(user))
 
 
@@ -155,7 +155,7 @@ async def test_what_is_refused_is_the_robots_sentence_and_stays():
 async def test_a_read_only_page_previews_and_does_not_play():
     async with played(teleop=False) as (user, _panel, _context):
         await upload(user)
-        buttons, text = [each.text for each in seen(ui.button)], html(user)
+        buttons, text = [item.text for item in seen(ui.button)], html(user)
     assert "Play" not in buttons
     assert "point 1 of 2" in text
     assert "view --teleop" in text
