@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from typing import TYPE_CHECKING, Final
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from canopen_control.master.plan_builder import PlannedPdo
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.urdf.description import UrdfDescription
+    from canopen_control.urdf.ros2_control import ControlJoint
     from canopen_control.yamlfile.node import Node
 
 
@@ -81,6 +83,7 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
             if (plan := bus.plans.get(name)) is None or not axis.isdigit() or int(axis) >= len(plan.axes):
                 no_feedback = False
                 continue
+            yield from _misspelt_states(description.path, joint)
             carried = {mapped.index for layout in plan.tpdos for mapped in layout.objects}
             no_feedback = no_feedback and carried.isdisjoint(
                 objects.axis_index(index, int(axis)) for index in MEASURED.values()
@@ -105,6 +108,17 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
             text = f"{name} has nothing to publish: no TPDO carries a position, a velocity or an effort"
             fix = "map 0x6064 or 0x606C, or remove the broadcaster"
             yield Finding(config.path, config.line, robot.severity(name), text, fix)
+
+
+_MISSPELT: Final = 0.8  # ratio of difflib; below it the name is another quantity, such as velocity_command
+
+
+def _misspelt_states(path: str, joint: ControlJoint) -> Iterator[Finding]:
+    """Find names similar to a measured quantity, which ros2_control would treat as another interface."""
+    for interface in joint.state_interfaces:
+        if interface not in MEASURED and (near := difflib.get_close_matches(interface, MEASURED, 1, _MISSPELT)):
+            text = f"joint {joint.name} has no state interface {interface!r} (did you mean {near[0]!r}?)"
+            yield Finding(path, joint.place.line, Severity.WARNING, text, "correct its name")
 
 
 def _unjoined(robot: CheckedRobot) -> Iterator[Finding]:

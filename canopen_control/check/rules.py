@@ -54,6 +54,8 @@ if TYPE_CHECKING:
 
 _DIFF_DRIVE: Final = frozenset({"wheel_separation", "wheel_radius"})
 """Sizes that a diff drive controller takes from the URDF if missing; only this type has has_..._limits."""
+_ALONG: Final = 0.9
+"""Component of a unit vector from which it is considered parallel to the coordinate axis."""
 SAME: Final = 0.01
 """Relative difference up to which two lengths are considered equal."""
 
@@ -150,6 +152,11 @@ def _sides(robot: CheckedRobot) -> Iterator[Finding]:
                 text = f"joint {wheel}: its axis points to the right, so a positive velocity drives backwards"
                 joint = description.joints[wheel]
                 yield Finding(description.path, joint.place.line, Severity.WARNING, text, "reverse its <axis>")
+            elif axis is not None and abs(axis[0]) > _ALONG:  # also the axis of a joint without <axis>
+                text = f"joint {wheel}: its axis points forward, so that the wheel cannot roll forward"
+                joint = description.joints[wheel]
+                fix = 'write <axis xyz="0 1 0"/>'
+                yield Finding(description.path, joint.place.line, Severity.WARNING, text, fix)
 
 
 def _middle(geometry: WheelGeometry, joints: Sequence[str]) -> float | None:

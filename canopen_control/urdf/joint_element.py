@@ -232,7 +232,7 @@ def _origin(document: UrdfDocument, element: Element | None) -> Pose:
 
 def _link_of(document: UrdfDocument, element: Element, tag: str) -> str:
     child = element.child(tag)
-    if child is None or "link" not in child.attributes:
+    if child is None or not child.attributes.get("link"):
         document.error(element, f"joint {element.attributes.get('name', '?')}: <{tag} link=...> is missing")
         return ""
     return child.attributes["link"]

@@ -132,6 +132,7 @@ def _transmission_interfaces(
 
 KINDS: Final = ("system", "actuator", "sensor")
 _CHILDREN: Final = ("hardware", "properties", "joint", "sensor", "gpio", "transmission")
+_PART_CHILDREN: Final = ("command_interface", "state_interface", "param", "limits")
 
 
 @dataclass(frozen=True)
@@ -189,6 +190,9 @@ def read_system(document: UrdfDocument, element: Element, joints: Mapping[str, J
 
 def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint]) -> ControlJoint:
     name = document.name(element)
+    for child in element.children:  # others are ignored, as ros2_control does
+        if child.tag not in _PART_CHILDREN and (hint := nearest(child.tag, _PART_CHILDREN, listed=False)):
+            document.error(child, f"<{child.tag}> is not allowed in <{element.tag}>{hint}")
     commands = read_interfaces(document, element, "command_interface")
     states = read_interfaces(document, element, "state_interface")
     mimic = None

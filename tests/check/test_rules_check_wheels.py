@@ -165,6 +165,27 @@ def test_wheels_on_the_wrong_side_and_axes_the_wrong_way_round(tmp_path):
         "drives backwards; reverse its <axis>"
         for side in ("left", "right")
     ]
+    files = changed(tmp_path / "3", "robby", description={'<axis xyz="0 1 0"/>': ""})  # the axis is then x (URDF)
+    assert [re.sub(r":\d+:", ":N:", text) for text in found(files)] == [
+        f"robby.urdf.xacro:N: warning: joint {side}_wheel_joint: its axis points forward, so that the wheel cannot "
+        'roll forward; write <axis xyz="0 1 0"/>'
+        for side in ("left", "right")
+    ]
+
+
+def test_a_misspelt_state_interface_is_reported_with_its_name(tmp_path):
+    files = changed(
+        tmp_path, "robby", description={'<state_interface name="velocity"/>': '<state_interface name="velocty"/>'}
+    )
+    assert [re.sub(r":\d+:", ":N:", text) for text in found(files)] == [
+        f"robby.urdf.xacro:N: warning: joint {side}_wheel_joint has no state interface 'velocty' "
+        "(did you mean 'velocity'?); correct its name"
+        for side in ("left", "right")
+    ]
+    files = changed(
+        tmp_path / "2", "robby", description={'<state_interface name="velocity"/>': '<state_interface name="heat"/>'}
+    )
+    assert found(files) == []
 
 
 def test_scales_of_the_same_sign_are_found_for_joints_that_name_a_node_id(tmp_path):

@@ -56,6 +56,27 @@ def test_robby_has_the_geometry_of_the_tutorial_and_its_wheels_turn_forward_toge
     assert "mesh" not in robby.urdf_xml
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            '<state_interface name="position"/>',
+            '<state_interfaces name="position"/>',
+            "<state_interfaces> is not allowed in <joint> (did you mean 'state_interface'?)",
+        ),
+        (
+            '<command_interface name="out"/>',
+            '<comand_interface name="out"/>',
+            "<comand_interface> is not allowed in <gpio> (did you mean 'command_interface'?)",
+        ),
+        ('<parent link="base"/>', '<parent link=""/>', "joint shoulder: <parent link=...> is missing"),
+    ],
+)
+def test_a_misspelt_tag_of_a_joint_and_an_empty_link_are_refused(old, new, said):
+    assert old in ARM
+    assert any(said in each for each in complaints(ARM.replace(old, new, 1)))
+
+
 def test_every_error_is_reported_at_once_with_its_place():
     text = (
         ARM.replace('type="revolute"', 'type="revolut"')
