@@ -64,11 +64,6 @@ _TWO, _LATIN = 2, 0xFF
 _TWOS = ValueIssue("number-sign", Severity.WARNING, "treated as two's complement")
 
 
-def parse_number(text: str) -> Number:
-    """Parse an integer in EDS notation; raise ValueError if it is not a number."""
-    return _parse(text)
-
-
 def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> Parsed:
     """Parse `text` as a value of `data_type`; raise ValueError with the reason if invalid.
 
@@ -83,7 +78,7 @@ def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> P
 def _whole(text: str, data_type: DataType, node_id: int | None) -> Parsed:
     if "$" in text:
         return _fitted(_relative(text, node_id), data_type, True, text)
-    number = _parse(text)
+    number = parse_number(text)
     low, high, _ = _RANGES[data_type]
     if low <= number.value <= high:
         return Parsed(number.value, False, number.issue)
@@ -110,8 +105,11 @@ def real_bits(value: float, data_type: DataType) -> str:
     return f"0x{int.from_bytes(layout.pack(value), 'little'):0{2 * layout.size}X}"
 
 
-def _parse(text: str) -> Number:
-    """Parse an integer; short texts are cached, since the same few values recur in most files."""
+def parse_number(text: str) -> Number:
+    """Parse an integer in EDS notation; raise ValueError if it is not a number.
+
+    Short texts are cached, since the same few values recur in most files.
+    """
     return _parse_short(text) if len(text) <= _MAX_DIGITS else _parse_any(text)
 
 
@@ -165,7 +163,7 @@ def _relative(text: str, node_id: int | None) -> Number:
     names = [part for part in parts if "$" in part]
     if len(names) != 1 or names[0].lower() != _NODE_ID:
         raise ValueError("neither a number nor $NODEID plus a number")
-    numbers = [_parse(part) for part in parts if "$" not in part]
+    numbers = [parse_number(part) for part in parts if "$" not in part]
     issue = next((number.issue for number in numbers if number.issue is not None), None)
     return Number(sum(number.value for number in numbers) + (node_id or 0), True, issue)
 
@@ -187,7 +185,7 @@ def _real(text: str, data_type: DataType) -> Parsed:
     layout = REALS[data_type]
     if len(text) <= _MAX_DIGITS and _DECIMAL.fullmatch(text):
         return Parsed(_representable(float(text), data_type))
-    number = _parse(text)
+    number = parse_number(text)
     if not number.is_hex or not 0 <= number.value < 1 << (8 * layout.size):
         raise ValueError("neither a decimal number nor the bits of a number in hexadecimal")
     bits: float = layout.unpack(number.value.to_bytes(layout.size, "little"))[0]
@@ -231,7 +229,7 @@ def _time(text: str, data_type: DataType) -> Parsed:
     parts = text.partition(";")[0].split()
     if len(parts) != _TWO:
         return _whole(text, data_type, None)
-    days, milliseconds = (_parse(part).value for part in parts)
+    days, milliseconds = (parse_number(part).value for part in parts)
     if not (0 <= days < 1 << 16 and 0 <= milliseconds < 1 << 32):
         raise ValueError("days are 0 to 65535, milliseconds 0 to 4294967295")
     return Parsed(days << 32 | milliseconds, False, _DAYS)
