@@ -21,14 +21,6 @@ from canopen_control.ros.command_topics import (
     GpioCommands,
     PidMeasuredStates,
     PidReferences,
-)
-from canopen_control.ros.conversions import unknown_as_nan
-from canopen_control.ros.drive_topics import DeviceNode, ProxyNode
-from canopen_control.ros.endpoint import COMMANDER, Endpoint
-from canopen_control.ros.interfaces import MissingInterface, interface
-from canopen_control.ros.sample_publisher import RosMessages, SamplePublisher, time_message
-from canopen_control.ros.sample_topics import SAMPLE_TOPICS, TRAJECTORY_FEEDBACK, fill
-from canopen_control.ros.trajectory_topics import (
     SpeedScalingTopic,
     TrajectoryQuery,
     TrajectoryTopic,
@@ -38,6 +30,12 @@ from canopen_control.ros.trajectory_topics import (
     stamp_of,
     tolerances_of,
 )
+from canopen_control.ros.conversions import unknown_as_nan
+from canopen_control.ros.drive_topics import DeviceNode, ProxyNode
+from canopen_control.ros.endpoint import COMMANDER, Endpoint
+from canopen_control.ros.interfaces import MissingInterface, interface
+from canopen_control.ros.sample_publisher import RosMessages, SamplePublisher, time_message
+from canopen_control.ros.sample_topics import SAMPLE_TOPICS, TRAJECTORY_FEEDBACK, fill
 from canopen_control.rpc.messages.gripper import CancelGripper, GripperEnd, GripperResult, GripperVerdict, SendGripper
 from canopen_control.rpc.messages.samples import (
     ControllerSample,

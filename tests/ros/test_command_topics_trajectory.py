@@ -12,8 +12,8 @@ from support.endpoints import Ros, interface, publisher_of
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from canopen_control.errors import RemoteError
-from canopen_control.ros import sample_publisher, trajectory_topics
-from canopen_control.ros.trajectory_topics import SpeedScalingTopic, TrajectoryQuery, TrajectoryTopic
+from canopen_control.ros import command_topics, sample_publisher
+from canopen_control.ros.command_topics import SpeedScalingTopic, TrajectoryQuery, TrajectoryTopic
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample
@@ -31,7 +31,7 @@ ARM = ControllerReading(name="arm", type="x/Y", state="active", interface="posit
 
 @pytest.fixture
 def ros(monkeypatch):
-    for module in (trajectory_topics, sample_publisher):
+    for module in (command_topics, sample_publisher):
         monkeypatch.setattr(module, "interface", interface, raising=False)
     return Ros()
 
