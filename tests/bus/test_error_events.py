@@ -46,7 +46,7 @@ def test_no_error_frame_raises(classes, data):
     assert stats.errors == (len(data) == 8), "all that a kernel makes have eight bytes"
 
 
-# What a trace says
+# Texts of a trace
 
 
 NOBODY = "no node acknowledged the frame"

@@ -258,7 +258,7 @@ def test_garbage_never_raises(data, paced):
     assert len(reader.outbox) == len(data) // RECORD_SIZE * RECORD_SIZE
 
 
-# --- Who has said what he wants ---
+# --- Subscriptions ---
 
 
 def test_a_subscriber_is_not_woken_by_chunks_without_its_frames(exchange, trio):

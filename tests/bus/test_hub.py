@@ -217,7 +217,7 @@ def test_many_silent_clients_do_not_block_another_client(bench):
     for _ in range(70):
         crowd.append(bench.connect())
         bench.settle()
-    assert [sock.recv(1) for sock in crowd[:6]] == [b""] * 6  # the oldest made way
+    assert [sock.recv(1) for sock in crowd[:6]] == [b""] * 6  # the oldest frame was dropped
     bench.join("late").close()
 
 

@@ -76,7 +76,7 @@ def test_an_invented_robot_is_recovered(unequal, track, side):
     left, right = 2 / (1 + unequal), 2 * unequal / (1 + unequal)  # their mean is one
     known = [known for _, known in passes(5, side, 0.4, left, right, track)][-1]
     assert known.right / known.left == pytest.approx(unequal, rel=1e-6)
-    mean = (known.left + known.right) / 2  # a scale of distances that squares do not see
+    mean = (known.left + known.right) / 2  # a scale of distances that does not affect squares
     assert known.separation / mean == pytest.approx(track, rel=1e-6)
     assert mean == pytest.approx(1.0, abs=1e-4)
 

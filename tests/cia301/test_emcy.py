@@ -168,7 +168,7 @@ def test_an_error_that_comes_again_with_another_bit_is_not_forgotten_with_the_fi
     producer.raise_error(0x1000, 1 << 1, 0)
     producer.raise_error(0x1001, 1 << 1, 0)
     producer.raise_error(0x1002, 1 << 2, 0)
-    producer.clear_error(0x1000, 0)  # nobody but the node can tell that it was this one
+    producer.clear_error(0x1000, 0)  # only the node can determine that it was this one
     producer.raise_error(0x1000, 1 << 2, 0)
     producer.clear_error(0x1001, 0)
     for sent in producer.frames():

@@ -252,7 +252,7 @@ class TestTimeouts:
         hear(client, "583#4300100092010400", now=HALF)
         assert said(client) == ["603#2B40600007000000"]
         hear(client, "583#8040600022000008", now=HALF)
-        assert not second.done  # not now: it will be asked again
+        assert not second.done  # not now: the request will be repeated
 
     def test_a_late_acknowledgement_is_not_that_of_another_object(self):
         """The `canopen` package calls the second write a success."""

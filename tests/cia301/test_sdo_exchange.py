@@ -230,7 +230,7 @@ def test_each_answer_leads_to_the_phase_that_has_a_name(exchange):
     assert phase("80002000 00000206") == "Phase"
     exchange.start(SdoRequest(0x2001, 0, bytes(9), HALF, True), 3)
     assert phase() == "AwaitingBlockDownload"
-    assert phase("80012000 01000405") == "AwaitingDownload"  # the server knows no blocks: in segments then
+    assert phase("80012000 01000405") == "AwaitingDownload"  # the server has no block transfer, so segments are used
     assert exchange.block_supported is False
 
 

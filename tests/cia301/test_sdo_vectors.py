@@ -21,7 +21,8 @@ LOST = "block write with segment 2 lost: ack says 1, client must resend from seg
 WRONG_CRC = "block write with wrong CRC -> server abort 0x05040004"
 BLKSIZE_0 = "block read with blksize 0 -> abort 0x05040002"
 ACK_0 = "block read, client acks 0 of 3: server resends the whole sub-block with same seqnos"
-FAULTY_CLIENT = (LOST, WRONG_CRC, BLKSIZE_0, ACK_0)  # what no good client sends: see the tests behind the table
+# requests that no correct client sends: see the tests after the table
+FAULTY_CLIENT = (LOST, WRONG_CRC, BLKSIZE_0, ACK_0)
 
 
 class Exchange:

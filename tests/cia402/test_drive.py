@@ -526,7 +526,7 @@ def test_a_drive_that_vanishes_is_disabled_and_its_return_enables_nothing():
 
 
 def test_a_drive_found_enabled_is_ramped_down():
-    rig = Rig(delay=0)  # its statusword is there before the first controlword goes out
+    rig = Rig(delay=0)  # its statusword is received before the first controlword is sent
     rig.drive.state = ref.OE
     rig.until(ref.SOD)
     assert rig.drive.taken == [0, 5, 6, 7]

@@ -201,7 +201,7 @@ def held_until(master, condition, seconds=30.0):
     begin = time.monotonic()
     while not condition():
         assert time.monotonic() - begin < seconds
-        master.write(b"\x1b[C")  # None, and no error, while nobody reads
+        master.write(b"\x1b[C")  # None, and no error, without a reader
         master.read(65536)
         time.sleep(0.03)
     return time.monotonic() - begin

@@ -60,7 +60,7 @@ def test_a_message_is_shown_as_yaml_also_where_the_environment_is_another_progra
 def test_a_file_of_the_users_folder_is_not_a_module_of_ours(scene, tmp_path):
     (tmp_path / "statistics.py").write_text("raise SystemExit('the wrong statistics')")
     environment = ros.ros_environment(scene[0], _ROS_WHEELS_BOOTSTRAP_COMPLETE="1")
-    environment.pop("LD_LIBRARY_PATH", None)  # so that it starts itself anew
+    environment.pop("LD_LIBRARY_PATH", None)  # so that it restarts itself
     program = [sys.executable, "-P", "-m", "canopen_control", "ros", "topic", "list"]
     done = subprocess.run(program, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert (done.returncode, "wrong" in done.stderr) == (0, False), done.stderr

@@ -66,7 +66,7 @@ def test_a_value_is_reported_as_trace_reports_it(robby, bus, capsys):
         "1614807056 (0x60400010): 0x6040:00 Controlword, 16 bits",
         "0 (0x00000000)",
     ]
-    assert main(["sdo", "read", "3", "0x6041", *bus]) == 0  # by the profile where no EDS says otherwise
+    assert main(["sdo", "read", "3", "0x6041", *bus]) == 0  # by the profile, unless an EDS differs
     assert "SWITCH ON DISABLED" in capsys.readouterr().out
 
 

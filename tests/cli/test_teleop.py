@@ -34,7 +34,7 @@ def stopped(robot):
     return commands(robot) in ([0.0, 0.0], [-0.0, -0.0])
 
 
-# -- the whole way, with a pseudo-terminal
+# -- the complete path, with a pseudo-terminal
 
 
 @pytest.mark.rest
@@ -131,7 +131,7 @@ def test_stamped_goes_with_a_topic(capsys):
     assert "--topic" in capsys.readouterr().err
 
 
-# -- whom it drives
+# -- the commanded controller
 
 
 def controller(name, state="active", topic="commands", joints=("left", "right"), interface="velocity"):

@@ -146,7 +146,7 @@ def test_one_that_is_stopped_by_a_signal_loses_its_trajectory_and_the_joints_bra
         try:
             assert eventually(lambda: abs(positions(arm)[0]) > 0.01)
             before = arm.status().cycle.count
-            # 2.4 s, longer than the promise: it is at work
+            # 2.4 s, longer than promised: work is in progress
             assert eventually(lambda: arm.status().cycle.count >= before + 120)
             assert not any(event.kind == "commander_gone" for event in arm.status().events)
             os.kill(player.pid, signal.SIGSTOP)

@@ -17,7 +17,7 @@ from canopen_control.commissioning.tune_gains import CascadeGains, PlantModel, p
 from canopen_control.rpc.messages.robot import CommandController
 
 TURN = 65536
-TRUE_PLANT = PlantModel(INERTIA, VISCOUS, COULOMB, 0.0, 0.0, 1.0)  # of the motor, which `tune` is not told
+TRUE_PLANT = PlantModel(INERTIA, VISCOUS, COULOMB, 0.0, 0.0, 1.0)  # of the motor; `tune` does not get it
 
 
 @pytest.fixture

@@ -259,7 +259,7 @@ def test_a_robot_that_dies_before_it_greets_is_gone(run_folder):
     listener = listen(socket_path("robot", "robby"))
 
     def accept_and_leave():
-        for _ in range(2):  # the first connection only looks whether somebody lives here
+        for _ in range(2):  # the first connection only checks whether a robot is running
             listener.accept()[0].close()
 
     listener.setblocking(True)

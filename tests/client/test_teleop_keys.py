@@ -133,7 +133,7 @@ def test_a_held_key_moves_without_a_gap_and_stops_soon_after_its_release(delay_m
 def test_another_motion_starts_the_count_again():
     teleop = Teleop()
     press(teleop, "i", 0, 500, 540)
-    press(teleop, "j", 580)  # the other finger: it is not known yet how soon it repeats
+    press(teleop, "j", 580)  # the other key: its repetition rate is not known yet
     assert moving(teleop, 580 + 699)
     assert teleop.velocities == Velocities(0.0, 1.0)
     assert not moving(teleop, 580 + 700)

@@ -76,7 +76,7 @@ def test_any_key_ends_a_motion_that_was_not_held():
 
 def test_a_position_is_from_where_the_drive_is_and_ends_there():
     motion = jog(JogKind.POSITION, 1.5)
-    assert motion.command is None  # nobody knows yet where it is
+    assert motion.command is None  # its position is not known yet
     at(motion, 100.0)
     assert (motion.command, motion.travelled) == (101.5, 0.0)
     at(motion, 101.49, velocity=1.0)

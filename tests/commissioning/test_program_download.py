@@ -445,7 +445,7 @@ def test_zephyrs_device_takes_a_program_on_trial():
     assert (device.running, device.status, device.boots) == (NEW, CONFIRM, 1)
     assert "0x1F56 is the CRC-32 of the file" in progress.notes
     device.boot()
-    assert device.running == b"old"  # nobody confirmed it
+    assert device.running == b"old"  # the program was not confirmed
 
 
 def test_half_a_transfer_to_zephyrs_device_is_cleared_and_begun_again():

@@ -155,7 +155,7 @@ def test_every_manufacturers_shape_takes_its_backup_back(name, tmp_path):
     path = tmp_path / "backup.dcf"
     path.write_text(backup_text(held_by(session)), encoding="utf-8")
     backup = read_backup(path)
-    for entry in session.od:  # somebody has changed whatever can be changed
+    for entry in session.od:  # all writable values have been changed
         if entry.address in backup.values and entry.index >= 0x2000 and entry.data_type.is_integer:
             session.transfers.device.store.set(entry.index, entry.subindex, entry.low or 0)
     damage_pdos(session, backup.values)

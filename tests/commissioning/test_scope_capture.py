@@ -152,7 +152,7 @@ def test_a_fault_is_the_statusword_of_any_node():
     healthy, fault = 0x0237, 0x0218
     assert trigger.fires((0, healthy, healthy), (0, healthy, fault))
     assert not trigger.fires((0, healthy, fault), (0, healthy, fault))
-    assert not trigger.fires(None, (0, healthy, fault))  # it was there before: it is not what is waited for
+    assert not trigger.fires(None, (0, healthy, fault))  # the condition was already true, so it does not fire
 
 
 def test_shots_follow_each_other_until_there_are_enough():
@@ -170,7 +170,7 @@ def test_a_shot_is_over_by_its_time_also_when_nothing_comes():
     assert capture.take() == []
     capture.tick(6.2)
     (shot,) = capture.take()
-    assert shot.rows == ((5.0, (1.0,)), (6.0, (1.0,)))  # what stands still is as long as what moves
+    assert shot.rows == ((5.0, (1.0,)), (6.0, (1.0,)))  # a capture at standstill is as long as one in motion
 
 
 def test_what_is_before_must_fit_into_the_shot():

@@ -19,7 +19,7 @@ KNOWN = {
     "MC02": "0x1017:00 was written before 0x1000 was read",  # it identifies no device
     "MC03": "0x1017:00 was written before 0x1018 was read",
     "MC06": "neither 0x1016 nor 0x100C and 0x100D",  # a drive does not notice its end
-    "MF01": "controlword 0x000F",  # its periodic RPDO goes on after EMCY and FAULT
+    "MF01": "controlword 0x000F",  # its periodic RPDO continues after EMCY and FAULT
     "MF02": "0x60FF from 1000 to 1000",
 }
 

@@ -14,7 +14,7 @@ NODE = 5
 EDS = str(data_path("eds", "generic_cia402.eds"))
 KNOWN = {
     "S05": "answer 43 00 10 01",  # an object without subindices is shown for every subindex
-    "S06w": "answer 60 04 10 00",  # its server looks at the object when all segments are there
+    "S06w": "answer 60 04 10 00",  # its server checks the object after all segments were received
     "S03s": "answer 60 00 10 00",
     "S25": "answer 0",  # what is left of the transfer before
     "S26": "43 00 10 00",

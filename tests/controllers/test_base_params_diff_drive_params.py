@@ -103,7 +103,7 @@ def test_min_acceleration_is_the_reverse_acceleration_unless_that_is_given_too()
 def test_the_frame_prefix_is_upstreams(case):
     result = tf_prefix(case["prefix"], case["ns"], enable=case.get("enable", True))
     if case["distro"] == "jazzy" and case["prefix"] == "~":
-        assert result == "x/"  # jazzy gives the frame name "~/odom", which nobody can want; rolling's meaning is ours
+        assert result == "x/"  # jazzy gives the useless frame name "~/odom"; this package follows rolling
     elif case["distro"] == "rolling" and not case["prefix"]:
         assert result == "ns/"  # rolling's function gives "", and its caller then takes the namespace
     else:

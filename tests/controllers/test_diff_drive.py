@@ -317,13 +317,13 @@ def test_another_controller_drives_it_by_its_references():
     with pytest.raises(ControlError, match="deactivate linear and base together"):
         control.switch(deactivate=["base"])
     control.switch(deactivate=["linear", "angular"])
-    control.update(S // 50, 0.01)  # within the timeout of 0.5 s: who commanded is gone, so it stops at once
+    control.update(S // 50, 0.01)  # within the timeout of 0.5 s: the commanding client has left, so it stops at once
     assert hardware.values() == [0.0, 0.0]
     control.command("base", [0.35, 0.0], S // 50)
     control.update(S // 25, 0.01)
     assert hardware.values() == [pytest.approx(10.0)] * 2
     assert base.chained is False
-    control.switch(["linear", "angular"])  # and who commands now has said nothing yet
+    control.switch(["linear", "angular"])  # and the new client has not sent a command yet
     control.update(S // 20, 0.01)
     assert hardware.values() == [0.0, 0.0]
 

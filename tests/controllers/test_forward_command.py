@@ -141,7 +141,7 @@ def test_a_place_to_go_to_is_reached_along_the_profile_of_the_drive_where_the_mo
     assert max(map(abs, changes)) < 0.6  # 262144 counts/s^2, in a cycle of 10 ms
     assert drives.target(9.0) is None
     drives.run(100)
-    assert drives.target(12.0) is None  # while it turns the other way
+    assert drives.target(12.0) is None  # while it turns in the other direction
     drives.run(3000)
     assert drives.at("position") == pytest.approx(12.0, abs=0.001)
     assert drives.found("fault") == []
@@ -173,7 +173,7 @@ GROUPS = {
     "effort_controllers/JointGroupEffortController": "effort",
 }
 CASES = {case["name"]: case for case in vectors("forward_command")}
-#: what upstream does with these is unsafe or an accident; the tests below say what is done instead
+#: upstream's behaviour in these cases is unsafe or unintended; the tests below specify this package's behaviour
 DEVIATES = {
     "WrongCommandCheckTest",  # stops the controller; here the command is refused and the last one stays
     "plain ForwardCommandController deactivate leaves the last command",

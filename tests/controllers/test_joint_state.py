@@ -81,7 +81,7 @@ def test_it_publishes_once_per_update_at_its_own_rate(rate, every):
         control.broadcast(step * S // 100, 0.01)
         stamps += [
             round(control.running.samples(0)["states"].time * 1000) for _ in range(2)
-        ]  # whoever looks sees the same
+        ]  # every reader gets the same values
     published = list(dict.fromkeys(stamps))
     assert [later - earlier for earlier, later in pairwise(published[1:])] == [every] * (len(published) - 2)
     assert len(published) >= 1000 // every - 1

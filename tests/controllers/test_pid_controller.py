@@ -326,7 +326,7 @@ def external(**params):
 def test_measured_states_come_by_messages_and_none_are_claimed():
     robot = external()
     assert robot.pid.state_interface_names() == []
-    robot.state("a/position").value = 9.0  # nobody looks there
+    robot.state("a/position").value = 9.0  # this value is not read
     robot.pid.set_measured_states([0.5, -0.5], robot.now)
     assert robot.cycle() == [0.0, 0.0]  # it holds where they are
     robot.command(1.0, 0.0)

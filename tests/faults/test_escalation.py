@@ -54,7 +54,7 @@ def test_a_drive_that_does_not_stop_is_commanded_to_quick_stop_then_to_disable_v
         "no stop command had a visible effect, so it may have power",
     ]
     bench.bus.drop(None)
-    bench.run(6000)  # it hears again, coasts, and is seen disabled
+    bench.run(6000)  # it receives again, coasts, and is reported disabled
     assert joint.statechart.state is AxisPhase.DISABLED
     bench.goes_on()
 

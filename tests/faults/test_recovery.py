@@ -112,7 +112,7 @@ def test_a_group_of_its_own_does_not_stop_the_others(bench, tmp_path):
     assert robby.standing(2)
     assert not robby.standing(3)
     assert robby.joint(3).enabled
-    robby.robot.command("velocity", [3.0, 3.0], "test")  # the other one goes on, and what is off keeps nothing
+    robby.robot.command("velocity", [3.0, 3.0], "test")  # the other one continues, and a disabled joint blocks nothing
     robby.run(300)
     assert robby.velocity(3) == pytest.approx(3.0, rel=0.02)
     robby.switch("drive_fault", on=False)

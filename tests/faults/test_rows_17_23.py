@@ -12,7 +12,7 @@ from canopen_control.frame import CanFrame
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.runtime.core import RobotState
 
-TOLD_MS = 2 * CYCLE_MS  # a TPDO comes with the next SYNC and is read at the edge after it
+TOLD_MS = 2 * CYCLE_MS  # a TPDO is sent with the next SYNC and read at the edge after it
 STALE_MS = 10 * CYCLE_MS  # missed_syncs of robby's bus.yml
 
 

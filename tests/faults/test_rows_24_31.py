@@ -9,7 +9,7 @@ from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia402.state import State
 from canopen_control.hardware.axis_statechart import Action
 
-SEEN_MS = 3 * CYCLE_MS  # a statusword comes with the next SYNC and is acted upon in the cycle after it
+SEEN_MS = 3 * CYCLE_MS  # a statusword is sent with the next SYNC and evaluated in the cycle after it
 
 
 def test_row_24_a_fault_while_enabling_is_the_answer_and_nothing_is_tried_again(bench):

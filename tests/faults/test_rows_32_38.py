@@ -93,7 +93,7 @@ def test_row_35_no_velocity_is_left_in_the_drive_after_a_disable(turning):
     assert turning.axis(Action.DISABLE) is None
     turning.run(200)
     assert turning.drives[LEFT].get(0x60FF) == turning.drives[RIGHT].get(0x60FF) == 0
-    turning.drives[LEFT].store.set(0x60FF, 0, 3000)  # left behind by somebody
+    turning.drives[LEFT].store.set(0x60FF, 0, 3000)  # left by an earlier master
     fastest = []
     turning.robot.observers.append(Observer(after_cycle=lambda _now: fastest.append(abs(turning.speed(LEFT)))))
     assert turning.axis(Action.ENABLE) is None

@@ -128,7 +128,7 @@ def test_9_its_voltage_is_taken_while_enabled(servo, machine):
 
 def test_10_its_voltage_is_taken_while_switched_on(servo, machine):
     servo.joint(NODE).enable()
-    servo.joint(NODE).group.busy = False  # nobody lets it through
+    servo.joint(NODE).group.busy = False  # the group does not permit it
     servo.until(lambda: machine.state is State.SWITCHED_ON)
     servo.joint(NODE).give_up()
     machine.disable_voltage()

@@ -47,7 +47,7 @@ def test_after_such_a_boot_up_the_robot_continues_with_a_new_enable(turning):
     inject(turning, "702#00")
     turning.stopped_after()
     turning.until(lambda: turning.robot.nodes["right_drive"].ready)
-    turning.run(3000)  # longer than what tells a lost drive to stop
+    turning.run(3000)  # longer than the time after which a lost drive is stopped
     turning.goes_on()
     turning.run(3000)
     assert sent(turning, 0x202), "its process data go on"

@@ -108,13 +108,13 @@ def test_a_list_of_nothing_reports_nothing_and_bus_yml_has_the_word(bench, tmp_p
     servo = bench(write_generic(tmp_path, modes="velocity_mode: 3"), drives=(2, 3), controllers=["velocity"])
     joint = servo.joint(2)
     joint.parameters.values[0x6502, 0] = 0
-    assert chosen(joint, "position") is OperationMode.CSP  # the EDS tells
+    assert chosen(joint, "position") is OperationMode.CSP  # by the EDS
     eds = joint.node.od.entries
     eds[0x6502, 0] = replace(eds[0x6502, 0], default=None)
     assert listed_modes(joint.axis, joint.parameters) == ()
     assert chosen(joint, "velocity") is OperationMode.PV
     assert chosen(joint, "position") is OperationMode.PP
-    joint.parameters.values[0x6502, 0] = 0x3EF  # the live drive goes before both
+    joint.parameters.values[0x6502, 0] = 0x3EF  # the connected drive takes precedence
     assert chosen(joint, "position") is OperationMode.CSP
 
 

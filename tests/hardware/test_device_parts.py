@@ -115,7 +115,7 @@ def test_whatever_was_before_a_restart_sends_nothing_by_what_stands_commanded(hi
 def test_released_it_takes_its_safe_value_unless_it_keeps_what_it_has():
     line = Line(VALVE, T.INTEGER16)
     line.output.release()
-    assert line.object.value == 0  # nobody had commanded it
+    assert line.object.value == 0  # it had no command
     line.sends(10.0)
     line.output.release()
     assert line.object.value == 4
@@ -235,7 +235,7 @@ def test_a_position_continues_where_the_device_begins_again():
     node.node.ready = False
     node.value()
     node.node.ready = True
-    assert node.receives(700) == 700.0  # nobody has seen the way
+    assert node.receives(700) == 700.0  # the motion was not observed
 
 
 def test_another_type_is_taken_where_the_file_is_wrong():
@@ -252,7 +252,7 @@ def test_what_no_tpdo_carries_is_asked_for_now_and_then_and_ages():
     assert address == (0x6060, 0)
     done(SimpleNamespace(error=None, data=(24 * 1024).to_bytes(4, "little")))
     assert node.value() == 24.0
-    done(SimpleNamespace(error=None, data=b"\0"))  # an answer of another length says nothing
+    done(SimpleNamespace(error=None, data=b"\0"))  # an answer of another length is ignored
     done(SimpleNamespace(error=TimeoutError(), data=b""))
     assert node.value() == 24.0
     node.now += POLL_NS

@@ -92,7 +92,7 @@ def test_what_a_boot_read_is_not_a_target_of_an_axis_that_has_moved_since(robby)
     output, here = targets.current.output, robby.joint(2).axis.raw_position
     output.record(here + 2370)  # as the presets of a boot do
     targets.hold()
-    assert output.value == here + 2370  # nobody writes anew what is held
+    assert output.value == here + 2370  # a held target is not written again
     targets.node_ready()
     targets.hold()
     assert output.value == here

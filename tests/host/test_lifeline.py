@@ -64,7 +64,7 @@ def test_a_pulse_is_received_again_and_again_and_never_waits(monkeypatch):
     pulse.beat()
     pulse.beat()
     assert os.read(ours, 100) == b"ready\nready\n"
-    for _ in range(20_000):  # nobody reads: the pipe is full long before
+    for _ in range(20_000):  # without a reader the pipe is full long before
         pulse.beat()
     os.close(ours)
     pulse.beat()

@@ -341,7 +341,7 @@ def test_a_kept_or_waiting_client_is_not_closed_while_another_is_idle(reactor, r
     with Peer(holder):
         reactor.run_for(1)
         assert peers[67].read()[1]  # has ended
-    with Peer(holder):  # and where nobody is idle, who has waited longest
+    with Peer(holder):  # and without an idle client, the client that has waited longest
         reactor.run_for(1)
         assert peers[64].read()[1]
     assert not any(peer.read()[1] for peer in peers[:64])

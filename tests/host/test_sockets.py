@@ -33,7 +33,7 @@ from canopen_control.host.sockets import (
     socket_path,
 )
 
-STRANGER = 54321  # a user id that nobody here has
+STRANGER = 54321  # a user id that does not exist here
 
 
 def give_away(path, monkeypatch):
@@ -115,7 +115,7 @@ def test_a_folder_that_others_may_enter_is_refused(run_folder, mode):
     runtime_dir().chmod(mode)
     with pytest.raises(ConfigError, match=f"mode {mode:04o}.*chmod 700 on it"):
         runtime_dir()
-    assert mode_of(run_folder / "canopen_control") == mode  # and not repaired: somebody may be inside
+    assert mode_of(run_folder / "canopen_control") == mode  # and not repaired, since a program may use it
 
 
 def test_a_file_in_its_place_is_refused(run_folder):
@@ -133,7 +133,7 @@ def test_a_parent_in_which_anybody_can_swap_it_is_refused(run_folder):
 
 
 def test_a_runtime_folder_that_is_a_link_to_a_good_one_is_fine(monkeypatch, run_folder, tmp_path_factory):
-    link = tmp_path_factory.mktemp("l") / "link"  # short, for a socket stands in it
+    link = tmp_path_factory.mktemp("l") / "link"  # short, because it is part of a socket's path
     link.symlink_to(run_folder)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(link))
     path = socket_path("bus", "b")
@@ -422,7 +422,7 @@ def test_a_lock_that_is_not_a_file_is_refused(run_folder, make):
         pass
 
 
-# -- who is there
+# -- running robots
 
 
 def test_only_the_living_of_a_kind_are_listed(run_folder):

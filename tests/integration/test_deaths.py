@@ -152,7 +152,7 @@ def test_when_the_ros_bridge_is_killed_the_robot_runs_on_and_reports_this(stage,
         assert client.ask(GetStatus()).state == "running"
         wheel = probe("noros", LEFT)
         assert wheel.power == "OPERATION_ENABLED"
-        assert eventually(lambda: wheel.speed == 0)  # nobody commands any more
+        assert eventually(lambda: wheel.speed == 0)  # no client commands any more
     assert robot.end() == 0, robot
     stage.nobody_is_left(GONE_S)
 

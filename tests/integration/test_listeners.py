@@ -57,7 +57,7 @@ def test_what_is_recorded_is_reported_as_it_was_reported_live(stage, robot, tmp_
     with RobotClient.connect("heard") as client:
         after = client.ask(GetStatus())
     assert after.cycle.count > before.cycle.count
-    assert after.buses["can"].unknown == before.buses["can"].unknown  # nobody sent anything new
+    assert after.buses["can"].unknown == before.buses["can"].unknown  # no new frames were sent
 
 
 def test_a_reader_that_leaves_ends_the_trace_quietly(stage, robot):

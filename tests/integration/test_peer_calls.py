@@ -155,7 +155,7 @@ def test_a_drive_has_the_services_of_a_drive_below_its_namespace(drive):
     name = "/test1/cia402_device_1"
     drive.peer.order("subscribe", topic=f"{name}/joint_states", of="sensor_msgs/msg/JointState")
     assert call(f"{name}/sdo_read", READ, index=0x1000) == {"success": True, "data": 0xFFFF0192}
-    assert call(f"{name}/target", TARGET, target=1.0) == {"success": False}  # nobody has enabled it
+    assert call(f"{name}/target", TARGET, target=1.0) == {"success": False}  # it was not enabled
     assert call(f"{name}/init") == DONE
     assert call(f"{name}/position_mode") == DONE
     assert call(f"{name}/target", TARGET, target=float("nan")) == {"success": False}

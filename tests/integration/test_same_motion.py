@@ -74,7 +74,7 @@ def test_the_forward_controller_turns_the_wheels_as_commanded(robot):
     for bad in ([math.nan, 1.0], [1.0], [1.0, math.inf]):
         with pytest.raises(ControlError):
             bench.command(*bad)
-    bench.run(2600)  # nobody commands any more: command_timeout
+    bench.run(2600)  # no client commands any more: command_timeout
     assert wheels(bench, "velocity") == pytest.approx([0.0, 0.0], abs=0.05)
     assert bench.texts("command_timeout")
 

@@ -88,7 +88,7 @@ def test_stop_ramps_and_disables_and_enable_continues(stage, robot, commanding):
     assert client.ask(GetStatus()).state == "disabled"
     count = client.ask(GetStatus()).cycle.count
     assert eventually(lambda: client.ask(GetStatus()).cycle.count > count + 25)
-    assert all(probe.speed == 0 for probe in probes.values())  # although somebody still commands
+    assert all(probe.speed == 0 for probe in probes.values())  # although a client still commands
     assert stage.call("axis", "enable", "all").wait() == 0
     assert eventually(lambda: all(abs(probe.speed) > 0.99 * SPEED for probe in probes.values()))
     assert stage.call("stop").wait() == 0

@@ -46,7 +46,7 @@ def test_the_wheels_turn_in_the_scene_without_another_request(show, keep):
     show.ready(page)
     still = [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)]
     page.pictures(30)
-    assert [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)] == still  # what stands is drawn standing
+    assert [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)] == still  # upright objects are drawn upright
     show.drive(1.0, 1.0)
     before = [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)]
     assert eventually(
@@ -59,7 +59,7 @@ def test_the_wheels_turn_in_the_scene_without_another_request(show, keep):
     assert [row[12:15] for row in before] == [row[12:15] for row in still]  # about their axles, in their places
     keep(page, "wheels_turn")
     assert "enabled, follows commands" in page.text()
-    # Nobody else was asked; and the check would see it, were it otherwise.
+    # No other origin was requested; the check would detect such a request.
     assert page.foreign() == []
     assert any(url.startswith("ws://127.0.0.1") for url in page.requests)
     plain = RobotPage(show.chromium, "http://127.0.0.1/")

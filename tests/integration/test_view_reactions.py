@@ -28,7 +28,7 @@ def test_the_stop_click_stops_both_drives_within_300_ms_and_lasts_until_the_rele
     assert took < 0.3
     page.page.get_by_text("Latched (by view)").wait_for()
     keep(page, "stop_is_latched")
-    # the command goes on being sent, and is refused
+    # the command is still sent, and is refused
     refused = show.stage.call("command", FORWARD, 5, 5, "--once", "--name", "vstop")
     assert "STOP is latched (by view)" in refused.err
     assert max(abs(show.velocity(item)) for item in (LEFT, RIGHT)) <= STANDING

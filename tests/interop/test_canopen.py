@@ -48,7 +48,8 @@ def test_an_independent_reader_finds_the_same_in_the_bundled_files(both):
         read = variable(independent, entry.index, entry.subindex)
         assert (read.data_type, read.access_type, read.name) == (entry.data_type, entry.access, entry.name)
         assert read.pdo_mappable == entry.pdo_mappable
-        default = None if entry.data_type.is_real else entry.default  # it cannot read the bits, dcfgen nothing else
+        # it cannot read the bits; dcfgen can read only the bits
+        default = None if entry.data_type.is_real else entry.default
         assert (read.min, read.max, read.default) == (entry.low, entry.high, default), hex(entry.index)
 
 

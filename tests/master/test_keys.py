@@ -75,7 +75,7 @@ def test_every_key_is_used_or_named_as_unused_and_none_is_both_forgotten(cls):
     beside = {"boot", *SCALES, "position_target", "velocity_target", "effort_target", "scale_eff_from_dev"}
     beside |= {"offset_pos_to_dev", "offset_pos_from_dev", "rpdo", "tpdo"}
     assert names(cls) - read_attributes() - set(unused) - beside == set()
-    read = {"driver", "software_file"}  # told to the ROS bridge, and to the boot
+    read = {"driver", "software_file"}  # used by the ROS bridge and the boot
     assert names(cls) & set(unused) <= read
 
 

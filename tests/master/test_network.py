@@ -313,7 +313,7 @@ def test_a_guarded_node_that_is_taken_out_shows_its_state_and_is_asked_on():
     assert kinds[-1] == "guarding_lost"
     assert "it was taken out" in events[-1].text
     assert node.is_taken_out
-    assert not any(frame.data == b"\x82\x03" for frame in answers.log[before:])  # nobody boots it
+    assert not any(frame.data == b"\x82\x03" for frame in answers.log[before:])  # it is not booted
     answers.deaf = False
     node.command(NmtCommand.START, 4000 * MS)
     for ms in range(4000, 5000, 20):

@@ -220,7 +220,7 @@ def test_a_plan_that_leaves_a_drive_unsupervised_is_an_error_unless_it_is_allowe
     ("node", "entries"),
     [
         ("", {1: 0x1012C}),
-        ("sdo: [{index: 0x1016, sub_index: 1, value: 0x103E8}]", {1: 0x103E8}),  # bus.yml says for how long
+        ("sdo: [{index: 0x1016, sub_index: 1, value: 0x103E8}]", {1: 0x103E8}),  # bus.yml gives the time
         ("sdo: [{index: 0x1016, sub_index: 1, value: 0x503E8}]", {1: 0x503E8, 2: 0x1012C}),  # and watches another node
         ("sdo: [{index: 0x1016, sub_index: 1, value: 0}]", {1: 0, 2: 0x1012C}),
     ],

@@ -327,7 +327,7 @@ def test_the_buses_of_a_robot_are_listened_to_by_its_own_names(robot_source):
     robot_source._link.layouts = {"can": layout}
     others = open_port("local:seen", label="master")
     robot_source.tick()
-    assert robot_source.taps == []  # nobody looks at frames
+    assert robot_source.taps == []  # no frames are displayed
     robot_source.listen(True)
     robot_source.tick()
     try:

@@ -273,7 +273,7 @@ def test_a_controller_that_is_switched_while_the_bridge_asks_is_not_taken_for_wh
     knows_that_base_is_inactive(robot)
     robot.holds = ("controllers",)
     robot.switch(base="active")
-    assert eventually(lambda: robot._held)  # a sample has told it, and the bridge asks for all of them
+    assert eventually(lambda: robot._held)  # a sample has reported it, and the bridge requests all of them
     robot.switch(base="inactive")
     answer = json.loads(json.dumps(robot._list_controllers()))
     robot.switch(base="active")

@@ -47,7 +47,7 @@ def test_one_that_is_not_called_required_is_reported_and_stops_nothing(bench_of_
     assert robot.found("stop") == []
     assert robot.at("velocity") == pytest.approx(2.0, rel=0.02)
     assert robot.robot.nodes["io_module"].error is not None
-    assert (robot.robot.state is RobotState.FAULT) is (key == "")  # the robot waits for it, unless told otherwise
+    assert (robot.robot.state is RobotState.FAULT) is (key == "")  # by default the robot waits for it
 
 
 @pytest.mark.parametrize("key", ["required: true", "mandatory: true"])
@@ -442,7 +442,7 @@ def test_while_it_is_being_enabled_a_command_comes_too_early_and_the_next_one_is
         robby.command(5, 5)
     robby.hold(5, 5, ms=600)
     assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.02)
-    assert not robby.texts("refused")  # what passes by itself is nothing to tell
+    assert not robby.texts("refused")  # a transient state is not reported
 
 
 def test_a_robot_that_waits_for_tpdos_without_sync_reports_this(bench):

@@ -129,7 +129,7 @@ def test_the_page_is_a_client_that_is_started_when_the_boot_is_over(monkeypatch)
     session = RunSession(setup("page", "memory:page"), RunOptions(drives=False, view=True, teleop=True))
 
     def start_client(name, arguments, **how):
-        assert how["restarts"] is not None  # a page that is killed is started anew
+        assert how["restarts"] is not None  # a page that is killed is restarted
         started.append((name, arguments))
 
     monkeypatch.setattr(session.supervisor, "start_client", start_client)

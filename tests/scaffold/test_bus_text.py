@@ -68,7 +68,7 @@ def test_supervision_is_heartbeats_or_guarding_or_a_word_that_there_is_none():
     watched = keys_of(shape())["defaults"]
     assert (watched["heartbeat_producer"], watched["heartbeat_consumer"]) == (100, True)
     assert keys_of(guarded())["defaults"]["guard_time"] == 100
-    blind = keys_of(shape(drop=(0x1016,)))["defaults"]  # a heartbeat of its own would end the guarding
+    blind = keys_of(shape(drop=(0x1016,)))["defaults"]  # its own heartbeat would end the guarding
     assert (blind["guard_time"], blind.get("heartbeat_producer")) == (100, None)
     alone = shape(drop=(0x1016, 0x1017, 0x100C, 0x100D))
     assert keys_of(alone, allow_unsupervised=True)["defaults"]["allow_unsupervised"] is True

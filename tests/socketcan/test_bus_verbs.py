@@ -106,7 +106,7 @@ def test_a_pair_of_vxcan_is_made_up_as_well(stage):
             assert lines(stage.call("bus", "up", name))[-1] == f"ip link set {name} up   # bring it up"
         others = count_hearing("vxcan8")
         with subprocess.Popen(["candump", "-L", "-n", "1", "vxcan8"], stdout=subprocess.PIPE, text=True) as dump:
-            # the kernel's lists name an interface that nobody hears, too
+            # the kernel also lists interfaces without a listener
             assert eventually(lambda: count_hearing("vxcan8") > others or dump.poll() is not None)
             subprocess.run(["cansend", "vxcan7", "701#05"], check=True)
             try:

@@ -88,7 +88,7 @@ def test_the_receive_buffer_holds_thousands_and_what_does_not_fit_is_counted(por
         ours.send(pack_records([TWO] * 4000))
         sent += 4000
     kept = everything(theirs)
-    ours.send(pack_records([THREE]))  # the kernel tells with the next frame what it could not keep
+    ours.send(pack_records([THREE]))  # the kernel reports dropped frames with the next frame
     report, last = receive(theirs, 2)
     assert last == THREE
     assert lost_frames(report) == theirs.stats.lost == sent - len(kept) > 0

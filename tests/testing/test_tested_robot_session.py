@@ -12,7 +12,7 @@ from canopen_control.commissioning.parameter_set import parse_backup
 from canopen_control.errors import BootError, DriveError, SdoAbort, SdoTimeout, UnknownName
 from canopen_control.testing.tested_robot import TestedRobot
 
-WINDOW = (0x6067, 0)  # bus.yml says nothing of it
+WINDOW = (0x6067, 0)  # not in bus.yml
 
 
 @pytest.fixture

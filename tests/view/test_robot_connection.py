@@ -106,7 +106,7 @@ def test_an_arm_is_sent_its_way_once_and_cancelled_when_it_is_released(man, sent
         sent[0].heartbeat * 1e9 > HOLD_TIMEOUT_NS
     )  # the page's silence ends it in order; that of this process, the robot
     man.hold("page 1", further, 10**12)
-    assert sent[-1] == further.moving  # after it was let go of, it is sent anew
+    assert sent[-1] == further.moving  # after its release it is sent again
 
 
 FORWARD = "robby_forward_controller"

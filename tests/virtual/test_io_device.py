@@ -372,7 +372,7 @@ def test_outputs_fall_to_their_error_values_where_their_modes_report_this(io):
     assert 0x8130 in io.node.emcy.active
     io.start()
     io.on(0.05)
-    assert terminal(io, "do1") == 0.0  # until somebody writes it
+    assert terminal(io, "do1") == 0.0  # until it is written
     io.put(DO, b"\x02\x00")
     assert terminal(io, "do1") == 1.0
 

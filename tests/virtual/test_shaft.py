@@ -65,7 +65,7 @@ def test_an_encoder_shows_how_a_drive_has_moved_behind_its_gear(tmp_path, shared
 
 def test_it_is_where_the_drive_is_known_to_be_and_until_then_where_it_was(tmp_path):
     (world,) = worlds(tmp_path, more=f", share: {tmp_path}/shafts")
-    assert world.shaft_position(ENCODER) is None  # nobody has told
+    assert world.shaft_position(ENCODER) is None  # not reported yet
     assert not world.has_shaft(4)
     encoder = measured(world)
     assert encoder.number(0x6004) == 0

@@ -420,7 +420,7 @@ def test_a_dictionary_without_a_drive_is_a_plain_node():
     assert bench.node.drives == {}
 
 
-# -- whatever comes, it lives, answers, and moves only when it may
+# -- for arbitrary frames it keeps running, answers, and moves only when permitted
 
 WORDS = st.sampled_from([0x00, 0x02, 0x06, 0x07, 0x0F, 0x1F, 0x3F, 0x80, 0x8F, 0x010F, 0x0B])
 SDO_WRITE = st.tuples(

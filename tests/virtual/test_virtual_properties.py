@@ -220,7 +220,7 @@ def test_pp_never_reports_target_reached_early(plant, moves, window, window_ms):
     assert abs(b.drive.mover.plant.position - b.drive.modes.active._target) <= window
 
 
-# -- whatever comes from the bus
+# -- arbitrary frames from the bus
 
 # The power state machine once more, written down from the diagram: state and command to the states that may follow,
 # one where a ramp is under way or an automatic transition may have happened.
@@ -280,7 +280,7 @@ class Reference:
         if number == 0x81 and now >= self.booted:
             self.states, self.words = {SOD}, {0}
         if number in (0x81, 0x82):
-            self.booted = max(self.booted, now + 20 * MS)  # it hears nothing, not even another reset
+            self.booted = max(self.booted, now + 20 * MS)  # it receives nothing, not even another reset
 
     def word(self, word):
         """Take a controlword that may, or may not, have been taken."""

@@ -80,7 +80,7 @@ def test_a_long_object_goes_through_a_robot_in_pieces_that_a_request_can_hold():
         robot.session("3").write(0x2000, 0, bytes(range(256)) * 1000)
     sent = [request for request in fake.requests[1:] if request != "close"]
     assert [type(item) for item in sent] == [SdoPiece] * 10 + [SdoWrite]
-    assert sent[-1].source.startswith("canopen-control (pid ")  # who the robot's events say it was
+    assert sent[-1].source.startswith("canopen-control (pid ")  # the name in the robot's events
     assert all(len(request_line(1, "sdo_write", item)) < MAX_REQUEST - 1000 for item in sent)
     assert b"".join(item.data for item in sent) == bytes(range(256)) * 1000
 

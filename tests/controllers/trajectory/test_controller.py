@@ -22,7 +22,7 @@ from canopen_control.rpc.messages.parameters import ParameterValue
 from canopen_control.urdf.joint_element import Joint, UrdfLimits
 
 CASES = cases("jtc_scenarios")
-#: what upstream does there hurts; the tests below say what is done instead
+#: upstream's behaviour there is harmful; the tests below specify this package's behaviour
 DEVIATES = {
     "stop trajectory rewritten in place while it runs": "the second stop jumps to where the time of the first one is",
     "goal tolerance on a continuous joint uses the short way": "a joint is commanded to another turn at once",

@@ -94,7 +94,7 @@ async def test_nothing_is_offered_without_physics_and_it_is_looked_for_again_wit
     async with played(world) as (_user, panel, context):
         before = len(seen(ui.expansion))
         world._changeable = True
-        panel.show(context.content())  # the same drives: nobody asks again
+        panel.show(context.content())  # the same drives, so no new request
         await at_rest()
         same = len(seen(ui.expansion))
         context.robot.faults = DriveFaults({"another": ()})

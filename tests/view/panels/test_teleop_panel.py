@@ -149,7 +149,7 @@ async def test_an_arm_has_a_slider_for_each_joint_and_goes_there_while_its_butto
         hold(user, "drive")
         hold(user, "drive")
     stays, goes, again = context.held
-    assert goes == again  # the same way goes on: nothing is planned anew
+    assert goes == again  # the same direction continues: nothing is planned again
     assert stays.moving.points[0].positions == [1.0, 0.1]
     (point,) = goes.moving.points
     assert (goes.moving.controller, goes.moving.joints) == ("arm", ["left", "lift"])
