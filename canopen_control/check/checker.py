@@ -238,6 +238,8 @@ def _slow_stops(buses: dict[str, BusConfig], stops: tuple[StopTime, ...]) -> Ite
             f"({case.by}); a stop that takes longer than {LONGEST_STOP_S:.0f} s becomes a quick stop"
         )
         fix = "write a faster ramp to the drive under `sdo`, or lower the joint's velocity limit"
+        if facts.own_unit:  # as in Kinco's FD5, whose ramps have another factor than its velocities
+            fix = f"read the unit of the ramp in the manual: if it is that of the velocities per s, {fix}"
         severity = Severity.WARNING if case.ramp_s > _SLOW_RAMP_S else Severity.NOTE
         yield Finding(place.path, place.line, severity, text, fix, column=place.column)
 

@@ -16,6 +16,7 @@ from canopen_control.cia301.heartbeat import parse_consumer_entry
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.objects import ABORT_CONNECTION, DEFAULTS, OPTION_CODES, Reaction
 from canopen_control.cia402.state import Command, State
+from canopen_control.cia402.units import Scale
 from canopen_control.controllers.limiters import LONGEST_STOP_S
 from canopen_control.errors import CanopenError
 from canopen_control.hardware.axis_parameters import planned_scales
@@ -48,6 +49,7 @@ class AxisFacts:
 
     `objects` are object values by the index for the first axis; `lives` are command timeouts by controller,
     `brakes` the times that controllers take to brake from their velocity limits by their own deceleration.
+    `own_unit` means that velocities have another unit than position units per s, and ramps possibly a third.
     """
 
     joint: str
@@ -62,6 +64,7 @@ class AxisFacts:
     objects: Mapping[int, int] = field(default_factory=dict)
     lives: Mapping[str, float] = field(default_factory=dict)
     brakes: Mapping[str, float] = field(default_factory=dict)
+    own_unit: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +265,7 @@ def _facts(
         objects=objects,
         lives=lives,
         brakes={name: brakes[name] for name in lives},
+        own_unit=Scale(**node.units.of_axis(number)).has_own_velocity_unit,
     )
 
 

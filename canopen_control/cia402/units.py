@@ -128,6 +128,11 @@ class Scale:
         if not math.isfinite(self.offset_pos_to_dev) or not math.isfinite(self.offset_pos_from_dev):
             raise ConfigError("offset_pos_to_dev and offset_pos_from_dev must be finite")
 
+    @property
+    def has_own_velocity_unit(self) -> bool:
+        """Whether velocities have another unit than position units per s; the unit of ramps is then unknown."""
+        return not math.isclose(abs(self.pos_to_dev), abs(self.vel_to_dev), rel_tol=0.01)
+
     @classmethod
     def from_units(
         cls,

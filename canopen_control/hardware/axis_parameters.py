@@ -528,12 +528,13 @@ class AxisParameters:
         """Report decelerations in the drive that are so low that the axis would keep moving for minutes in a stop."""
         axis = self._axis
         speed = axis.limits.most
+        unit = "if its unit is that of the velocities per s, " if axis.scale.has_own_velocity_unit else ""
         for base in (objects.PROFILE_DECELERATION, objects.QUICK_STOP_DECELERATION):
             slope = self.get(base)
             if slope and speed < INT32_MAX and speed / slope > _SLOWEST_S:
                 self._report(
                     f"0x{axis.index(base):04X} is {slope}, so that braking from {axis.limits.words} takes "
-                    f"{speed / slope:.0f} s; write a faster ramp under `sdo:` in bus.yml"
+                    f"{speed / slope:.0f} s; {unit}write a faster ramp under `sdo:` in bus.yml"
                 )
 
     def _report_quick_stop(self) -> None:

@@ -195,6 +195,13 @@ def test_a_drive_that_brakes_for_longer_than_a_stop_may_last_is_a_warning(tmp_pa
     result = told(config, Severity.WARNING)
     assert len(result) == 6
     assert "joint_1 needs 209 s to brake from 2086076 units/s (ramp of 0x6084 (10000)); a stop that takes" in result[0]
+    assert "becomes a quick stop; write a faster ramp" in result[0]
+    text = (config / "bus.yml").read_text().replace("vel_to_dev: 1043037", "vel_to_dev: 10430370")
+    (config / "bus.yml").write_text(
+        text.replace("vel_from_dev: 9.587379924285258e-07", "vel_from_dev: 9.587379924285258e-08")
+    )
+    unit = "read the unit of the ramp in the manual: if it is that of the velocities per s, write a faster ramp"
+    assert any(unit in each for each in told(config, Severity.WARNING))
 
 
 @pytest.mark.parametrize(("limit", "speed"), [("-2.0", "2086076"), ("0", "6553600")])

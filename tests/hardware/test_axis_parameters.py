@@ -125,6 +125,19 @@ def test_a_ramp_in_the_drive_that_would_take_minutes_is_reported(servo, index, s
     assert [words in text for text in texts] == ([True] if reported else [])
 
 
+def test_the_unit_of_a_ramp_is_doubted_if_velocities_have_their_own_unit(servo):
+    """Kinco's velocities are 512 x resolution / 1875 of a rpm, and its ramps have another factor again."""
+    units = (
+        "scale_pos_to_dev: 1000.0\nscale_pos_from_dev: 0.001\nscale_vel_to_dev: 16000.0\nscale_vel_from_dev: 0.0000625"
+    )
+    bench = servo("units", sdo="- {index: 0x6084, sub_index: 0, value: 255}", velocity=10.0, modes=units)
+    bench.start()
+    (text,) = [text for text in bench.texts("parameters") if "node 2" in text and "0x6084" in text]
+    assert text.endswith(
+        "takes 627 s; if its unit is that of the velocities per s, write a faster ramp under `sdo:` in bus.yml"
+    )
+
+
 @pytest.mark.parametrize(("code", "reported"), [(-1, True), (9, True), (2, False), (0, False), (8, False)])
 def test_a_reaction_to_a_quick_stop_that_cia_402_does_not_define_is_reported(servo, code, reported):
     bench = servo("quick")
