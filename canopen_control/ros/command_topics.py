@@ -384,6 +384,15 @@ def goal_refusal(goal: RosMessage) -> str | None:
 # with this bridge.
 
 
+def _end_of(trajectory: RosMessage) -> list[float]:
+    """Return the positions at the end of a JointTrajectory, else its velocities, in the order of the joint names."""
+    if not trajectory.points:
+        return []
+    last = trajectory.points[-1]
+    values = list(last.positions) or list(last.velocities)
+    return [value for _, value in sorted(zip(trajectory.joint_names, values, strict=False))]
+
+
 class TrajectoryTopic(Endpoint):
     """Subscription of `~/joint_trajectory`; messages that arrive during a transfer replace each other."""
 
@@ -393,15 +402,17 @@ class TrajectoryTopic(Endpoint):
         self._sending: JointTrajectory | None = None
         self._waiting: JointTrajectory | None = None
         self._followed = TrajectorySender(ros.connect)
-        self.subscribe(
-            JointTrajectory, self._topic, lambda message: ros.hand_over(lambda: self._take(message)), SYSTEM_DEFAULT
-        )
+        self.subscribe(JointTrajectory, self._topic, self._on_message, SYSTEM_DEFAULT)
 
     def close(self) -> None:
         """Destroy the subscription and end the trajectory received on the topic."""
         super().close()
         self._waiting = None
         self._followed.close()
+
+    def _on_message(self, message: JointTrajectory) -> None:
+        self._ros.watch_publishers(self._topic, self._topic, _end_of(message))
+        self._ros.hand_over(lambda: self._take(message))
 
     def _take(self, message: JointTrajectory) -> None:
         self._waiting = message

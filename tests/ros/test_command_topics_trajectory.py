@@ -66,6 +66,17 @@ class TestTrajectories:
         assert ros.clients[0].closed
         assert ros.left == [self.TOPIC]
 
+    def test_its_end_is_compared_with_those_of_other_publishers(self, ros, topic):
+        """Joints in another order, and the way to the end, make no other command; two publishers alternate here."""
+        turned = JointTrajectory(joint_names=["b", "a"], points=[JointTrajectoryPoint(positions=[0.0, 2.0])])
+        for message in (trajectory(1.0, 2.0), turned, trajectory()):
+            ros.publish(self.TOPIC, message)
+        assert ros.watched == [
+            (self.TOPIC, self.TOPIC, [2.0, 0.0]),
+            (self.TOPIC, self.TOPIC, [2.0, 0.0]),
+            (self.TOPIC, self.TOPIC, []),
+        ]
+
     def test_of_those_that_come_while_one_is_on_its_way_the_newest_counts(self, ros, topic):
         for first in (1.0, 2.0, 3.0):
             ros.publish(self.TOPIC, trajectory(first))
