@@ -55,7 +55,9 @@ class KernelSync:
         self._socket: BcmSocket | None = None
 
     def why_not(self) -> str | None:
-        """Return why the kernel cannot send on this interface, or None; nothing is sent."""
+        """Return why the kernel cannot send on this interface, or None; nothing is sent, and a started task goes on."""
+        if self._socket is not None:
+            return None
         try:
             self._connected()
         except OSError as error:

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.modes import mode_name, mode_words
 from canopen_control.cia402.state import REMOTE, VOLTAGE_ENABLED, State
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 
 _QUICK_STOP = 11  # the transition
+ENABLE_ADVICE: Final = "; enable it to continue"
+"""End of the texts of events after which the drive stays disabled."""
 
 
 def _word(statusword: int | None) -> str:
@@ -64,7 +66,7 @@ class FaultCleared:
 
     @property
     def text(self) -> str:
-        return f"fault cleared ({_word(self.statusword)}); enable it to continue"
+        return f"fault cleared ({_word(self.statusword)}){ENABLE_ADVICE}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,12 +181,12 @@ class EnableLost:
         if self.supply_lost:
             return (
                 f"its power stage has lost its supply, or STO is active ({_word(self.statusword)}, bit 4 is 0), "
-                f"although it shows {_name(self.state)}; being disabled; enable it to continue"
+                f"although it shows {_name(self.state)}; being disabled{ENABLE_ADVICE}"
             )
         if self.state is State.OPERATION_ENABLED:
-            return f"being disabled, still {_name(self.state)} ({_word(self.statusword)}); enable it to continue"
+            return f"being disabled, still {_name(self.state)} ({_word(self.statusword)}){ENABLE_ADVICE}"
         cause = ", power stage off" if self.power_stage_off else ""
-        return f"not enabled any more, now {_name(self.state)} ({_word(self.statusword)}{cause}); enable it to continue"
+        return f"not enabled any more, now {_name(self.state)} ({_word(self.statusword)}{cause}){ENABLE_ADVICE}"
 
 
 @dataclass(frozen=True, slots=True)

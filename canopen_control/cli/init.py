@@ -101,7 +101,9 @@ def run(args: argparse.Namespace) -> int:
     from canopen_control.scaffold.new_robot import check_robot_name, plan_robot
     from canopen_control.scaffold.robot_folder import refuse_existing, write_robot
 
-    folder = Path(args.robot)
+    folder = Path(args.robot).expanduser()
+    if folder.name in ("", ".."):  # such as the current folder
+        folder = folder.resolve()
     check_robot_name(folder.name)
     refuse_existing(folder, force=args.force)
     like = None if args.like is None else read_personality(args.like)

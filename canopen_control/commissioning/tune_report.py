@@ -42,7 +42,8 @@ class StepMetrics:
     """Metrics of a step to `target` that settled at `final`; times in s, `settling` is None if it did not settle.
 
     `overshoot` is a fraction of the reached step. In units of the response, `error` is the missing part of the step,
-    `ripple` the root mean square deviation from the final value, and `itae` the integral of time times absolute error.
+    and `ripple` the root mean square deviation from the final value. `itae` is the integral of time times absolute
+    error, in units of the response times s^2.
     """
 
     target: float

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.events import ENABLE_ADVICE
 from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface, nearest
 from canopen_control.hardware.axis import QUICK_STOP_WORD
@@ -316,13 +317,14 @@ class CanopenSystem(ComponentLifecycle):
         moving = cause.group.stop(now)
         if not cause.node.ready or not cause.machine.enabled:
             cause.give_up()
+        reason = f"{cause.axis.label}: {event.text.removesuffix(ENABLE_ADVICE)}"
         for joint in moving:
-            joint.stopped_by = f"stopped by {cause.axis.label}: {event.text}"
+            joint.stopped_by = f"stopped by {reason}"
         for joint in moving + waiting:
             joint.resume = resumable
         if moving:
             names = ", ".join(joint.joint for joint in moving)
-            text = f"stopping {names}: {cause.axis.label}: {event.text}"
+            text = f"stopping {names}: {reason}"
             self._report(Event(now, "stop", cause.node.name, text + _then(cause, resumable=resumable), Level.ERROR))
 
 

@@ -40,7 +40,10 @@ def make_private(path: str | Path) -> None:
 
 
 def write_whole(path: str | Path, data: bytes) -> None:
-    """Write a file completely, or leave it unchanged and raise DiskFull if the disk is full, else ConfigError."""
+    """Write a file completely, or leave it unchanged and raise DiskFull if the disk is full, else ConfigError.
+
+    A device or a pipe cannot be replaced: it gets the data directly, possibly only a part before an error.
+    """
     path = Path(path)
     if path.exists() and not path.is_file():  # a device or a pipe cannot be replaced
         with telling(path, "a part of the data was written"):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import shlex
 from collections import deque
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
 from canopen_control.bus.channel import may_host_virtual_drives, open_port, parse_channel
@@ -27,7 +28,6 @@ from canopen_control.virtual.plant import WORLD_NOTE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
 
     from canopen_control.bus.port import Port
     from canopen_control.host.fork import Main
@@ -126,7 +126,8 @@ class Supervisor:
         With a `plant` file, all drives run in one process, because they move the same simulated robot. `like` is the
         personality of the drives.
         """
-        self._like = ["--like", like] if like else []
+        # absolute, so that the command that restarts a drive can be entered in any folder
+        self._like = ["--like", _absolute(like)] if like else []
         if plant is not None:
             self._spawn_world(setup, plant)
             return
@@ -507,3 +508,10 @@ class Restarts:
         self._times.append(now)
         recent = sum(now - time_ns < WINDOW_NS for time_ns in self._times)
         return f"it is restarted ({recent} of {MAX_RESTARTS} times a minute)"
+
+
+def _absolute(like: str) -> str:
+    """Return the name of a bundled personality, or the absolute path of a file."""
+    from canopen_control.personality import personality_names
+
+    return like if like in personality_names() else str(Path(like).resolve())

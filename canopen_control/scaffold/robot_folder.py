@@ -410,10 +410,10 @@ def _folder_beside(folder: Path) -> Iterator[Path]:
 
 
 def refuse_existing(folder: Path, *, force: bool) -> None:
-    """Raise RobotConfigError if `folder` is a file or a link, or if it exists and `force` is False."""
+    """Raise RobotConfigError if `folder` is a file or a link, or if it is not empty and `force` is False."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise RobotConfigError(f"{folder} exists and is not a folder; choose another name")
-    if folder.exists() and not force:
+    if not force and folder.exists() and any(folder.iterdir()):
         raise RobotConfigError(f"{folder} exists already; choose another name, or overwrite its files with --force")
 
 

@@ -269,6 +269,11 @@ def _quick_stop_unseen(hooks: QuirkHooks, drive: VirtualDrive, _strength: float)
     hooks.act(drive, 11, lambda _transition, now, _before: drive.power.enter(State.SWITCH_ON_DISABLED, now))
 
 
+def _quick_stop_off(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
+    hooks.act(drive, 11, lambda _transition, _now, _before: None)
+    hooks.show(o.QUICK_STOP_OPTION + drive.objects.offset, 0, lambda _shown: -1)
+
+
 def _quick_stop_resumes(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
     enabling = transition_of(State.SWITCHED_ON, Command.ENABLE_OPERATION)
     if enabling is not None:
@@ -446,7 +451,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
         "ignores a quick stop (0x605A has the manufacturer's value -1)",
         _QUICK,
         "Beckhoff, AX8xxx, object 605A",
-        lambda hooks, drive, _strength: hooks.act(drive, 11, lambda _transition, _now, _before: None),
+        _quick_stop_off,
         group="quick stop",
     ),
     Quirk(

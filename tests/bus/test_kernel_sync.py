@@ -129,3 +129,12 @@ def test_whether_the_kernel_can_is_asked_without_sending_anything():
         "sudo modprobe can-bcm, or let this program send SYNC" in KernelSync("vcan3", (), lambda: fake_socket).why_not()
     )
     assert fake_socket.closed == 1
+
+
+def test_a_started_task_goes_on_when_the_kernel_is_asked_whether_it_can():
+    sock = FakeSocket()
+    sync = KernelSync("vcan3", [SYNC], lambda: sock)
+    sync.start(20_000)
+    assert sync.why_not() is None
+    assert (len(sock.sent), sock.closed) == (1, 0)
+    sync.close()

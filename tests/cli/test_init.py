@@ -324,3 +324,14 @@ def test_a_manufacturer_of_drives_is_for_drives_alone(tmp_path, capsys):
     assert "--like elmo is for drives, and none of the devices is one; omit it" in capsys.readouterr().err
     assert not (tmp_path / "lamps").exists()
     assert main(["init", str(tmp_path / "mixed"), *words, "--eds", "generic_cia402.eds", "--node-id", "2"]) == 0
+
+
+def test_the_present_folder_is_named_by_its_path_if_it_is_empty(here, monkeypatch, capsys):
+    folder = here / "cart"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    assert main(["init", ".", "--eds", "generic_cia402.eds", "--node-id", "2,3", "--base", "diff"]) == 0
+    assert f"canopen-control demo {folder}" in capsys.readouterr().out
+    assert '<robot name="cart">' in (folder / "cart.urdf").read_text()
+    assert main(["init", ".", "--eds", "generic_cia402.eds"]) == 2
+    assert "exists already" in capsys.readouterr().err

@@ -135,6 +135,8 @@ def test_row_28_a_power_stage_without_supply_is_reported_and_not_fought(turning)
     event, after = turning.told("enable_lost")
     assert after <= SEEN_MS
     assert "power stage off" in event.text
+    (stop,) = turning.found("stop")
+    assert stop.text.endswith("power stage off); to continue: canopen-control axis enable all")  # the advice once
     assert turning.stopped_after(RIGHT) <= after + RAMP_MS + 2 * CYCLE_MS
     turning.bus.clear_history()
     turning.hold(10.0, 10.0, ms=1000)

@@ -447,14 +447,16 @@ def test_the_command_that_starts_a_drive_again_is_valid_in_every_folder(tmp_path
     assert words[words.index("--eds") + 1] == str(tmp_path / "my robby" / "TMCM-1270.eds")
 
 
-def test_a_drive_that_is_killed_is_reported_with_the_command_that_starts_it_again(monkeypatch):
+@pytest.mark.parametrize(("like", "word"), [("elmo", "elmo"), ("mine.yaml", None)])
+def test_a_drive_that_is_killed_is_reported_with_the_command_that_starts_it_again(monkeypatch, tmp_path, like, word):
     """Until its node is back, which needs no further advice."""
     reactor, events = Reactor(), []
     nodes = {name: SimpleNamespace(restart_command="") for name in ("left_drive", "right_drive")}
     supervisor = Supervisor("test", reactor, events.append, nodes=nodes)
     monkeypatch.setattr(supervisor, "_start", partial(_idle, supervisor))
     try:
-        supervisor.start_drives(read_robot(find_robot("robby"), can=["local:a"]), like="elmo")
+        monkeypatch.chdir(tmp_path)
+        supervisor.start_drives(read_robot(find_robot("robby"), can=["local:a"]), like=like)
         os.kill(supervisor.pids["drive-left_drive"], signal.SIGKILL)
         assert reactor.run_until(lambda: bool(events), 20 * SECOND)
         command = nodes["left_drive"].restart_command
@@ -462,7 +464,7 @@ def test_a_drive_that_is_killed_is_reported_with_the_command_that_starts_it_agai
         assert words[:2] == ["canopen-control", "drive"]
         assert words[words.index("--node-id") + 1] == "3"
         assert words[words.index("--can") + 1] == "local:a"
-        assert words[words.index("--like") + 1] == "elmo"
+        assert words[words.index("--like") + 1] == (word or str(tmp_path / like))
         assert os.path.isabs(words[words.index("--eds") + 1])
         assert nodes["right_drive"].restart_command == ""
         assert events[0].text.endswith(f"was ended by signal 9; start it again: {command}")

@@ -213,7 +213,9 @@ PROBES = {
     "supply_loss_unseen": supply_lost,
     "quick_stop_ends_switched_on": state("SWITCHED_ON", 2, seconds=1),
     "quick_stop_unseen": state("SWITCH_ON_DISABLED", 2, before=lambda b: b.moving()),
-    "quick_stop_off": state("OPERATION_ENABLED", 2, before=lambda b: b.moving()),
+    "quick_stop_off": lambda b: (
+        state("OPERATION_ENABLED", 2, before=lambda b: b.moving())(b) and b.number(0x605A, signed=True) == -1
+    ),
     "quick_stop_resumes": state("OPERATION_ENABLED", 2, 0x0F, before=lambda b: b.moving()),
     "fault_reset_twice": second_edge,
     "fault_reset_slow": reset_after(3.0),
