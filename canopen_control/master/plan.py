@@ -476,14 +476,8 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
         node_id, ms = entries[subindex]
         if subindex != chosen and subindex not in listed:
             if node_id == master.node_id and ms:
-                builder.write(
-                    HEARTBEAT_CONSUMER,
-                    subindex,
-                    0,
-                    "dcf",
-                    f"0x1016:{chosen:02X} monitors the master",
-                    optional=True,
-                )
+                reason = f"0x1016:{chosen:02X} monitors the master"
+                builder.write(HEARTBEAT_CONSUMER, subindex, 0, "dcf", reason, optional=True)
             else:
                 builder.write_downloaded(HEARTBEAT_CONSUMER, subindex)
     reason = "" if keys.heartbeat_consumer else "the node detects the loss of the master"

@@ -304,12 +304,8 @@ class Rule(enum.Enum):
     POINT_EMPTY = enum.auto()
     EFFORT_NOT_SUPPORTED = enum.auto()
 
-    @property
-    def code(self) -> ResultCode:
-        return _CODES.get(self, ResultCode.INVALID_GOAL)
 
-
-_CODES: Final = {
+_CODES: Final[dict[Rule | None, ResultCode]] = {
     Rule.JOINT_COUNT: ResultCode.INVALID_JOINTS,
     Rule.NO_JOINT_NAMES: ResultCode.INVALID_JOINTS,
     Rule.UNKNOWN_JOINT: ResultCode.INVALID_JOINTS,
@@ -329,7 +325,7 @@ class Refused:
 
     @property
     def code(self) -> ResultCode:
-        return ResultCode.INVALID_GOAL if self.rule is None else self.rule.code
+        return _CODES.get(self.rule, ResultCode.INVALID_GOAL)
 
 
 @dataclass(frozen=True)
