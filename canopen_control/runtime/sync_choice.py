@@ -136,7 +136,7 @@ class SyncChoice:
         """Sentence about jerks caused by a late SYNC of this process, with the remedy; "" if not applicable."""
         if self.sender is not SyncSender.PROGRAM or not self.joints:
             return ""
-        return f"{self.words}; {self.joints} time their motion by it, so a late SYNC is audible: {_REMEDY}"
+        return f"{self.words}; {self.joints} time their motion by it, and what is late is heard: {_REMEDY}"
 
 
 _SENDER_TEXTS = {SyncSender.PROGRAM: "comes from this program", SyncSender.NODE: "comes from a node of the bus"}
