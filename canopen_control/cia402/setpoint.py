@@ -9,7 +9,8 @@ Rules:
   was 0 after the acknowledgement, or some updates later, because a short motion may pass unseen.
 - Some drives accept no set-point while they move to the previous one (ZLTECH ZLAC8015D). A set-point that interrupted a
   motion and is not acknowledged waits for the end of that motion, and is sent once more.
-- Each phase has a timeout, and at every exit bit 4 is 0. The caller decides what then happens to the motion.
+- Each phase has a timeout, and at every exit bit 4 is 0. The caller decides what then happens to the motion. A bit 12
+  that stays 1 for some seconds at the target is not cleared any more, so that its long timeout is not waited for.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from canopen_control.errors import LocalProtocolError
 
 _NEVER = 1 << 63
 _SECOND = 1_000_000_000
+_RESTS_NS = 3 * _SECOND
 _NEW_SET_POINT = 1 << 4
 _IMMEDIATELY = 1 << 5
 _RELATIVE = 1 << 6
@@ -155,6 +157,7 @@ class SetPointHandshake:
         self._deadline = _NEVER
         self._updates = 0  # in this phase
         self._moved = False
+        self._rests_since: int | None = None  # with bits 10 and 12 set after the acknowledgement
         self._interrupts = False  # the set-point interrupts a motion
         self._lagged = False
         self._events: list[SetPointEvent] = []
@@ -258,6 +261,7 @@ class SetPointHandshake:
                 self._go(SetPointPhase.RELEASE)
                 self._interrupts = False
                 self._moved = self._lagged = False
+                self._rests_since = None
                 self._events.append(SetPointTaken(now, self._current.target))
         elif self.phase is SetPointPhase.DEFERRED:
             if not statusword & TARGET_REACHED:
@@ -284,6 +288,9 @@ class SetPointHandshake:
         if self.phase is SetPointPhase.RELEASE:
             # CiA 402-2, 0x6041 in mode PP: bit 12 stays 1 while the buffer of set-points is full
             if acknowledged:
+                self._rests_since = None if not reached else now if self._rests_since is None else self._rests_since
+                if self._rests_since is not None and now - self._rests_since >= _RESTS_NS:
+                    self._deadline = now  # a drive at its target does not clear the bit any more
                 return
             self._go(SetPointPhase.MOVING)
         # CiA 402-2, 0x6041 in mode PP: bit 10 (target reached); the old target's 1 may still be shown

@@ -223,6 +223,23 @@ def test_an_acknowledgement_that_never_goes_is_reported():
     assert failed.phase is SetPointPhase.RELEASE
 
 
+def test_an_acknowledgement_that_stays_at_the_target_is_not_waited_for():
+    """The release time covers whole motions of drives that keep bit 12; at the target, three seconds are enough."""
+    machine = SetPointHandshake()
+    machine.move(100)
+    words = [ENABLED] * 3 + [ENABLED | ACK] * 50 + [ENABLED | ACK | REACHED] * 40
+    events = []
+    for number, word in enumerate(words):
+        machine.update(word, True, number * 100_000_000)
+        events += [(number, event) for event in machine.events()]
+    ((_, taken), (number, failed)) = events
+    assert isinstance(taken, SetPointTaken)
+    assert isinstance(failed, SetPointFailed)
+    assert failed.phase is SetPointPhase.RELEASE
+    assert number == 3 + 50 + 30
+    assert not machine.busy
+
+
 def test_a_motion_has_its_time_only_where_one_is_given():
     for timeout, count in ((None, 0), (1000, 1)):
         machine = SetPointHandshake(motion_timeout_ns=timeout)
