@@ -217,6 +217,7 @@ _STANDSTILL_TEXT: Final = (
     "it is enabled but does not follow its set-points; check its brake, its power and the source of its set-points "
     "(for a brake that releases late, set `enable_settle_ms` in bus.yml)"
 )
+_LONGEST_REST_NS: Final = 5_000_000_000
 _REST_NS: Final = 100_000_000  # a motor below the speed of a standstill still needs this time to stop
 _BOOTING: Final = "; booting it again"  # the end of a text that the node has reported already
 
@@ -265,6 +266,7 @@ class JointDrive(JointStatus):
         self._now = 0
         self._mode_after_homing: int | None = None  # requested when the axis has come to a standstill
         self._rests_from = 0  # end of the wait for this standstill
+        self._rest_by: int | None = None  # end of the ramp before a mode change
 
     # ------------------------------------------------------------------------------------------- commands
 
@@ -411,12 +413,12 @@ class JointDrive(JointStatus):
         if self._mode_after_homing is not None:
             self._restore_mode()
         if targets.pending is not None:
-            targets.change()
-            if targets.claimed == TARGET:
-                self._fire(PhaseTrigger.STANDSTILL_REQUIRED)  # the old command was for the previous mode
-        elif self.home_position.homing is not None:
-            targets.hold()
-            self._step_homing(self.home_position.homing, now)
+            self._change_mode(now, period)
+        elif (run := self.home_position.homing) is not None:
+            waits = run.phase in (HomingPhase.METHOD, HomingPhase.KNOWN) and targets.ends_abruptly
+            if not waits or self._comes_to_rest(now, period):
+                targets.hold()
+                self._step_homing(run, now)
         elif statechart.state is _FOLLOWING:
             targets.follow(now, period)
             if (command := targets.tracked) is not None:
@@ -432,6 +434,33 @@ class JointDrive(JointStatus):
         mode = self._mode
         if targets.has_outputs or (mode is not None and mode.value != self.machine.mode_request.sent):
             targets.write_outputs()
+
+    def _change_mode(self, now: int, period: float) -> None:
+        """Change to the pending mode, at standstill if this mode or the present one has no ramp in the drive."""
+        targets = self.targets
+        if targets.changes_abruptly and not self._comes_to_rest(now, period):
+            return
+        self._rest_by = None
+        targets.change()
+        if targets.claimed == TARGET:
+            self._fire(PhaseTrigger.STANDSTILL_REQUIRED)  # the old command was for the previous mode
+
+    def _comes_to_rest(self, now: int, period: float) -> bool:
+        """Ramp down an axis that must stand; return whether it stands, cannot be moved, or has had enough time."""
+        if not self.machine.may_move:
+            return True
+        if self._rest_by is None:
+            self._rest_by = now + _LONGEST_REST_NS
+        if self.statechart.falling:
+            self._brake(period)
+            at_rest = True
+        else:
+            self._fire(PhaseTrigger.STANDSTILL_REQUIRED)
+            at_rest = self.targets.come_to_rest(now, period)
+        if (at_rest and self.feedback.at_standstill) or now >= self._rest_by:
+            self._rest_by = None
+            return True
+        return False
 
     def _may_follow(self, now: int) -> bool:
         """Whether the axis waits only for the permission to follow its commands."""

@@ -171,7 +171,9 @@ class JointTargets:
         return kind in _HOLDING or (kind is SetPointTarget and self.claimed == POSITION)
 
     def set_mode(self, mode: int) -> None:
-        """Request a mode, which an enabled drive enters after one cycle at standstill.
+        """Request a mode, which an enabled drive enters after one cycle with its targets at standstill.
+
+        If that mode or the present one has no ramp in the drive, the axis is ramped down before.
 
         Raise UnsupportedMode if the drive does not list the mode, or DriveError if an enabled axis would move.
         """
@@ -219,6 +221,29 @@ class JointTargets:
         self.hold()
         if self.pending is not None:
             self.take_mode(self.pending)
+
+    @property
+    def ends_abruptly(self) -> bool:
+        """Whether the drive stops at once if its target is set to standstill, because it has no ramp in its mode."""
+        return self.current is not None and self.current.ramped
+
+    @property
+    def changes_abruptly(self) -> bool:
+        """Whether the present mode or the pending one has no ramp in the drive."""
+        if self.pending is None or self.current is None:
+            return False
+        target = make_target(self.pending, self._axis, self._machine)
+        return self.current.ramped or (target is not None and target.ramped)
+
+    def come_to_rest(self, now: int, period: float) -> bool:
+        """Run one cycle of a ramp to standstill in the present mode; return True once the target is at standstill."""
+        current = self.current
+        if current is None or not current.handshakes:
+            return self.ramp_down(period)
+        self._held = None
+        current.follow(_NAN, now, period)
+        self._machine.mode_bits = current.bits
+        return True
 
     def ramp_down(self, period: float) -> bool:
         """Run one cycle of a controlled stop; return True once the target is at standstill."""
@@ -297,8 +322,9 @@ class ModeTarget(metaclass=ABCMeta):
 
     `output` is the target object in an RPDO, `bits` are the mode-specific bits of the controlword, `held_bits` those at
     standstill; `handshakes` is True if the target has events, `tracks` if the axis must reach the position or velocity
-    in every cycle. `value` is the last target, nan for none, and `blocked` the direction in which an active limit
-    forbade motion then; `steady` is True if repeating a target changes nothing.
+    in every cycle, `ramped` if the master computes its ramps, because the drive has none in this mode. `value` is the
+    last target, nan for none, and `blocked` the direction in which an active limit forbade motion then; `steady` is
+    True if repeating a target changes nothing.
     """
 
     interface = ""
@@ -306,6 +332,7 @@ class ModeTarget(metaclass=ABCMeta):
     held_bits = 0
     handshakes = False
     tracks = False
+    ramped = False
     steady = False
 
     def __init__(self, axis: AxisProcessData, output: Output, machine: DriveMachine) -> None:
@@ -547,6 +574,7 @@ class PositionTarget(_PositionTarget):
 
     interface = POSITION
     tracks = True
+    ramped = True
 
     def __init__(self, axis: AxisProcessData, output: Output, machine: DriveMachine) -> None:
         super().__init__(axis, output, machine)

@@ -6,14 +6,17 @@ from types import SimpleNamespace
 
 import pytest
 from support.generic import write_generic
+from support.makers import drive
 from support.observers import Observer
 from support.robots import Bench
 from support.servos import DECELERATION, command
 
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode
+from canopen_control.cia402.state import State
 from canopen_control.cia402.units import PositionUnwrapper, Scale
 from canopen_control.errors import UnsupportedMode
 from canopen_control.hardware.axis import AxisObjectLimits
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.joint_targets import TARGET_CLASSES, ModeTarget, stop_slope
 
 K = 65536 / math.tau  # counts per rad, and per rad/s
@@ -36,14 +39,15 @@ def test_a_claim_brings_its_mode_and_its_command(robby):
     assert targets.mode_serves(OperationMode.HM) is None
 
 
-def test_a_new_mode_of_an_enabled_drive_waits_for_a_cycle_at_rest(robby):
+def test_a_new_mode_of_an_enabled_drive_waits_for_a_standstill_and_a_cycle_at_rest(robby):
     robby.robot.command("velocity", [1.0, 1.0], "test")
     robby.run(300)
     joint = robby.joint(2)
     joint.targets.claim("position")
     assert joint.targets.pending == OperationMode.CSP
     assert joint.machine.mode == OperationMode.CSV
-    robby.run(10)
+    robby.until(lambda: joint.targets.pending is None)
+    assert joint.at_standstill
     assert joint.axis.output(0x607A).value == pytest.approx(joint.axis.raw_position, abs=500)
     assert joint.axis.output(0x60FF).value == 0
     robby.run(100)
@@ -362,4 +366,62 @@ def test_an_enable_after_a_halt_or_a_stop_does_not_resume_the_old_set_point(robo
     created.command("pos", 1.6, 1.6, seconds=3)
     created.run(3)
     assert created.position("pan") == pytest.approx(1.6, abs=0.01)
+    assert created.breaches == []
+
+
+def _speeds(created, seconds=1.5):
+    """Return the speeds of the first drive, one for each SYNC, in counts/s."""
+    speeds = []
+    for _ in range(round(seconds * 100)):
+        created.run(0.01)
+        speeds.append(drive(created, 2).mover.plant.velocity)
+    return speeds
+
+
+@pytest.mark.parametrize("first", ["pv", "csv"])
+def test_an_axis_that_turns_is_ramped_down_before_it_enters_a_mode_without_a_ramp(robot, first):
+    """In CSP a drive would stop at once, and reverse, since its position is older than the mode."""
+    created = robot(first, "csp")
+    created.command("vel", 1.0, 1.0, seconds=5)
+    created.run(1)
+    created.activate("pos")
+    speeds = _speeds(created)
+    steps = [before - after for before, after in itertools.pairwise(speeds) if before > 30_000]
+    assert max(steps) == pytest.approx(9000, rel=0.1)  # 0x6084: 900000 counts/s^2
+    assert min(speeds) > -26_000  # less than the speed of a standstill
+    assert speeds[-1] == 0.0
+    assert drive(created, 2).modes.number == OperationMode.CSP
+    assert created.state == "running"
+    created.command("pos", created.position("pan") + 0.01, created.position("tilt"))
+    created.run(0.05)
+    assert created.breaches == []
+
+
+@pytest.mark.parametrize("mode", ["csv", "pv"])
+def test_an_axis_that_turns_is_ramped_down_before_it_is_homed(robot, mode):
+    created = robot(mode)
+    created.command("vel", 1.0, 1.0, seconds=5)
+    created.run(1)
+    answers = []
+    created.simulated.core.axis(Action.HOME, "pan_drive", answers.append, method=37)
+    speeds = _speeds(created, 3.0)
+    assert max(before - after for before, after in itertools.pairwise(speeds)) < 9900
+    assert min(speeds) > -1000
+    assert answers == [None]
+
+
+def test_a_stop_during_the_ramp_before_a_mode_change_ends_disabled(robot):
+    created = robot("csv", "csp")
+    created.command("vel", 1.0, 1.0, seconds=5)
+    created.run(1)
+    created.activate("pos")
+    created.run(0.1)
+    created.stop()
+    speeds = _speeds(created)
+    assert max(before - after for before, after in itertools.pairwise(speeds) if before > 30_000) < 9900
+    assert speeds[-1] == 0.0
+    assert drive(created, 2).state is State.SWITCH_ON_DISABLED
+    created.enable()
+    created.until(lambda: created.state == "running", 3)
+    assert drive(created, 2).modes.number == OperationMode.CSP
     assert created.breaches == []
