@@ -136,13 +136,13 @@ class SyncChoice:
         """Sentence about jerks caused by a late SYNC of this process, with the remedy; "" if not applicable."""
         if self.sender is not SyncSender.PROGRAM or not self.joints:
             return ""
-        return f"{self.words}; {self.joints} time their motion by it, and what is late is heard: {_REMEDY}"
+        return f"{self.words}; {self.joints} time their motion by it and jerk when it is late; {_REMEDY}"
 
 
 _SENDER_TEXTS = {SyncSender.PROGRAM: "comes from this program", SyncSender.NODE: "comes from a node of the bus"}
 _REMEDY = (
-    "the kernel sends it evenly on a SocketCAN interface (sync_producer: auto or kernel), a node that produces it does "
-    "too (sync_producer: other); else run it with --realtime"
+    "on a SocketCAN interface the kernel sends it evenly (sync_producer: auto or kernel), as does a node that produces "
+    "it (sync_producer: other); otherwise use --realtime"
 )
 
 

@@ -89,7 +89,7 @@ def test_it_is_reported_that_the_kernel_sends_and_what_a_late_process_does_to_re
     assert reported.startswith("SYNC is sent by the kernel, and the cycle follows it: joint_1, joint_2")
     (hint,) = setup_of(config, "pcan:PCAN_USBBUS1").sync_notes
     assert hint.startswith("SYNC comes from this program: the kernel can send it on SocketCAN interfaces alone")
-    assert "joint_1, joint_2, joint_3 and 3 more time their motion by it, and what is late is heard" in hint
+    assert "joint_1, joint_2, joint_3 and 3 more time their motion by it and jerk when it is late" in hint
     assert "sync_producer: other" in hint
     assert "--realtime" in hint
     assert list(setup_of(config, "local:arm").sync_notes) == [], "no motor is there to be heard"
