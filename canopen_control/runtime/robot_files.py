@@ -8,7 +8,7 @@ its folder has neither a ros2_controllers.yaml nor a description. In a ROS packa
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NoReturn
 
@@ -225,37 +225,30 @@ def find_robot(
     words = {} if alone else _description_arguments(words, launched, hardware, described)
     if no_bus and (main := _bus_of_description(described, words)) != Path():
         no_bus.clear()
-    idle = launched.idle if launched is not None else ()
-    _refuse_ineffective(idle)
-    name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
-    spawned = launched.spawned if launched is not None and not alone else ()
-    variables = launched.variables if launched is not None else {}
-    main_bus = None if no_bus else main
-    own = {"bus": main, "controllers": control, "description": described}
-    asked = {"bus": bus, "controllers": controllers, "description": description}
-    return RobotFiles(
-        _safe(name),
-        main_bus,
-        control,
-        described,
-        more,
-        words,
-        hardware,
-        idle,
-        spawned,
-        variables,
-        world,
-        {
-            f"--{kind}": (own[kind], files[kind])
-            for kind in files
-            if asked[kind] is None and _differ(own[kind], files[kind])
-        },
+    if launched is not None:
+        _refuse_ineffective(launched.idle)
+    name = _safe(_name((folder or (described if no_bus else main).resolve().parent).resolve()))
+    robot = RobotFiles(name, None if no_bus else main, control, described, more, words, hardware, world=world)
+    if launched is None:
+        return robot
+    options = {"bus": bus, "controllers": controllers, "description": description}
+    unasked = {kind: path for kind, path in launched.files.items() if options[kind] is None}
+    return replace(
+        robot,
+        idle=launched.idle,
+        spawned=() if alone else launched.spawned,
+        variables=launched.variables,
+        not_launched=_used_instead({"bus": main, "controllers": control, "description": described}, unasked),
     )
 
 
-def _differ(used: Path, named: Path) -> bool:
-    """Whether a launch file names another existing file than the one in use."""
-    return named.is_file() and used != Path() and named.resolve() != used.resolve()
+def _used_instead(used: Mapping[str, Path], named: Mapping[str, Path]) -> dict[str, tuple[Path, Path]]:
+    """Return the files in use although the launch file names other existing ones, by option, as (used, named)."""
+    return {
+        f"--{kind}": (used[kind], path)
+        for kind, path in named.items()
+        if path.is_file() and used[kind] != Path() and path.resolve() != used[kind].resolve()
+    }
 
 
 def _moving_files(
