@@ -240,13 +240,13 @@ self.reactor.call_later(300_000_000, begin)
         "software_limits_in_csp",
         "software limits are not applied in CSP",
         Change(
-            "hardware.joint_targets",
+            "hardware.mode_targets",
             "PositionTarget._send_position",
             "not limits.low <= raw <= limits.high",
             "False",
         ),
         (_scenario("limits", "turns_and_levers"),),
-        "hardware/test_joint_targets",
+        "hardware/test_mode_targets",
     ),
     Mutant(
         "limits_in_velocity_modes",

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-DEFAULT_RAMP_S: Final = 0.5  # master's ramp for a drive without 0x6084, as in `hardware.joint_targets`
+DEFAULT_RAMP_S: Final = 0.5  # master's ramp for a drive without 0x6084, as in `hardware.mode_targets`
 _RAMPS: Final = {Reaction.SLOW_DOWN_RAMP: o.PROFILE_DECELERATION, Reaction.QUICK_STOP_RAMP: o.QUICK_STOP_DECELERATION}
 
 _LOST: Final[Mapping[Command | State | None, int]] = {

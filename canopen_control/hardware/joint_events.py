@@ -27,7 +27,7 @@ from canopen_control.cia402.state import INTERNAL_LIMIT, WARNING
 from canopen_control.cia402.units import wrap_int32
 from canopen_control.errors import DriveError
 from canopen_control.hardware.feedback import STANDSTILL
-from canopen_control.hardware.joint_targets import VelocityTarget
+from canopen_control.hardware.mode_targets import VelocityTarget
 from canopen_control.master.event_log import Level
 from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.urdf.joint_element import POSITION
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from canopen_control.cia402.events import DriveEvent
     from canopen_control.hardware.axis import AxisProcessData
     from canopen_control.hardware.axis_parameters import AxisParameters
-    from canopen_control.hardware.joint_targets import ModeTarget
+    from canopen_control.hardware.mode_targets import ModeTarget
     from canopen_control.master.cycle import Output
 
 

@@ -9,7 +9,7 @@ from canopen_control.controllers.manager import ControllerManager
 from canopen_control.controllers.switcher import UpdateLoop
 from canopen_control.hardware.interfaces import OK
 from canopen_control.hardware.joint import JointDrive
-from canopen_control.hardware.joint_targets import VelocityTarget
+from canopen_control.hardware.mode_targets import VelocityTarget
 from canopen_control.hardware.system import CanopenSystem, Recovery
 from canopen_control.host.lineserver import Connection, LineServer
 from canopen_control.master.network import Network
