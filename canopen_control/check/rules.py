@@ -30,6 +30,7 @@ from canopen_control.od.issues import Severity
 from canopen_control.rpc.messages.robot import STREAM_RATE
 from canopen_control.runtime.setup import started_controllers
 from canopen_control.runtime.sync_choice import axis_number, node_of
+from canopen_control.urdf.joint_element import EFFORT
 from canopen_control.yamlfile.convert import keys_of
 
 if TYPE_CHECKING:
@@ -392,6 +393,11 @@ def _joints(robot: CheckedRobot) -> Iterator[Finding]:
             if text:
                 place = _line_naming(config, joint)
                 yield Finding(config.path, place, robot.severity(name), f"{name}: {text}", fix)
+            elif kind == EFFORT and joint in description.joints and not description.joints[joint].limits.max_effort:
+                # exporters of CAD programs write effort="0" velocity="0" for unknown limits
+                text = f'{name}: effort="0" in the <limit> of {joint} reduces every commanded effort to 0'
+                fix = f"give the maximum effort in Nm (N of a prismatic joint) there, in {description.path}"
+                yield Finding(config.path, _line_naming(config, joint), Severity.WARNING, text, fix)
 
 
 def _why_not(

@@ -439,7 +439,7 @@ def hard_limits(joint: Joint, part: ControlJoint, *, speeds: bool = True) -> Har
         max(limits.lower, lower),
         min(limits.upper, upper),
         min(limits.speed, _smaller(interfaces.get(VELOCITY, _NO_BOUNDS))),
-        limits.effort,
+        limits.max_effort,
         faster,
         slower,
         _smaller(interfaces.get(QUANTITIES[JERK], _NO_BOUNDS)),

@@ -158,14 +158,14 @@ class FirstOrderMotor:
             return
         before = self.velocity
         if interface == EFFORT:
-            effort = _within(target, self._limits.effort)
+            effort = _within(target, self._limits.max_effort)
             self._approach(effort / self._damping, self._inertia / self._damping, seconds)
         elif interface == POSITION:
             # a quarter of the velocity loop's bandwidth, so that there is no overshoot
             velocity = (target - self.position) / max(4.0 * self._time_constant, seconds)
-            self._approach(_within(velocity, self._limits.velocity), self._time_constant, seconds)
+            self._approach(_within(velocity, self._limits.speed), self._time_constant, seconds)
         else:
-            self._approach(_within(target, self._limits.velocity), self._time_constant, seconds)
+            self._approach(_within(target, self._limits.speed), self._time_constant, seconds)
         self._stop_at_the_ends()
         self.effort = self._inertia * (self.velocity - before) / seconds + self._damping * self.velocity
 

@@ -191,7 +191,7 @@ def prepared(
 def _described(joint: Joint) -> Described:
     limits, dynamics = joint.limits, joint.dynamics
     speed = {} if limits.speed == math.inf else {"speed": limits.speed}
-    return Described(limits.effort, dynamics.friction, dynamics.damping, **speed)
+    return Described(limits.max_effort, dynamics.friction, dynamics.damping, **speed)
 
 
 def add_locks(spec: Any, axes: Mapping[str, AxisSettings], step: float) -> None:  # noqa: ANN401 - as above

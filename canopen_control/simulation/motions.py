@@ -96,5 +96,5 @@ def _range(joint: Joint | None, interface: str) -> tuple[float, float] | None:
     if interface == POSITION:
         low, high = max(-most, limits.lower * _MARGIN), min(most, limits.upper * _MARGIN)
         return (low, high) if low < high else (limits.lower, limits.upper)
-    limit = limits.speed if interface == VELOCITY else limits.effort
+    limit = limits.speed if interface == VELOCITY else limits.max_effort
     return (-min(most, limit * _MARGIN), min(most, limit * _MARGIN)) if math.isfinite(limit) else (-most, most)

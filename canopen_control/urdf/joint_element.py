@@ -87,6 +87,11 @@ class UrdfLimits:
         """Maximum velocity; infinite if the limit is 0, which exporters write for an unknown limit."""
         return abs(self.velocity) or math.inf
 
+    @property
+    def max_effort(self) -> float:
+        """Magnitude of the effort limit (ros2_control takes the absolute value); 0 permits no effort."""
+        return abs(self.effort)
+
 
 @dataclass(frozen=True, slots=True)
 class HardLimits:
@@ -169,7 +174,7 @@ class Joint:
         limits = self.limits
         if interface == POSITION:
             return (-math.inf, math.inf) if self.type == "continuous" else (limits.lower, limits.upper)
-        most = {VELOCITY: limits.speed, EFFORT: limits.effort}.get(interface, math.inf)
+        most = {VELOCITY: limits.speed, EFFORT: limits.max_effort}.get(interface, math.inf)
         return -most, most
 
     def position_in(self, positions: Mapping[str, float | None]) -> float:

@@ -416,3 +416,21 @@ def test_limits_of_zero_are_reported_with_the_axis_that_they_stop(tmp_path):
         f"ros2_controllers.yaml:{line}: warning: robby_base_controller: linear.x.max_velocity is 0, so the base does "
         "not move along linear.x; give a value above 0, or remove it"
     ]
+
+
+@pytest.mark.parametrize(("effort", "count"), [("0", 1), ("-2.5", 0), ("2.5", 0)])
+def test_an_effort_limit_of_zero_is_reported_for_a_commanded_effort(effort, count, tmp_path):
+    description = {
+        '<command_interface name="velocity"/>': '<command_interface name="effort"/>',
+        '<axis xyz="0 1 0"/>': f'<axis xyz="0 1 0"/><limit effort="{effort}" velocity="0"/>',
+    }
+    files = changed(
+        tmp_path, "robby", controllers={"interface_name: velocity": "interface_name: effort"}, description=description
+    )
+    reported = [text for text in found(files) if "<limit>" in text and "left_wheel_joint" in text]
+    line = line_of(files, "controllers", "- left_wheel_joint")
+    assert reported == count * [
+        f'ros2_controllers.yaml:{line}: warning: robby_forward_controller: effort="0" in the <limit> of '
+        "left_wheel_joint reduces every commanded effort to 0; give the maximum effort in Nm (N of a prismatic joint) "
+        "there, in robby.urdf.xacro"
+    ]

@@ -99,6 +99,14 @@ def test_it_never_leaves_the_limits_of_the_description(interface, commands):
         assert abs(motor.velocity) <= (4.0 if interface == "effort" else 3.0) + 1e-9
 
 
+def test_a_velocity_limit_of_zero_is_unknown_and_a_negative_effort_limit_is_a_magnitude():
+    motor = FirstOrderMotor(UrdfLimits(velocity=0.0, effort=-0.2), inertia=0.02, damping=0.1)
+    motor.follow("velocity", 3.0, 1.0)
+    assert motor.velocity == pytest.approx(3.0)
+    motor.follow("effort", 0.5, 10.0)
+    assert motor.velocity == pytest.approx(2.0), "0.2 Nm against a damping of 0.1"
+
+
 def test_without_a_command_and_after_a_release_it_comes_to_rest():
     created = system(part())
     claim(created, "j/velocity", 5.0)
