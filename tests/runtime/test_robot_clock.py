@@ -36,49 +36,49 @@ class Made:
 
 
 @pytest.fixture
-def created():
-    created = Made()
-    yield created
-    created.reactor.close()
+def robot():
+    robot = Made()
+    yield robot
+    robot.reactor.close()
 
 
-def test_without_a_pause_it_is_this_computers(made):
-    made.cycle(2)
-    assert made.times == [1_000_000_000 + PERIOD, 1_000_000_000 + 2 * PERIOD]
-    assert made.clock.now() == made.reactor.now()
-    assert made.clock.hint is None
+def test_without_a_pause_it_is_this_computers(robot):
+    robot.cycle(2)
+    assert robot.times == [1_000_000_000 + PERIOD, 1_000_000_000 + 2 * PERIOD]
+    assert robot.clock.now() == robot.reactor.now()
+    assert robot.clock.hint is None
 
 
-def test_a_pause_takes_no_time(made):
-    made.cycle(2)
-    made.clock.pause()
-    made.cycle(100)
-    assert made.clock.now() == made.times[-1]
-    assert "world play" in made.clock.hint
-    made.clock.resume()
-    assert made.clock.now() == made.times[-1]
-    made.cycle(2)
-    assert [later - sooner for sooner, later in zip(made.times, made.times[1:], strict=False)] == [PERIOD] * 3
-    assert made.clock.now() == made.times[-1]
+def test_a_pause_takes_no_time(robot):
+    robot.cycle(2)
+    robot.clock.pause()
+    robot.cycle(100)
+    assert robot.clock.now() == robot.times[-1]
+    assert "world play" in robot.clock.hint
+    robot.clock.resume()
+    assert robot.clock.now() == robot.times[-1]
+    robot.cycle(2)
+    assert [later - sooner for sooner, later in zip(robot.times, robot.times[1:], strict=False)] == [PERIOD] * 3
+    assert robot.clock.now() == robot.times[-1]
 
 
-def test_the_client_of_steps_is_notified_once_when_they_are_done_or_abandoned(made):
-    made.cycle()
-    made.clock.pause()
-    made.clock.step(5, made)
-    made.cycle()
-    assert made.answers == []
-    made.cycle(3)
-    assert made.answers == [None]
-    made.clock.step(500, made)
-    made.clock.step(1, made)
-    assert made.answers == [None, "the steps were replaced by another request"]
-    made.clock.resume()
-    assert "remaining steps were cancelled" in made.answers[-1]
-    made.clock.pause()
-    made.clock.step(3, made)
-    made.clock.end()
-    assert made.answers[-1] == "the robot has stopped"
+def test_the_client_of_steps_is_notified_once_when_they_are_done_or_abandoned(robot):
+    robot.cycle()
+    robot.clock.pause()
+    robot.clock.step(5, robot)
+    robot.cycle()
+    assert robot.answers == []
+    robot.cycle(3)
+    assert robot.answers == [None]
+    robot.clock.step(500, robot)
+    robot.clock.step(1, robot)
+    assert robot.answers == [None, "the steps were replaced by another request"]
+    robot.clock.resume()
+    assert "remaining steps were cancelled" in robot.answers[-1]
+    robot.clock.pause()
+    robot.clock.step(3, robot)
+    robot.clock.end()
+    assert robot.answers[-1] == "the robot has stopped"
 
 
 ACTS = st.lists(st.one_of(st.sampled_from(["pause", "resume", "cycle"]), st.integers(1, 9)), max_size=40)
@@ -86,22 +86,22 @@ ACTS = st.lists(st.one_of(st.sampled_from(["pause", "resume", "cycle"]), st.inte
 
 @given(ACTS)
 def test_whatever_is_asked_for_each_cycle_is_one_period_after_the_one_before(acts):
-    created = Made()
+    robot = Made()
     expected = 0
     for act in acts:
         if isinstance(act, int):
-            if created.clock.paused:
-                created.clock.step(act, created)
-                created.cycle(act)
+            if robot.clock.paused:
+                robot.clock.step(act, robot)
+                robot.cycle(act)
                 expected += act
         elif act == "cycle":
-            created.cycle()
-            expected += not created.clock.paused
+            robot.cycle()
+            expected += not robot.clock.paused
         else:
-            getattr(created.clock, act)()
-    assert len(created.times) == expected
-    assert all(later - sooner == PERIOD for sooner, later in zip(created.times, created.times[1:], strict=False))
-    created.reactor.close()
+            getattr(robot.clock, act)()
+    assert len(robot.times) == expected
+    assert all(later - sooner == PERIOD for sooner, later in zip(robot.times, robot.times[1:], strict=False))
+    robot.reactor.close()
 
 
 SECOND = 1_000_000_000
@@ -141,10 +141,10 @@ def test_a_clock_that_is_slewed_is_followed_in_silence():
 
 def test_a_stamp_of_before_a_step_back_is_as_old_as_it_is():
     walls = Walls()
-    stamp, created = walls.unix, walls.now
+    stamp, robot = walls.unix, walls.now
     walls.passes(SECOND, -2 * SECOND)
     walls.wall.follow()
-    assert walls.wall.made_at(stamp) == created  # it lies in the future of the new time
+    assert walls.wall.made_at(stamp) == robot  # it lies in the future of the new time
     assert walls.wall.made_at(walls.unix) == walls.now
     walls.passes(3 * SECOND)
     walls.wall.follow()
