@@ -290,9 +290,8 @@ class DriveRequest:
 
 
 _AT_ONCE: Final = -1
-_WATCHED: Final = (
-    0x6F | VOLTAGE_ENABLED | REMOTE | TARGET_REACHED
-)  # changes of other bits of the statusword need no evaluation
+# changes of other bits of the statusword need no evaluation
+_WATCHED: Final = 0x6F | VOLTAGE_ENABLED | REMOTE | TARGET_REACHED
 _SECOND: Final = 1_000_000_000
 # Transition 16 is optional: a drive without this transition is soon taken through SWITCH ON DISABLED instead. A quick
 # stop starts at once, unless 0x605A disables quick stops (Beckhoff AX8000: -1).
