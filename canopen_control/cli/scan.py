@@ -201,7 +201,8 @@ class _Servers:
 def _read_identities(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
     """Read 0x1000 of all node-IDs, then further objects of the nodes that respond; return the nodes found.
 
-    A node whose answer comes too late counts as present: it is read again, with a longer timeout.
+    A node whose answer comes too late counts as present: it is read again, with a longer timeout. So is a further
+    object of a present node whose answer is lost.
     """
     servers = _Servers()
     bus.listeners.append(servers)
@@ -219,6 +220,8 @@ def _read_identities(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, Found
     further = bus.read_many(
         ((node_id, *address) for node_id in answering for address in _OBJECTS[1:]), timeout_s=_PATIENCE_S
     )
+    unanswered = [address for address, answer in further.items() if _is_silent(answer)]
+    further |= bus.read_many(unanswered, timeout_s=_PATIENCE_S)
     answers = {**device_types, **further}
     nodes = {}
     for node_id in answering:

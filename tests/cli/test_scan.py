@@ -153,6 +153,16 @@ def test_a_node_that_has_answered_may_take_longer_than_the_timeout(bus, capsys):
     assert capsys.readouterr().out.splitlines()[2].split()[2:4] == ["0x00000000", "0x00000402"]
 
 
+def test_an_object_whose_answer_is_lost_is_read_again(bus, monkeypatch, capsys):
+    monkeypatch.setattr(verb, "_PATIENCE_S", 0.2)
+    wire = MemoryBus.get("scan")
+    lost = Once(0x583, index=0x1018)
+    wire.hold(lost)
+    assert scan() == 0
+    assert lost.frame is not None
+    assert capsys.readouterr().out.splitlines()[2].split()[2:4] == ["0x00000000", "0x00000402"]
+
+
 class Once:
     """Selects the first SDO frame with this COB-ID and index, and then calls `then`."""
 
