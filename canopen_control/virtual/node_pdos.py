@@ -357,10 +357,10 @@ class PdoExchange:
         self._axes, self._on_rebuilt = axes, rebuilt
         self.refused = 0
         self._refusing: set[int] = set()  # RPDOs
-        self.input = RpdoInput()
+        self.input: RpdoInput = RpdoInput()  # annotated, as `tpdos`, for the modules of quirks that are compiled before
         self.records = PdoRecords(store, motors, rtr_supported=model.rtr_supported)
         self.rpdos = {number: MappedRpdo(number) for number in self.records.numbers(RPDO)}
-        self.tpdos = {number: MappedTpdo(number) for number in self.records.numbers(TPDO)}
+        self.tpdos: dict[int, MappedTpdo] = {number: MappedTpdo(number) for number in self.records.numbers(TPDO)}
         self.has_event_pdos = False
         self.function: DeviceFunction | None = None  # decides which changes trigger TPDOs
         self.outgoing: tuple[deque[CanFrame], ...] = ()

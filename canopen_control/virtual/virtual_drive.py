@@ -320,8 +320,10 @@ class VirtualDrive:
     ) -> None:
         self.axis, self._store, self._outbox, self._clock = axis, store, outbox, clock
         self.wants_samples = shows_motion
-        self.objects = objects = AxisObjects(store, axis, model)
-        self.mover = mover = AxisMotion(IdealPlant() if plant is None else plant, self)
+        # attributes that quirks use have annotations: a compiled module is checked before this one
+        self.objects: AxisObjects = AxisObjects(store, axis, model)
+        self.mover: AxisMotion = AxisMotion(IdealPlant() if plant is None else plant, self)
+        objects, mover = self.objects, self.mover
         self.power: PowerMachine = PowerMachine(objects, mover, outbox, nmt, self)
         self.limits = DriveLimits(objects, mover, outbox, self.power)
         self.meter = SetpointStatistics()
