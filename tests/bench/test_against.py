@@ -72,7 +72,7 @@ def test_both_are_measured_in_pairs_that_begin_with_one_and_the_other_in_turn(re
         (["--", "--all", "cycle"], "no commit '--all' in"),
         (["HEAD", "cicle"], "no family 'cicle'; available: cycle"),
         (["HEAD", "scale"], "has no family 'scale'; it has: all, cycle, old"),
-        (["HEAD", "cycle", "--pairs", "3"], "fewer than 7 pairs"),
+        (["HEAD", "cycle", "--pairs", "3"], "at least 7 pairs are needed"),
         (["HEAD", "cycle", "--json", "/none/there.json"], "there is no folder /none"),
     ],
 )

@@ -95,7 +95,7 @@ def test_a_shot_of_the_scope_is_drawn_by_the_pages_own_files_and_saved_as_it_is_
     keep(page, "drive_scope_shot")
 
 
-def test_stop_is_in_reach_in_every_tab_and_the_page_is_not_a_wider_than_its_screen(show, keep):
+def test_stop_is_in_reach_in_every_tab_and_the_page_is_not_wider_than_its_screen(show, keep):
     show = show("vtabs")
     page = opened(show, "status")
     for tab in ("status", "objects", "scope", "tune", "parameters", "firmware"):

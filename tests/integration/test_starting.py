@@ -91,7 +91,7 @@ def test_drives_that_need_seconds_to_start_are_waited_for_and_nothing_is_reporte
         line for line in robot.out.splitlines() if not line.startswith("a cycle was missed")
     ]  # on a busy machine
     assert reported[0].startswith("node "), robot.out
-    assert "operational after" in robot.out.splitlines()[0]
+    assert "operational after" in reported[0]
     assert "error" not in robot.out
     assert not list(stage.place.glob("**/flight/*.zip"))
 

@@ -203,6 +203,7 @@ def test_on_a_phone_stop_state_and_pad_are_in_sight_and_stop_under_the_thumb(sho
         assert box["y"] + box["height"] <= 844
         assert box["y"] > 844 / 2 - 60, name  # where a thumb gets to
         assert min(box["width"], box["height"]) >= 44  # and hits
+    show.ready(page)
     assert page.page.get_by_text("running", exact=True).bounding_box()["y"] < 80
     assert page.page.evaluate("document.documentElement.scrollWidth") == 390
     page.page.evaluate("scrollTo(0, 99999)")

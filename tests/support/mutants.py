@@ -50,7 +50,9 @@ def enabled_again_after_a_stop(patch):
 
     def again(self, now):
         for joint in self._joints:
-            joint.resume = joint.resume or (joint.statechart.state.name == "OFF" and now % 5_000_000_000 < 200_000_000)
+            joint.resume = joint.resume or (
+                joint.statechart.state.name == "DISABLED" and now % 5_000_000_000 < 200_000_000
+            )
         step(self, now)
 
     patch.setattr(Recovery, "step", again)

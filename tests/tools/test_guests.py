@@ -38,7 +38,7 @@ def test_without_the_packages_it_suggests_what_to_type(tool, package, bare):
     done = launch(tool, "true", path=bare)
     if "needs Linux on x86_64" not in done.stderr:
         assert "not installed: " in done.stderr
-        assert "type: sudo apt-get install" in done.stderr
+        assert "run: sudo apt-get install" in done.stderr
         amx = "amx_tile" in Path("/proc/cpuinfo").read_text(encoding="utf-8")  # user-mode Linux cannot run there
         emulated = amx or os.environ.get("CANOPEN_CONTROL_VCAN_GUEST") == "qemu"
         assert ("qemu-system-x86" if emulated else package) in done.stderr

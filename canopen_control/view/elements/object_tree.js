@@ -61,11 +61,11 @@ export default {
       <p v-if="!shown.size && !problem" class="cc-note">{{ filter === "star" ? "No favourites yet: press the star of an object." : filter === "changed" ? "No object that was read differs from its default. Only visible objects are read." : "No objects." }}</p>
     </div>`,
   props: { rows: Array, writes: Boolean, product: String },
-  data: () => ({ search: "", filter: "all", matches: null, problem: "", live: {}, stars: {}, opened: {}, results: {}, wide: {}, closed: {}, none: {} }),
+  data: () => ({ search: "", filter: "all", hits: null, problem: "", live: {}, stars: {}, opened: {}, results: {}, wide: {}, closed: {}, none: {} }),
   computed: {
     filters: () => [["all", "All"], ["star", "★ Favourites"], ["changed", "● Changed"]],
     shown() {
-      const passes = (row) => (!this.matches || this.matches.has(row.a)) && (this.filter === "all" || (this.filter === "star" ? this.stars[row.a] : this.live[row.a]?.changed));
+      const passes = (row) => (!this.hits || this.hits.has(row.a)) && (this.filter === "all" || (this.filter === "star" ? this.stars[row.a] : this.live[row.a]?.changed));
       return new Set(this.rows.filter(passes).map((row) => row.a));
     },
     groups() {
@@ -146,7 +146,7 @@ export default {
       this.searchTimer = setTimeout(() => this.$emit("search", this.search), 200);
     },
     isWide(object) {
-      return this.wide[object.index] ?? (!!this.matches || this.filter !== "all");
+      return this.wide[object.index] ?? (!!this.hits || this.filter !== "all");
     },
     toggleFavourite(address) {
       if (this.stars[address]) delete this.stars[address];
@@ -168,7 +168,7 @@ export default {
     },
     matches(addresses, problem, text) {
       this.answered = text;
-      this.matches = addresses && new Set(addresses);
+      this.hits = addresses && new Set(addresses);
       this.problem = problem;
     },
     answer(address, text, good) {
