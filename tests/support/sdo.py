@@ -86,7 +86,8 @@ def play_client(text: str) -> None:
     options, (verb, address, *words) = _options(text)
     index, _, subindex = address.partition(":")
     tries = {name: options.pop(name) for name in ("retries",) if name in options}
-    client = SdoClient(NODE, options=SdoOptions(**options), **tries)
+    switches = {name: bool(options[name]) for name in ("crc", "announce_size") if name in options}  # 0 or 1 in the text
+    client = SdoClient(NODE, options=SdoOptions(**options | switches), **tries)
     place, block = (int(index, 16), int(subindex or "0", 16)), {"block": True} if "block" in verb else {}
     if verb.endswith("write"):
         data = words.pop(0)
