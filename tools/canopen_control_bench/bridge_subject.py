@@ -38,18 +38,10 @@ class BridgeSubject:
         session.robot.observers.append(_ReadyTeller())
         session.reactor.add_reader(0, self._on_order)
 
-    def command(
-        self,
-        controller: str,
-        values: Sequence[float],
-        source: str,
-        stamp: float | None = None,
-        *,
-        holder: object = None,
-    ) -> None:
+    def command(self, controller: str, values: Sequence[float], *words: Any, **options: Any) -> Any:  # noqa: ANN401
         """Record the age of a command, and execute it."""
         self.latencies.append(time.monotonic() - values[0])
-        self.session.robot.command(controller, [0.0] * len(values), source, stamp, holder=holder)
+        return self.session.robot.command(controller, [0.0] * len(values), *words, **options)
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever it is there
         """Forward everything else to the robot."""
