@@ -160,8 +160,8 @@ class HomingSequence:
 
     The caller sets 0x6098, the speeds and the mode, and restores the previous mode. `homed` is False from `start` until
     success, and after `forget`. `start_timeout_ns` limits the time until homing is seen in progress, `timeout_ns` the
-    whole homing; `settle_updates` is the number of updates for which ambiguous bits must be stable. A change of the
-    position by at most `tolerance` counts is no change.
+    whole homing; `settle_updates` is the number of updates for which ambiguous bits must be stable. Changes of the
+    position by at most `tolerance` counts are ignored.
     """
 
     def __init__(

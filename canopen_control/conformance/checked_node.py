@@ -194,7 +194,7 @@ class CheckedNode:
         self._transfer(self._client.write(index, subindex, data, block=block, now=self.reactor.now()))
 
     def described(self, index: int, subindex: int = 0) -> Entry | None:
-        """Return an entry of the EDS, or None if there is no EDS or it does not list the entry."""
+        """Return an entry of the EDS, or None without an EDS or without this entry."""
         return None if self.eds is None else self.eds.od.get(index, subindex)
 
     def optional(self, index: int, subindex: int = 0) -> bytes:

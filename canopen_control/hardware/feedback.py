@@ -119,7 +119,7 @@ _SLACK: Final = math.tau  # rad: motion between two samples that is possible wit
 class Feedback:
     """State interfaces of one joint; `at_standstill` is True while the drive shows almost no motion.
 
-    A velocity of 0 is no proof of standstill while the position changes: drives without a sensor for the velocity, or
+    A velocity of 0 does not prove standstill while the position changes: drives without a sensor for the velocity, or
     with a coarse unit of velocity, show 0 in 0x606C during a motion; `hidden_motion` is the text that reports it once.
     """
 

@@ -624,7 +624,8 @@ class JointDrive(JointStatus):
         self.machine.mode_bits = run.step(self.enable_requested, ready, now, standing=standing, position=shown)
         if run.phase is HomingPhase.RUN:
             self._fire(PhaseTrigger.HOMING_STARTED)
-        if run.over and not (run.homed and run.ended_within(now, _ZERO_NS) and self._motion_after(run)):
+        waits = run.homed and run.ended_within(now, _ZERO_NS) and self._motion_in(run.mode_before)
+        if run.over and not waits:
             self._leave_homing(run)
 
     def _abort_homing(self, reason: str) -> None:
@@ -632,11 +633,9 @@ class JointDrive(JointStatus):
             self.homing.abort(reason)
             self._leave_homing(self.homing)
 
-    def _motion_after(self, run: JointHoming) -> str | None:
-        """Return why an enabled axis would move in the mode before the homing, or None."""
-        if run.mode_before is None or self.machine.state is not State.OPERATION_ENABLED:
-            return None
-        return self.targets.uncommanded_motion(mode_of(run.mode_before))
+    def _motion_in(self, mode: int | None) -> str | None:
+        """Return why an enabled axis would move without a command in a mode, or None."""
+        return self.targets.uncommanded_motion(mode) if self.machine.state is State.OPERATION_ENABLED else None
 
     def _leave_homing(self, run: JointHoming) -> None:
         """Restore the mode and the power state after homing; after a success, positions count from the new zero."""
@@ -667,7 +666,7 @@ class JointDrive(JointStatus):
         self._mode_after_homing = None
         if machine.mode != OperationMode.HM:
             return  # another mode was requested meanwhile
-        moves = self.targets.uncommanded_motion(mode) if machine.state is State.OPERATION_ENABLED else None
+        moves = self._motion_in(mode)
         if moves is None:
             self.targets.take_mode(mode)
         else:

@@ -216,9 +216,8 @@ def find_robot(
     more = _more_buses(bus_folder, missing) if bus_folder is not None and bus is None else {}
     world = _world(hardware, launch, missing)
     missing += _irregular((main, control, described, *more.values()))
-    foreign = next((word for word in words if word not in hardware.names), None)
-    if alone and foreign and launched is None:
-        missing.append(f"{main} is a bus without a description and accepts no arguments; omit {foreign}:=")
+    if alone and launched is None:
+        missing += _foreign_arguments(main, words, hardware)
     if missing or (no_bus and (more or bus is not None)):
         needed = control == described == Path() or bool(more) or bus is not None
         _refuse_missing(launch if folder is None else None, launched, no_bus, missing, needed=needed)
@@ -233,13 +232,15 @@ def find_robot(
         return robot
     options = {"bus": bus, "controllers": controllers, "description": description}
     unasked = {kind: path for kind, path in launched.files.items() if options[kind] is None}
-    return replace(
-        robot,
-        idle=launched.idle,
-        spawned=() if alone else launched.spawned,
-        variables=launched.variables,
-        not_launched=_used_instead({"bus": main, "controllers": control, "description": described}, unasked),
-    )
+    instead = _used_instead({"bus": main, "controllers": control, "description": described}, unasked)
+    spawned = () if alone else launched.spawned
+    return replace(robot, idle=launched.idle, spawned=spawned, variables=launched.variables, not_launched=instead)
+
+
+def _foreign_arguments(bus: Path, words: Iterable[str], hardware: AskedHardware) -> list[str]:
+    """Return an error if an argument of a bus without a description does not select hardware."""
+    foreign = next((word for word in words if word not in hardware.names), None)
+    return [f"{bus} is a bus without a description and accepts no arguments; omit {foreign}:="] if foreign else []
 
 
 def _used_instead(used: Mapping[str, Path], named: Mapping[str, Path]) -> dict[str, tuple[Path, Path]]:

@@ -55,7 +55,7 @@ FRESH = {
 
 
 class Shell:
-    """Answers `ip ... show` with what is there, and other commands with success unless told otherwise."""
+    """Answers `ip ... show` with what is there, and other commands with success unless configured otherwise."""
 
     def __init__(self, *entries, failures=()):
         self.entries = list(entries)

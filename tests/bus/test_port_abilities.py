@@ -32,16 +32,16 @@ def test_a_port_without_stamps_gives_the_time_of_reading_and_each_record_its_own
 
 
 class Knowing:
-    """A port that says what is in `told`."""
+    """A port that says what is in `collected`."""
 
-    def __init__(self, told):
-        self.told, self.asked = told, 0
+    def __init__(self, collected):
+        self.collected, self.asked = collected, 0
 
     def ask_stamps(self):
         self.asked += 1
 
     def receive_stamped(self):
-        return pack_records([ONE] * len(self.told)), [*self.told]
+        return pack_records([ONE] * len(self.collected)), [*self.collected]
 
 
 def test_a_port_with_its_own_state_is_asked_at_once():

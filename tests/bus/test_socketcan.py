@@ -357,7 +357,7 @@ def test_a_controller_that_restarts_without_a_word_is_back_with_the_first_frame(
     assert bench.kinds() == [BusEventKind.BUS_OFF, BusEventKind.ERROR_ACTIVE]
     bench.socket.put(ONE)
     bench.received()
-    assert bench.kinds() == [], "told once"
+    assert bench.kinds() == [], "reported once"
 
 
 def test_a_controllers_own_overflow_report_has_no_number_in_it(bench):

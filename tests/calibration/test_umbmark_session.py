@@ -37,7 +37,7 @@ def test_a_robot_as_it_should_be_has_nothing_to_correct():
 
 
 class Floor:
-    """A base by its formulas alone: drives exactly, so that its error is what it is told to be."""
+    """A base by its formulas alone: drives exactly, so that its error is what it is given to be."""
 
     def __init__(self, *errors):
         self.errors, self.factors, self.set = list(errors), (1.0, 1.0, 1.0), []

@@ -11,7 +11,7 @@ DT = 0.02
 
 
 class Base:
-    """A base that does what it is told a cycle later, up to an acceleration, and its odometry."""
+    """A base that follows its commands a cycle later, up to an acceleration, and its odometry."""
 
     def __init__(self, x=0.0, y=0.0, heading=0.0, deaf=False):
         self.x, self.y, self.heading = x, y, heading

@@ -145,13 +145,13 @@ def line_of(path, text):
     return next(number for number, line in enumerate(path.read_text().splitlines(), 1) if text in line)
 
 
-def told(config, severity):
+def texts_of(config, severity):
     return [text.replace(f"{config}/", "") for text in texts(check(config), severity)]
 
 
 def test_a_cycle_that_cannot_fit_is_refused_with_the_shortest_period(tmp_path):
     config = copy_robby(tmp_path, bus={"baudrate: 1000": "baudrate: 20"})
-    assert told(config, Severity.ERROR) == [
+    assert texts_of(config, Severity.ERROR) == [
         f"bus.yml:{line_of(config / 'bus.yml', 'sync_period:')}: error: a cycle of 20 ms is too short for its 935 bits "
         "at 20 kbit/s; the shortest possible period is 46.75 ms; raise sync_period, raise the bit rate, or map less"
     ]
@@ -164,7 +164,7 @@ def test_without_sync_it_is_the_update_rate_that_the_bus_cannot_carry(tmp_path):
         bus={"sync_period: 20000": "sync_period: 0"},
         controllers={"update_rate: 50": "update_rate: 2000"},
     )
-    (error,) = [item for item in told(config, Severity.ERROR) if "is too short for" in item]
+    (error,) = [item for item in texts_of(config, Severity.ERROR) if "is too short for" in item]
     line = line_of(config / "ros2_controllers.yaml", "update_rate")
     assert re.fullmatch(
         rf"ros2_controllers\.yaml:{line}: error: a cycle of 0\.5 ms "
@@ -178,7 +178,7 @@ def test_a_load_above_seventy_per_cent_is_a_warning(tmp_path):
     slow = {"baudrate: 1000": "baudrate: 125", "sync_period: 20000": "sync_period: 10000"}
     config = copy_robby(tmp_path, bus=slow)
     line = line_of(config / "bus.yml", "sync_period:")
-    assert told(config, Severity.WARNING)[0] == (
+    assert texts_of(config, Severity.WARNING)[0] == (
         f"bus.yml:{line}: warning: the bus has a load of 76% by process data and heartbeats alone; "
         "above 70% too little bandwidth is left for SDO and EMCY; raise sync_period, raise the bit rate, or map less"
     )
@@ -192,7 +192,7 @@ def test_a_drive_that_brakes_for_longer_than_a_stop_may_last_is_a_warning(tmp_pa
     text = (config / "bus.yml").read_text()
     slow = "  sdo:\n    - {index: 0x6084, sub_index: 0, value: 10000}\n"
     (config / "bus.yml").write_text(text.replace("  sdo:\n", slow, 1))
-    result = told(config, Severity.WARNING)
+    result = texts_of(config, Severity.WARNING)
     assert len(result) == 6
     assert "joint_1 needs 209 s to brake from 2086076 units/s (ramp of 0x6084 (10000)); a stop that takes" in result[0]
     assert "becomes a quick stop; write a faster ramp" in result[0]
@@ -201,7 +201,7 @@ def test_a_drive_that_brakes_for_longer_than_a_stop_may_last_is_a_warning(tmp_pa
         text.replace("vel_from_dev: 9.587379924285258e-07", "vel_from_dev: 9.587379924285258e-08")
     )
     unit = "read the unit of the ramp in the manual: if it is that of the velocities per s, write a faster ramp"
-    assert any(unit in each for each in told(config, Severity.WARNING))
+    assert any(unit in each for each in texts_of(config, Severity.WARNING))
 
 
 @pytest.mark.parametrize(("limit", "speed"), [("-2.0", "2086076"), ("0", "6553600")])

@@ -22,7 +22,7 @@ GOOD = """\
 """
 
 
-def told(tmp_path, text, files=None, name="base.launch"):
+def collected(tmp_path, text, files=None, name="base.launch"):
     path = tmp_path / name
     path.write_text(text)
     return [item.replace(f"{tmp_path}/", "") for item in found(files or find_robot("mobile_base_ros1"), launch=path)]
@@ -63,7 +63,7 @@ def told(tmp_path, text, files=None, name="base.launch"):
 )
 def test_an_error_is_reported_with_its_line_and_the_remedy(tmp_path, old, new, line, message):
     assert old in GOOD
-    (text,) = told(tmp_path, GOOD.replace(old, new))
+    (text,) = collected(tmp_path, GOOD.replace(old, new))
     assert text == f"base.launch:{line}: {message}"
 
 
@@ -71,7 +71,7 @@ def test_a_joint_without_a_transmission(tmp_path):
     files = changed(tmp_path, "mobile_base_ros1")
     text = re.sub(r"<transmission.*?</transmission>", "", files.description.read_text(), flags=re.DOTALL)
     files.description.write_text(text)
-    texts = told(tmp_path, GOOD, files)
+    texts = collected(tmp_path, GOOD, files)
     assert texts[0] == (
         "mobile_base.urdf.xacro:29: error: joint 'wheel_left_joint' has no <transmission>, so mobile_base_controller "
         "finds no interface of the joint; add a <transmission> with a SimpleTransmission, the joint and the actuator"
@@ -80,11 +80,11 @@ def test_a_joint_without_a_transmission(tmp_path):
 
 
 def test_a_namespace_that_only_one_side_has(tmp_path):
-    texts = told(tmp_path, GOOD.replace('type="spawner"', 'type="spawner" ns="/robot"'))
+    texts = collected(tmp_path, GOOD.replace('type="spawner"', 'type="spawner" ns="/robot"'))
     assert len(texts) == 2
     assert "mobile_base_controller is in the namespace '/', but its controller_manager in '/robot'" in texts[1]
     option = GOOD.replace("--shutdown-timeout 3", "--namespace=/robot")
-    assert told(tmp_path, option) == texts
+    assert collected(tmp_path, option) == texts
     files = changed(
         tmp_path,
         "mobile_base_ros1",
@@ -92,43 +92,43 @@ def test_a_namespace_that_only_one_side_has(tmp_path):
     )
     grouped = GOOD.replace("joint_state_controller ", "")
     grouped = grouped.replace("<launch>", '<launch><group ns="robot">').replace("</launch>", "</group></launch>")
-    assert told(tmp_path, grouped, files) == []
+    assert collected(tmp_path, grouped, files) == []
 
 
 def test_ros_2s_xml_is_read_too(tmp_path):
     text = """<launch>
       <node pkg="controller_manager" exec="spawner" args="robby_base_controler -c /controller_manager"/>
     </launch>"""
-    (told_text,) = told(tmp_path, text, find_robot("robby"))
+    (told_text,) = collected(tmp_path, text, find_robot("robby"))
     assert "base.launch:2: error: the spawner loads 'robby_base_controler'" in told_text
     space = (
         '<launch><push-ros-namespace namespace="r"/><node pkg="controller_manager" exec="spawner" args="%s"/></launch>'
     )
-    (told_text,) = told(tmp_path, space % "robby_base_controller", find_robot("robby"))
+    (told_text,) = collected(tmp_path, space % "robby_base_controller", find_robot("robby"))
     assert "its controller_manager in '/r'" in told_text
 
 
 def test_yaml_is_read_too(tmp_path):
     spawner = "node: {pkg: controller_manager, exec: spawner, args: %s -c /controller_manager}"
     text = f"launch:\n  - {spawner % 'robby_base_controler'}\n"
-    (told_text,) = told(tmp_path, text, find_robot("robby"), name="base.launch.yaml")
+    (told_text,) = collected(tmp_path, text, find_robot("robby"), name="base.launch.yaml")
     assert "base.launch.yaml:2: error: the spawner loads 'robby_base_controler'" in told_text
     node = "node: {pkg: controller_manager, exec: spawner, args: robby_base_controller}"
     text = f"launch:\n  - group:\n      - push_ros_namespace: {{namespace: r}}\n      - {node}\n"
-    (told_text,) = told(tmp_path, text, find_robot("robby"), name="base.launch.yaml")
+    (told_text,) = collected(tmp_path, text, find_robot("robby"), name="base.launch.yaml")
     assert "its controller_manager in '/r'" in told_text
-    (told_text,) = told(tmp_path, "launch: [", find_robot("robby"), name="base.launch.yaml")
+    (told_text,) = collected(tmp_path, "launch: [", find_robot("robby"), name="base.launch.yaml")
     assert "base.launch.yaml:1" in told_text
 
 
 def test_what_is_not_a_xml_or_python_is_reported(tmp_path):
-    (text,) = told(tmp_path, "<launch>")
+    (text,) = collected(tmp_path, "<launch>")
     assert re.match(r"base\.launch:1: error: .*no element found", text)
-    (text,) = told(tmp_path, "import launch", name="base.launch.py")
+    (text,) = collected(tmp_path, "import launch", name="base.launch.py")
     assert text == (
         "base.launch.py:1: warning: the function generate_launch_description, which ros2 launch calls, is missing"
     )
-    (text,) = told(tmp_path, "import launch\nx = (", name="base.launch.py")
+    (text,) = collected(tmp_path, "import launch\nx = (", name="base.launch.py")
     assert text == "base.launch.py:2: error: not valid Python: '(' was never closed"
     (text,) = found(find_robot("robby"), launch=tmp_path / "none.launch")
     assert "cannot be read" in text
@@ -138,7 +138,7 @@ def test_what_is_not_a_xml_or_python_is_reported(tmp_path):
 
 
 def of_python(folder, old="", new=""):
-    """Return what is told of a launch file in Python with something changed, notes included, without its path."""
+    """Return the findings of a launch file in Python with something changed, notes included, without its path."""
     assert old in LAUNCH
     path = make_package(folder, LAUNCH.replace(old, new, 1))
     package = path.parents[1]

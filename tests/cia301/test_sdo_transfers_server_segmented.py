@@ -10,7 +10,7 @@ a doubled request for a segment is answered once
     > 400720 < 410720000A > 60 >! 60 < 0030313233343536 > 70 < 19373839
 a request for a segment that is repeated after its answer has not alternated, and the transfer is over
     > 400720 < 410720000A > 60 < 0030313233343536 > 60 < 8007200000000305 > 70 < 8000000001000405
-a doubled request for the last segment is no error
+a doubled request for the last segment is not an error
     > 400720 < 410720000A > 60 < 0030313233343536 > 70 < 19373839 >! 70
 a doubled segment is taken once
     > 200820 < 600820 > 0031323334353637 >! 0031323334353637 < 20 > 1D38 < 30 >! 1D38 = 3132333435363738

@@ -88,8 +88,8 @@ WORDS = [f"{LEFT}: {HOT}", f"{LEFT}: fault; {HOT}", f"{RIGHT}: {SILENT}", f"{BOT
 
 @pytest.mark.rest
 @given(st.lists(st.tuples(st.floats(0, 100), st.sampled_from("abc"), st.sampled_from(WORDS)), max_size=12))
-def test_whatever_happens_every_clause_is_reported_and_no_line_twice(told):
-    events = [event(at, kind, text) for at, kind, text in sorted(told)]
+def test_whatever_happens_every_clause_is_reported_and_no_line_twice(collected):
+    events = [event(at, kind, text) for at, kind, text in sorted(collected)]
     lines = cause_lines(events, {})
     assert len(lines) == len(set(lines))
     for item in events:

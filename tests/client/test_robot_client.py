@@ -137,7 +137,7 @@ def push(client, count):
     client.ask(PublishEvent(kind="push", text=str(count)))
 
 
-def told(number):
+def collected(number):
     return {"time": number, "kind": "test", "level": "info", "node": None, "text": "it is"}
 
 
@@ -164,7 +164,7 @@ class Robot:
 
     def push(self, connection, count):
         for number in range(count):
-            say(connection, {"event": told(number)})
+            say(connection, {"event": collected(number)})
         return {"result": {}}
 
     def on_message(self, connection, request):

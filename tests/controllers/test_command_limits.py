@@ -190,7 +190,7 @@ class Bench:
     def send(self, interface: str, value: float, period: float = 0.1) -> float:
         command = self.registry.command(f"j/{interface}")
         command.owner, command.value = "c", value
-        self.told = self.limits.enforce(period)
+        self.collected = self.limits.enforce(period)
         return command.value
 
     def at(self, position: float) -> None:
@@ -234,14 +234,14 @@ def test_an_acceleration_comes_from_its_tag_only():
 def test_what_is_limited_is_reported_once_with_the_value_asked_for_and_the_limit():
     bench = Bench(VELOCITY)
     bench.send("velocity", 10.0)
-    assert bench.told == "j/velocity: 10 rad/s is limited to 3 rad/s"
+    assert bench.collected == "j/velocity: 10 rad/s is limited to 3 rad/s"
     for value in (10.0, 1.0, -9.0, 10.0):  # the same occasion, also through commands that pass
         bench.send("velocity", value)
-        assert bench.told is None
+        assert bench.collected is None
     for _ in range(11):
         bench.send("velocity", 1.0)
     bench.send("velocity", -9.0)
-    assert bench.told == "j/velocity: -9 rad/s is limited to -3 rad/s"
+    assert bench.collected == "j/velocity: -9 rad/s is limited to -3 rad/s"
 
 
 @pytest.mark.parametrize(
@@ -264,14 +264,14 @@ def test_the_limit_is_reported_in_the_units_of_the_description_not_of_a_cycle(in
     bench = Bench(inside, kind)
     bench.at(0.0)
     bench.send(interface, value)
-    assert bench.told == reported
+    assert bench.collected == reported
 
 
 def test_the_end_of_a_joint_is_reported_as_such():
     bench = Bench(VELOCITY, "revolute")
     bench.at(1.9)
     bench.send("velocity", 3.0)
-    assert bench.told == "j/velocity: 3 rad/s is limited to a velocity that ends at 2 rad"
+    assert bench.collected == "j/velocity: 3 rad/s is limited to a velocity that ends at 2 rad"
 
 
 def test_a_position_under_way_is_one_occasion_whatever_the_controllers_rate():
@@ -281,7 +281,7 @@ def test_a_position_under_way_is_one_occasion_whatever_the_controllers_rate():
     for cycle in range(30):  # a controller of a third of the rate writes its target now and then
         value = 5.0 if cycle % 3 == 0 else bench.registry.command("j/position").value
         bench.send("position", value, 0.02)
-        reports.append(bench.told)
+        reports.append(bench.collected)
     assert reports[0] is not None
     assert reports[1:] == [None] * 29
 
@@ -324,16 +324,16 @@ SAFETY = '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="1.5" k_po
 
 @pytest.mark.parametrize(("safety", "low", "high"), [("", "-1", "2"), (SAFETY, "-0.5", "1.5")])
 def test_a_joint_that_is_outside_moves_only_by_a_command_into_its_range_and_not_at_once(safety, low, high):
-    """A controller that holds the position commands the actual position, which is no command to move."""
+    """A controller that holds the position commands the actual position, which does not command a motion."""
     bench = Bench(POSITION, "revolute", safety)
     bench.at(2.5)
     assert [bench.send("position", 2.5) for _ in range(3)] == [2.5, 2.5, 2.5]
-    assert bench.told is None  # once
+    assert bench.collected is None  # once
     assert bench.send("position", 9.0) == 2.5
     bench = Bench(POSITION, "revolute", safety)
     bench.at(2.5)
     bench.send("position", 2.5)
-    assert bench.told == (
+    assert bench.collected == (
         f"j/position: the joint is at 2.5 rad, outside its range from {low} to {high} rad, and is held there; "
         "a position within the range moves it back"
     )
@@ -362,15 +362,15 @@ def test_soft_limits_come_from_the_safety_controller():
     bench = Bench(POSITION, "revolute", SAFETY)
     bench.at(1.5)
     bench.send("position", 2.0)
-    assert bench.told == "j/position: 2 rad is limited to its soft limit 1.5 rad"
+    assert bench.collected == "j/position: 2 rad is limited to its soft limit 1.5 rad"
     bench = Bench(POSITION, "revolute", SAFETY)
     bench.at(1.3)
     bench.send("position", 1.5)
-    assert bench.told == "j/position: 1.5 rad is limited to its soft limits, -0.5 to 1.5 rad"
+    assert bench.collected == "j/position: 1.5 rad is limited to its soft limits, -0.5 to 1.5 rad"
     bench = Bench(POSITION, "revolute", SAFETY)
     bench.at(0.0)
     bench.send("position", 9.0)
-    assert bench.told == "j/position: 9 rad is limited to its soft limit 1.5 rad and to changes of 3 rad/s"
+    assert bench.collected == "j/position: 9 rad is limited to its soft limit 1.5 rad and to changes of 3 rad/s"
 
 
 def test_an_effort_drives_no_joint_further_out():
@@ -378,7 +378,9 @@ def test_an_effort_drives_no_joint_further_out():
     bench.at(2.0)
     bench.registry.state("j/velocity").value = 0.1
     assert bench.send("effort", 3.0) == 0.0
-    assert bench.told == "j/effort: 3 Nm is limited to an effort that drives the joint neither further out nor faster"
+    assert (
+        bench.collected == "j/effort: 3 Nm is limited to an effort that drives the joint neither further out nor faster"
+    )
     assert bench.send("effort", -3.0) == -3.0
 
 
@@ -387,7 +389,7 @@ def test_a_position_speeds_up_by_the_acceleration_only_where_the_velocity_is_kno
     known.at(0.0)
     known.registry.state("j/velocity").value = 0.0
     assert known.send("position", 1.0) == pytest.approx(0.05)  # 5 rad/s² for 0.1 s makes 0.5 rad/s
-    assert known.told == "j/position: 1 rad is limited to changes of 5 rad/s²"
+    assert known.collected == "j/position: 1 rad is limited to changes of 5 rad/s²"
     unknown = Bench(POSITION + ACCELERATION, "revolute", states=("position",))
     unknown.at(0.0)
     assert unknown.send("position", 1.0) == pytest.approx(0.3)

@@ -37,7 +37,7 @@ def test_it_follows_the_wheels_as_upstream_does(case):
 
 
 def drive(odometry: Odometry, path: list[tuple[float, float, int]], dt: float = 0.02) -> None:
-    """Drive (m/s, rad/s, steps) with wheels that do exactly what they are told."""
+    """Drive (m/s, rad/s, steps) with wheels that follow their commands exactly."""
     now, left, right = 0, 3.0, -5.0
     odometry.update_position(left, right, now)
     for linear, angular, steps in path:

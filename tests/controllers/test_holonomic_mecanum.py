@@ -55,7 +55,7 @@ WHEELS = ["front_left", "front_right", "rear_right", "rear_left"]
 
 
 def drive(twist, steps=100, **params):
-    """Command a twist for some steps to wheels that do what they are told; return hardware, manager and base."""
+    """Command a twist for some steps to wheels that follow their commands; return hardware, manager and base."""
     hardware, control, created = base(MECANUM, **params)
     control.switch(["base"], now=0)
     for step in range(steps):

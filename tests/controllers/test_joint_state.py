@@ -47,7 +47,7 @@ def test_it_gathers_what_upstream_gathers(case):
     del hardware
 
 
-def told(*states, **params):
+def collected(*states, **params):
     hardware = Hardware(states=states)
     for number, name in enumerate(states):
         hardware.set(name, number + 1.5)
@@ -60,12 +60,12 @@ def told(*states, **params):
 
 def test_an_extra_joint_is_zero_unless_it_is_read():
     zero = dict.fromkeys(("position", "velocity", "effort"), 0.0)
-    sample = told("a/position", extra_joints=["x", "a", "x"])
+    sample = collected("a/position", extra_joints=["x", "a", "x"])
     assert (sample.names, sample.joints) == (("a", "x"), {"a": {"position": 1.5}, "x": zero})
 
 
 def test_a_mapped_interface_is_reported_by_the_name_of_its_column():
-    sample = told("a/angle", "a/position", "a/load", map_interface_to_joint_state__position="angle")
+    sample = collected("a/angle", "a/position", "a/load", map_interface_to_joint_state__position="angle")
     assert sample.joints == {"a": {"position": 1.5, "load": 3.5}}
     assert sample.names == ("a",)
 

@@ -284,9 +284,9 @@ class Telling(Controller):
     tells = GpioSample
 
     def sample(self, wall_offset_ns):
-        if isinstance(self.told, Exception):
-            raise self.told
-        return self.told
+        if isinstance(self.collected, Exception):
+            raise self.collected
+        return self.collected
 
 
 def test_a_controller_without_a_sample_has_none_and_one_that_raises_has_failed():
@@ -296,14 +296,14 @@ def test_a_controller_without_a_sample_has_none_and_one_that_raises_has_failed()
         put(control, Telling(name))
     names = ("silent", "broken", "wrong")
     silent, broken, wrong = (control.get(name) for name in names)
-    silent.told, broken.told = None, ZeroDivisionError("no")
-    wrong.told = OdometrySample(time=0.0, x=0.0, y=0.0, heading=0.0)
+    silent.collected, broken.collected = None, ZeroDivisionError("no")
+    wrong.collected = OdometrySample(time=0.0, x=0.0, y=0.0, heading=0.0)
     control.switch(["plain", *names], now=0)
     control.events()
     for _ in range(2):
         assert control.running.samples(0) == {}
-    silent.told = GpioSample(time=1.0, parts={})
-    assert control.running.samples(0) == {"silent": silent.told}
+    silent.collected = GpioSample(time=1.0, parts={})
+    assert control.running.samples(0) == {"silent": silent.collected}
     control.update(S, 0.01)
     assert control.active == ("plain", "silent")
     one, other = (event.text for event in control.events())

@@ -25,7 +25,7 @@ def test_its_interfaces_are_upstreams(kind):
 
 
 def play(kind, seconds, twist, **params):
-    """Drive wheels that do what they are told, their steering at 1 rad/s; return the hardware and the base."""
+    """Drive wheels that follow their commands, their steering at 1 rad/s; return the hardware and the base."""
     hardware, control, created = base(kind, **params)
     control.switch(["base"], now=0)
     for step in range(round(seconds * 100)):

@@ -97,7 +97,7 @@ def test_what_was_enabled_in_the_last_cycle_and_its_rhythm_outlive_a_switch():
 
 
 class Counting(Controller):
-    """Notes when it was run, and the period it was told."""
+    """Records when it was run, and with which period."""
 
     def __init__(self, name="counting", rate=0):
         super().__init__(name)

@@ -16,7 +16,7 @@ NO_LIMIT = {"steering.max_position": 1.6}
 
 
 class Robot:
-    """A tricycle whose drives do at once what they are told."""
+    """A tricycle whose drives follow their commands at once."""
 
     def __init__(self, **params):
         self.hardware = Hardware("t/velocity", "s/position", states=("t/velocity", "s/position"))

@@ -100,7 +100,7 @@ def test_a_drive_that_is_silent_is_found_by_a_late_process_too(late, blocks):
     for ms in blocks:
         bench.run(15)
         bench.block(ms)
-    _, after = bench.told("stop", ms=400)
+    _, after = bench.collected("stop", ms=400)
     assert after <= 5 * CYCLE_MS + sum(blocks) + 20
     bench.stopped_after()
 
@@ -130,7 +130,7 @@ def test_a_second_device_is_found_after_a_stop_of_the_process_and_none_by_it(lat
 def test_a_stop_for_stale_feedback_suggests_what_to_call(late, node):
     bench = late()
     bench.switch("tpdo_missing", node=node)
-    event, _ = bench.told("stop")
+    event, _ = bench.collected("stop")
     assert "to continue: canopen-control axis enable all" in event.text
     bench.switch("tpdo_missing", on=False, node=node)
     bench.run(2500)

@@ -31,7 +31,7 @@ def test_with_recovery_enable_a_node_that_is_back_is_enabled_again(recovering):
 
 def test_a_users_stop_in_between_ends_the_matter(recovering):
     recovering.switch("silent")
-    recovering.told("stop")
+    recovering.collected("stop")
     recovering.robot.stop(lambda _error: None)
     recovering.run(1000)
     recovering.switch("silent", on=False)
@@ -51,7 +51,7 @@ def test_a_fault_is_never_recovered_from_by_itself(recovering):
 
 def test_without_the_policy_the_drive_waits(turning):
     turning.switch("spontaneous_reset")
-    turning.told("stop")
+    turning.collected("stop")
     turning.until(lambda: turning.robot.nodes["left_drive"].ready)
     turning.stopped_after()
     turning.expect_stays_down(2000)
@@ -60,7 +60,7 @@ def test_without_the_policy_the_drive_waits(turning):
 def test_controllers_stay_loaded_and_active_through_it_all(turning):
     before = {info.name: info.state for info in turning.robot.manager.list()}
     turning.switch("spontaneous_reset")
-    turning.told("stop")
+    turning.collected("stop")
     turning.until(lambda: turning.robot.nodes["left_drive"].ready)
     assert {info.name: info.state for info in turning.robot.manager.list()} == before
     turning.goes_on()
@@ -107,7 +107,7 @@ def test_a_group_of_its_own_does_not_stop_the_others(bench, tmp_path):
     robby.robot.command("velocity", [2.0, 2.0], "test")
     robby.run(500)
     robby.switch("drive_fault")
-    robby.told("stop")
+    robby.collected("stop")
     robby.run(1000)
     assert robby.standing(2)
     assert not robby.standing(3)
@@ -145,7 +145,7 @@ def test_guarding_watches_a_drive_without_a_heartbeat(bench, tmp_path):
     assert robby.robot.nodes["left_drive"].config.supervision.guarded
     assert robby.robot.nodes["left_drive"].nmt_state is not None
     robby.switch("silent")
-    event, after = robby.told("guarding_lost")
+    event, after = robby.collected("guarding_lost")
     assert "no answer to node guarding" in event.text
     assert 200 <= after <= 300 + 100 + CYCLE_MS
     assert robby.stopped_after(RIGHT) <= after + RAMP_MS + 2 * CYCLE_MS
@@ -160,7 +160,7 @@ def test_a_base_waits_for_a_lost_drive_and_continues_once_it_is_enabled(bench, t
     robby.start()
     rolling(robby)
     robby.switch("spontaneous_reset")
-    robby.told("stop")
+    robby.collected("stop")
     robby.until(lambda: robby.robot.nodes["left_drive"].ready)
     robby.run(500)
     base = robby.robot.manager.get(BASE)
@@ -183,7 +183,7 @@ def test_a_base_resumes_by_itself_if_bus_yml_permits_it_for_the_drive(bench, tmp
     robby.start()
     rolling(robby)
     robby.switch("spontaneous_reset")
-    robby.told("stop")
+    robby.collected("stop")
     robby.until(lambda: robby.found("recovered"))
     assert BASE in robby.robot.manager.active
     robby.run(300)

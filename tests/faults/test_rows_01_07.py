@@ -34,7 +34,7 @@ def test_row_01_a_drive_that_never_boots_is_error_b_with_its_name(bench):
 
 def test_row_02_a_drive_that_resets_itself_is_configured_again_and_waits_for_an_enable(turning):
     turning.switch("spontaneous_reset")
-    event, after = turning.told("restarted")
+    event, after = turning.collected("restarted")
     assert after < 50
     assert "node 3 (left_drive)" in event.text
     assert turning.stopped_after(RIGHT) < after + CYCLE_MS + RAMP_MS + CYCLE_MS
@@ -49,7 +49,7 @@ def test_row_02_a_drive_that_resets_itself_is_configured_again_and_waits_for_an_
 @pytest.mark.parametrize("fault", ["silent", "heartbeat_lost"])
 def test_row_03_a_silent_drive_is_lost_after_the_consumer_time_and_the_rest_stops(turning, fault):
     turning.switch(fault)
-    event, after = turning.told("heartbeat_lost")
+    event, after = turning.collected("heartbeat_lost")
     assert HEARTBEAT_MS - 100 <= after <= HEARTBEAT_MS + CYCLE_MS
     assert "node 3 (left_drive)" in event.text
     assert turning.stopped_after(RIGHT) <= after + CYCLE_MS + RAMP_MS + CYCLE_MS
@@ -76,7 +76,7 @@ def test_row_03_a_silent_drive_is_lost_after_the_consumer_time_and_the_rest_stop
 
 def test_row_03_a_drive_that_is_only_silent_is_commanded_to_stop(turning):
     turning.switch("heartbeat_lost")
-    after = turning.told("heartbeat_lost")[1]
+    after = turning.collected("heartbeat_lost")[1]
     assert turning.stopped_after(LEFT) <= after + CYCLE_MS + RAMP_MS + CYCLE_MS
     (text,) = turning.texts("stop")
     assert text.endswith(
@@ -95,7 +95,7 @@ def test_row_04_heartbeats_that_come_unevenly_are_not_alarm(turning):
 
 def test_row_05_a_drive_that_leaves_operational_stops_the_robot(turning):
     turning.switch("leaves_operational")
-    event, after = turning.told("nmt")
+    event, after = turning.collected("nmt")
     assert after <= 100 + CYCLE_MS, "the next heartbeat tells it"
     assert "PRE_OPERATIONAL" in event.text
     assert turning.stopped_after() <= after + CYCLE_MS + RAMP_MS + CYCLE_MS

@@ -19,9 +19,9 @@ STALE_MS = 10 * CYCLE_MS  # missed_syncs of robby's bus.yml
 def test_row_17_a_short_tpdo_is_dropped_counted_and_reported_once_and_no_old_bytes_are_used(turning):
     joint = turning.joint(LEFT)
     turning.switch("tpdo_short")
-    after = turning.told("pdo_short")[1]
+    after = turning.collected("pdo_short")[1]
     assert after <= TOLD_MS
-    stop, stopped = turning.told("stop")
+    stop, stopped = turning.collected("stop")
     assert stopped <= STALE_MS + 2 * CYCLE_MS
     assert "left_drive" in stop.text
     assert turning.stopped_after() <= stopped + RAMP_MS + CYCLE_MS
@@ -30,14 +30,14 @@ def test_row_17_a_short_tpdo_is_dropped_counted_and_reported_once_and_no_old_byt
     assert joint.age_ns(turning.reactor.now()) > 100_000_000, "the age goes on"
     turning.disabled_after()
     turning.switch("tpdo_short", on=False)
-    turning.told("pdo_back")
+    turning.collected("pdo_back")
     turning.expect_stays_down()
     turning.goes_on()
 
 
 def test_row_17_a_long_tpdo_is_reported_once_and_used(turning):
     turning.switch("tpdo_long")
-    event, after = turning.told("pdo_long")
+    event, after = turning.collected("pdo_long")
     assert after <= TOLD_MS
     assert "4 bytes instead of 3" in event.text
     turning.hold(10.0, 10.0, ms=1000)
@@ -47,10 +47,10 @@ def test_row_17_a_long_tpdo_is_reported_once_and_used(turning):
 
 def test_row_17_each_wrong_length_is_reported_again_and_once(turning):
     turning.switch("tpdo_short")
-    assert "2 bytes instead of 3; it is dropped" in turning.told("pdo_short")[0].text
+    assert "2 bytes instead of 3; it is dropped" in turning.collected("pdo_short")[0].text
     turning.switch("tpdo_short", on=False)
     turning.switch("tpdo_long")
-    event, after = turning.told("pdo_long")
+    event, after = turning.collected("pdo_long")
     assert after <= TOLD_MS
     assert "4 bytes instead of 3; the rest is ignored" in event.text
     turning.switch("tpdo_long", on=False)
@@ -61,7 +61,7 @@ def test_row_17_each_wrong_length_is_reported_again_and_once(turning):
 
 def test_row_18_missing_tpdos_stop_the_robot_and_the_status_comes_by_sdo(turning):
     turning.switch("tpdo_missing")
-    event, after = turning.told("pdo_stale")
+    event, after = turning.collected("pdo_stale")
     assert STALE_MS <= after <= STALE_MS + 2 * CYCLE_MS
     assert "0x183" in event.text
     assert turning.stopped_after() <= after + CYCLE_MS + RAMP_MS + CYCLE_MS
@@ -78,7 +78,7 @@ def test_row_18_without_a_word_in_bus_yml_three_syncs_are_enough(bench, tmp_path
     robby.robot.command("velocity", [2.0, 2.0], "test")
     robby.run(500)
     robby.switch("tpdo_missing")
-    stale, stop = robby.told("pdo_stale")[1], robby.told("stop")[1]
+    stale, stop = robby.collected("pdo_stale")[1], robby.collected("stop")[1]
     assert 30 <= stale <= 50, "SYNC comes every 10 ms"
     assert stop <= stale + 10
     robby.until(lambda: robby.standing())
@@ -98,7 +98,7 @@ def test_row_19_a_tpdo_that_never_comes_is_a_named_error_soon_after_the_start(be
     robby.until(lambda: robby.found("ready"))
     robby.began = robby.reactor.now()
     robby.until(lambda: len(robby.found("ready")) == 2)
-    event, _ = robby.told("pdo_missing")
+    event, _ = robby.collected("pdo_missing")
     assert "check its transmission type" in event.text
     assert event.time - robby.found("ready")[1].time <= (STALE_MS + 2 * CYCLE_MS) * 1e6
     assert not robby.powered(LEFT)
@@ -106,13 +106,13 @@ def test_row_19_a_tpdo_that_never_comes_is_a_named_error_soon_after_the_start(be
 
 def test_row_20_a_drive_that_does_not_receive_sync_is_stopped(turning):
     turning.switch("sync_deaf")
-    assert turning.told("stop")[1] <= STALE_MS + 3 * CYCLE_MS
+    assert turning.collected("stop")[1] <= STALE_MS + 3 * CYCLE_MS
     assert turning.stopped_after() <= STALE_MS + 3 * CYCLE_MS + RAMP_MS + CYCLE_MS
 
 
 def test_row_20_a_wrong_length_of_sync_is_explained(turning):
     turning.bus.inject(CanFrame(0x083, bytes.fromhex("4082110000000000")))
-    event, _ = turning.told("emcy")
+    event, _ = turning.collected("emcy")
     assert "0x8240" in event.text
     assert "0x1019" in event.text
 
@@ -144,7 +144,7 @@ def test_row_21_a_flood_of_emergencies_neither_fills_the_log_nor_slows_the_cycle
 
 def test_row_22_an_unknown_and_short_emergency_is_shown_raw(turning):
     turning.switch("emcy_short")
-    event, _ = turning.told("emcy")
+    event, _ = turning.collected("emcy")
     assert "0xABCD" in event.text
     assert "4 bytes" in event.text
     for length in range(9):
@@ -160,7 +160,7 @@ def test_row_23_error_reset_with_an_error_left_keeps_the_others(turning):
     turning.run(50)
     assert left.log.errors.active == (0x4310, 0x3220)
     turning.switch("emcy_partial_reset")
-    event, _ = turning.told("emcy_reset")
+    event, _ = turning.collected("emcy_reset")
     assert "still active: 0x4310" in event.text
     assert left.log.errors.active == (0x4310,)
     assert left.error is not None

@@ -48,14 +48,14 @@ def test_row_24_where_a_drive_has_603f_the_answer_holds_it(bench, tmp_path):
 @pytest.mark.parametrize("fault", ["drive_fault", "short_circuit", "undervoltage"])
 def test_row_25_a_fault_stops_the_robot_and_a_reset_with_the_cause_present_reports_this(turning, fault):
     turning.switch(fault)
-    event, after = turning.told("fault")
+    event, after = turning.collected("fault")
     assert after <= SEEN_MS
     assert "EMCY 0x" in event.text
     assert turning.stopped_after() <= after + RAMP_MS + 2 * CYCLE_MS
     turning.disabled_after()
     turning.began = turning.reactor.now()
     assert "FAULT" in turning.axis_refused(Action.FAULT_RESET, "left_drive")
-    failed, took = turning.told("fault_reset_failed")
+    failed, took = turning.collected("fault_reset_failed")
     assert "the cause is still present" in failed.text
     assert took <= 2100
     turning.switch(fault, on=False)
@@ -82,7 +82,7 @@ def test_row_25_a_fault_reset_is_an_edge(turning):
 
 def test_row_26_a_fault_that_needs_a_reset_of_the_communication_offers_the_chain_that_helps(turning):
     turning.switch("fault_needs_reset")
-    event, _ = turning.told("emcy")
+    event, _ = turning.collected("emcy")
     assert "nmt reset-comm, then axis fault-reset, then axis enable" in event.text
     turning.disabled_after()
     assert turning.axis(Action.FAULT_RESET, "left_drive") is not None
@@ -125,14 +125,14 @@ def test_row_27_the_time_of_a_transition_is_configurable(bench, tmp_path):
     robby.run(200)
     robby.switch("transition_slow")
     assert "enable not reached" in robby.axis_refused(Action.ENABLE)
-    event, after = robby.told("transition_timeout")
+    event, after = robby.collected("transition_timeout")
     assert "did not leave SWITCH_ON_DISABLED" in event.text
     assert 1000 <= after <= 1100
 
 
 def test_row_28_a_power_stage_without_supply_is_reported_and_not_fought(turning):
     turning.switch("power_stage_off")
-    event, after = turning.told("enable_lost")
+    event, after = turning.collected("enable_lost")
     assert after <= SEEN_MS
     assert "power stage off" in event.text
     (stop,) = turning.found("stop")
@@ -162,7 +162,7 @@ def test_row_30_an_undefined_statusword_keeps_the_last_state_for_some_cycles_and
     turning.switch("undefined_statusword")
     turning.hold(10.0, 10.0, ms=100)
     assert turning.joint(LEFT).machine.state is State.OPERATION_ENABLED
-    event, after = turning.told("statusword")
+    event, after = turning.collected("statusword")
     assert 10 * CYCLE_MS <= after <= 10 * CYCLE_MS + SEEN_MS
     assert "0x0001 shows no CiA 402 state" in event.text
     assert turning.stopped_after() <= after + RAMP_MS + 2 * CYCLE_MS

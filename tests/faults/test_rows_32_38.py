@@ -41,10 +41,10 @@ def test_row_32_without_an_acknowledgement_bit_4_goes_back_and_the_set_point_is_
     robby = servo("position", modes="position_mode: 1")
     robby.switch("pp_ack_missing")
     positions(robby, 1.0, 1500)
-    event, after = robby.told("set_point")
+    event, after = robby.collected("set_point")
     while "not acknowledged" not in event.text:
         robby.events.remove(event)
-        event, after = robby.told("set_point")
+        event, after = robby.collected("set_point")
     assert "node 2 (drive_one)" in event.text
     assert 1000 <= after <= 1200
     assert controlwords(robby, 2)[-1] & 0x10 == 0
@@ -104,7 +104,7 @@ def test_row_35_no_velocity_is_left_in_the_drive_after_a_disable(turning):
 def test_row_36_wheels_stop_together_at_a_limit_switch_and_only_the_other_direction_is_followed(turning):
     turning.victim = RIGHT  # it turns in its positive direction
     turning.switch("limit_switch")
-    event, after = turning.told("limit")
+    event, after = turning.collected("limit")
     assert after <= 3 * CYCLE_MS
     assert "positive side" in event.text
     assert "0xFF01" in turning.texts("emcy")[0]
@@ -225,7 +225,7 @@ def test_row_38_a_jump_of_the_position_is_an_error_and_no_odometry(turning):
     joint = turning.joint(LEFT)
     turning.switch("position_jump")
     before = joint.states["position"].value
-    event, after = turning.told("position_jump")
+    event, after = turning.collected("position_jump")
     assert after <= 3 * CYCLE_MS
     assert "jumped by" in event.text
     assert abs(joint.states["position"].value - before) < 1.0
@@ -256,7 +256,7 @@ def test_row_38_the_position_continues_where_32_bits_wrap(bench):
 def test_row_38_a_drive_that_restarts_at_zero_does_not_move_the_joint(turning):
     joint = turning.joint(LEFT)
     turning.switch("spontaneous_reset")
-    turning.told("restarted")
+    turning.collected("restarted")
     before = joint.axis.unwrap.count
     turning.until(lambda: joint.node.ready)
     turning.run(500)

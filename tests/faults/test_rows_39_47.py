@@ -21,7 +21,7 @@ CONSUMER_MS = 500
 def test_row_39_when_our_controller_is_off_the_bus_all_nodes_are_lost_and_booted_when_it_is_back(turning):
     turning.began = turning.reactor.now()
     turning.bus.bus_off("master")
-    event, after = turning.told("bus_bus_off")
+    event, after = turning.collected("bus_bus_off")
     assert after <= CYCLE_MS
     assert "bus-off" in event.text
     lost = turning.found("bus_lost")
@@ -56,9 +56,9 @@ def test_row_39_an_interface_that_goes_down_is_the_same(turning):
 
 def test_row_39_error_passive_is_shown_and_nothing_stops(turning):
     turning.bus.report("master", error_frames.passive_frame())
-    assert turning.told("bus_error_passive")[0].level == 1
+    assert turning.collected("bus_error_passive")[0].level == 1
     turning.switch("error_passive")
-    assert "0x8120" in turning.told("emcy")[0].text
+    assert "0x8120" in turning.collected("emcy")[0].text
     turning.hold(10.0, 10.0, ms=500)
     assert turning.robot.state is RobotState.RUNNING
 
@@ -76,7 +76,7 @@ def test_row_39_frames_that_do_not_fit_are_reported_once_and_then_in_sum(turning
 
 def test_row_39_a_drive_that_is_off_the_bus_is_lost_by_name(turning):
     turning.switch("bus_off")
-    assert turning.told("heartbeat_lost")[1] <= CONSUMER_MS + CYCLE_MS
+    assert turning.collected("heartbeat_lost")[1] <= CONSUMER_MS + CYCLE_MS
     assert turning.stopped_after() <= CONSUMER_MS + RAMP_MS + 2 * CYCLE_MS
     turning.switch("bus_off", on=False)
     turning.until(lambda: turning.robot.nodes["left_drive"].ready, ms=4000)
@@ -87,7 +87,7 @@ def test_row_39_a_drive_that_is_off_the_bus_is_lost_by_name(turning):
 
 def test_row_40_a_second_device_with_the_same_id_is_diagnosed(turning):
     turning.switch("duplicate_node")
-    event, after = turning.told("duplicate_node")
+    event, after = turning.collected("duplicate_node")
     assert after <= 2000
     assert "two devices seem to have this node-ID" in event.text
     turning.hold(10.0, 10.0, ms=2000)
@@ -122,7 +122,7 @@ def test_row_40_another_revision_is_a_warning_unless_bus_yml_insists(bench, tmp_
 
 def test_row_41_a_drive_under_local_control_is_not_enabled_and_reports_why(turning):
     turning.switch("local_control")
-    event, after = turning.told("control")
+    event, after = turning.collected("control")
     assert after <= 3 * CYCLE_MS
     assert "bit 9 is 0" in event.text
     turning.stopped_after()
@@ -161,7 +161,7 @@ def test_row_43_a_drive_that_turns_against_its_command_stops_the_robot(bench):
     while not robby.found("direction"):
         robby.command(10.0, 10.0)
         robby.run(10)
-    event, after = robby.told("direction")
+    event, after = robby.collected("direction")
     assert after <= 1000
     assert "node 3 (left_drive): it turns against its command" in event.text
     assert robby.stopped_after() <= after + RAMP_MS + 2 * CYCLE_MS
@@ -181,7 +181,7 @@ def test_row_44_nmt_stop_makes_a_trinamic_fault_and_the_robot_stops(turning):
     turning.began = turning.reactor.now()
     left.command(NmtCommand.STOP, turning.reactor.now())
     turning.robot.bus_of(left).send_waiting()
-    assert turning.told("node_lost")[1] <= CYCLE_MS
+    assert turning.collected("node_lost")[1] <= CYCLE_MS
     assert turning.stopped_after() <= RAMP_MS + 3 * CYCLE_MS
     turning.run(3000)
     assert not left.ready, "it was commanded: nobody boots it behind the user's back"

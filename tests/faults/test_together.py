@@ -99,7 +99,7 @@ def test_at_a_limit_switch_both_targets_go_to_zero_in_one_cycle_and_only_the_way
     bench = rolling(base)
     bench.bus.clear_history()
     bench.switch("limit_switch", node=RIGHT)
-    event, after = bench.told("limit")
+    event, after = bench.collected("limit")
     assert after <= 3 * CYCLE_MS
     assert "positive side" in event.text
     bench.run(CYCLE_MS)
@@ -188,7 +188,7 @@ def test_a_base_is_one_group_whatever_the_description_specifies(rolling, tmp_pat
     bench = rolling(config=config)
     assert bench.joint(LEFT).group is bench.joint(RIGHT).group
     bench.switch("drive_fault", node=RIGHT)
-    bench.told("fault")
+    bench.collected("fault")
     bench.hold_on(2000)
     assert bench.standing()
     assert bench.axis(Action.FAULT_RESET) is not None, "its cause lasts"

@@ -60,7 +60,7 @@ def test_the_state_of_a_node_counts_without_a_heartbeat_that_is_waited_for(turni
     turning.victim = RIGHT
     turning.robot.buses["can"].network._consumer.unwatch(RIGHT)
     inject(turning, "702#7F")
-    turning.told("nmt")
+    turning.collected("nmt")
     assert turning.stopped_after() <= CYCLE_MS + RAMP_MS + CYCLE_MS
 
 
@@ -68,7 +68,7 @@ def test_the_state_of_a_node_counts_without_a_heartbeat_that_is_waited_for(turni
 def test_the_others_stand_within_their_ramp_and_a_cycle_of_the_word(turning, fault):
     turning.victim = RIGHT
     turning.switch(fault)
-    after = turning.told("stop")[1]
+    after = turning.collected("stop")[1]
     assert turning.stopped_after(LEFT) <= after + RAMP_MS + CYCLE_MS
 
 
@@ -81,7 +81,7 @@ def test_a_wrong_toggle_bit_of_node_guarding_stops_all(bench, tmp_path):
     robby.victim = RIGHT
     answers = [frame.data for label, frame in robby.bus.history if label == "drive 2" and frame.can_id == 0x702]
     inject(robby, f"702#{answers[-1].hex()}")
-    event, after = robby.told("guarding_toggle")
+    event, after = robby.collected("guarding_toggle")
     assert "node 2 (right_drive)" in event.text
     assert after <= CYCLE_MS
     assert robby.stopped_after() <= after + CYCLE_MS + RAMP_MS + CYCLE_MS

@@ -67,7 +67,7 @@ def test_the_limits_of_the_description_hold(robby):
 
 
 def test_a_joint_outside_its_range_is_held_where_it_is(servo):
-    """A controller that holds the position commands the actual position, which is no command to move."""
+    """A controller that holds the position commands the actual position, which does not command a motion."""
     robby = servo("position")
     joint = robby.joint(2)
     joint.commands["position"].minimum, joint.commands["position"].maximum = 0.5, 1.0

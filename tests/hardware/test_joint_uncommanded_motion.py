@@ -58,7 +58,7 @@ def test_an_axis_outside_its_limits_is_not_enabled_in_a_position_mode(outside, m
 
 
 def test_an_axis_that_rests_at_its_limit_is_enabled(outside):
-    """Noise at the limit is no reason to refuse."""
+    """Noise at the limit does not prevent an enable."""
     robby = outside(sdo=_OFFSET % (LOW - 15))
     assert _axis(robby, Action.HOME) is None
     assert _axis(robby, Action.ENABLE) is None

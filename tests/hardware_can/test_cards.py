@@ -59,7 +59,7 @@ class Robot:
         with RobotClient.connect(self.name) as client:
             return client.ask(GetStatus())
 
-    def told(self, text):
+    def collected(self, text):
         return any(text in event.text for event in self.status().events)
 
     def ready(self):
@@ -131,13 +131,13 @@ def test_an_unplugged_card_is_named_stops_the_robot_and_is_found_again(stage, ro
     if mine:
         assert (
             seconds_until(
-                lambda: robby.told("bus can0: the interface was removed; check that the adapter is plugged in"), 10
+                lambda: robby.collected("bus can0: the interface was removed; check that the adapter is plugged in"), 10
             )
             < 1.0
         )
     assert eventually(lambda: not any(robby.ready()), scaled(2))
     for name in ("left_drive", "right_drive"):
-        assert eventually(lambda name=name: robby.told(f"({name}): lost: "), scaled(2)), robby.program.out
+        assert eventually(lambda name=name: robby.collected(f"({name}): lost: "), scaled(2)), robby.program.out
     assert robby.status().state == "fault"
     motors = [lambda node_id=node_id: plant_speed("can1", node_id) for node_id in NODES]
     assert eventually(lambda: all(abs(speed()) < 1 for speed in motors), scaled(2)), "by the drives' own reaction"
@@ -161,7 +161,7 @@ def test_the_kernels_sync_goes_over_the_wire_returns_and_leads_the_cycle(stage, 
     times = [when for when, _ in hears.of(SYNC)][since:]
     gaps = [after - before for before, after in itertools.pairwise(times)]
     assert statistics.median(gaps) == pytest.approx(scaled(0.02), rel=0.02)
-    assert not robby.told("no SYNC is received from the kernel")
+    assert not robby.collected("no SYNC is received from the kernel")
     assert robby.status().state == "running"
     robby.end()
     count = len(hears.of(SYNC))

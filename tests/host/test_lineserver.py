@@ -22,7 +22,7 @@ SECOND = 1_000_000_000
 
 
 class Owner:
-    """A server that echoes, and remembers what it was told."""
+    """A server that echoes, and records what it received."""
 
     def __init__(self, reactor, path, **options):
         self.connections, self.messages, self.closed = [], [], []

@@ -120,7 +120,7 @@ def test_a_simulated_base_drives_without_any_bus(tmp_path):
 
 
 def driven(config, drives, base, twist, seconds):
-    """Drive a base by a twist and then stand; return the bench, its odometry as it is told."""
+    """Drive a base by a twist and then stand; return the bench, its odometry as published."""
     bench = Bench(config, config=config, drives=drives)
     bench.start()
     for _ in range(round(seconds * 10)):

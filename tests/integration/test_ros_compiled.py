@@ -128,10 +128,10 @@ def _told(peer, robot):
     """Return the transforms of the first message with odometry; each new sample is published once."""
     results = []
 
-    def told():
+    def collected():
         robot.samples["base"]["time"] += 0.01
         results.extend(item["transforms"] for item in peer.waiting("/tf"))
         return results
 
-    assert ros.eventually(told)
+    assert ros.eventually(collected)
     return results[0]

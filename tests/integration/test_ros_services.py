@@ -112,22 +112,22 @@ def test_rclpys_own_client_of_parameters_lists_describes_gets_sets_and_loads(sce
     file.write_text(f"{node}:\n  ros__parameters:\n    cmd_vel_timeout: 0.75\n    wheel_radius: 1.0\n")
     values = {"linear.x.max_velocity": 0.25, "wheel_radius": 0.5, "no_such": 1.0}
 
-    def told(part):
+    def collected(part):
         return scene.peer.message(node, lambda message: part in message)[part]
 
     assert scene.peer.order("parameters", node=node, values=values, file=str(file), name=node)["ready"]
-    known = told("values")
+    known = collected("values")
     assert known["wheel_radius"]["double_value"] == 0.035
     assert known["left_wheel_names"]["string_array_value"] == ["left_wheel_joint"]
-    result = told("descriptors")
+    result = collected("descriptors")
     assert set(result) == set(known)
     assert (result["wheel_radius"]["type"], result["wheel_radius"]["read_only"]) == (3, True)
     assert not result["cmd_vel_timeout"]["read_only"]
-    results = told("results")
+    results = collected("results")
     assert [result["successful"] for result in results] == [True, False, False]
     assert "read-only" in results[1]["reason"]
     assert "not declared" in results[2]["reason"]
-    assert [item["successful"] for item in told("loaded")] == [True, False]
+    assert [item["successful"] for item in collected("loaded")] == [True, False]
     assert manager("unload_controller", "UnloadController", name=BASE)["ok"]
 
 

@@ -98,7 +98,7 @@ def pose(bench):
     return sample["x"], sample["y"], sample["heading"], sample["linear"], sample["angular"]
 
 
-def test_the_base_goes_where_the_twist_reports(robot):
+def test_the_base_goes_where_the_twist_commands(robot):
     bench = robot(BASE)
     drive(bench, [0.2, 0.0], 3.0)
     assert wheels(bench, "velocity") == pytest.approx([0.2 / 0.035] * 2, rel=0.01)

@@ -10,7 +10,7 @@ def warning(time, text="error frame: 3 of 5", kind="bus_error", node="", **more)
 
 
 def run(log, events, until):
-    """Add events, and let time pass in steps of 100 ms; return what was told, with when."""
+    """Add events, and let time pass in steps of 100 ms; return what was reported, with its time."""
     reported, events = [], sorted(events, key=lambda event: event.time)
     for now in range(0, until, S // 10):
         while events and events[0].time <= now:

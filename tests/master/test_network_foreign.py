@@ -32,7 +32,7 @@ def master_like(bench, seconds, *frames):
         bench.run(20)
 
 
-def told(bench):
+def collected(bench):
     return [event for event in bench.events if event.kind in ("other_master", "other_sdo_client")]
 
 
@@ -48,20 +48,20 @@ def told(bench):
 )
 def test_each_sign_of_a_master_is_reported_within_a_second_and_once(robby, frame, words):
     master_like(robby, 1.0, frame)
-    (event,) = told(robby)
+    (event,) = collected(robby)
     assert (event.kind, event.level) == ("other_master", Level.WARNING)
     assert "bus can: another master is active: " in event.text
     assert words in event.text
     assert event.details.identifiers == (f"0x{frame[:3]}",)
     master_like(robby, 5.0, frame)
-    assert len(told(robby)) == 1
+    assert len(collected(robby)) == 1
 
 
 @pytest.mark.rest
 def test_all_that_it_sends_is_one_sentence(robby):
     say(robby, "000#8205", "000#8206")
     master_like(robby, 8.0, "080#", "203#060003", "603#4000100000000000", "701#05")
-    (event,) = told(robby)
+    (event,) = collected(robby)
     for words in ("NMT 0x000 (reset communication, node 5, ", "SYNC 0x080", "RPDO 0x203", "SDO 0x603", "0x701"):
         assert words in event.text
     assert event.details.identifiers == ("0x000", "0x080", "0x203", "0x603", "0x701")
@@ -70,15 +70,15 @@ def test_all_that_it_sends_is_one_sentence(robby):
 def test_a_tool_is_reported_as_one_and_a_master_after_it_as_one(robby):
     say(robby, "603#4000100000000000")
     robby.run(1000)
-    assert [(event.kind, event.level) for event in told(robby)] == [("other_sdo_client", Level.INFO)]
+    assert [(event.kind, event.level) for event in collected(robby)] == [("other_sdo_client", Level.INFO)]
     say(robby, "000#0103")
     robby.run(1000)
-    assert "NMT 0x000 (start, node 3)" in told(robby)[-1].text
-    assert "unless it is your tool" in told(robby)[-1].text
+    assert "NMT 0x000 (start, node 3)" in collected(robby)[-1].text
+    assert "unless it is your tool" in collected(robby)[-1].text
     master_like(robby, 1.0, "080#")
     say(robby, "603#4000100000000000", "000#0103")
     robby.run(1000)
-    assert [event.kind for event in told(robby)] == ["other_sdo_client", "other_master", "other_master"]
+    assert [event.kind for event in collected(robby)] == ["other_sdo_client", "other_master", "other_master"]
 
 
 def test_checking_an_unused_node_id_leaves_no_member(robby):
@@ -86,7 +86,7 @@ def test_checking_an_unused_node_id_leaves_no_member(robby):
     robby.run(1000)
     say(robby, "603#4000100000000000")
     robby.run(1000)
-    assert told(robby) == []
+    assert collected(robby) == []
 
 
 @pytest.mark.rest
@@ -94,7 +94,7 @@ def test_after_a_minute_without_it_is_reported_again(robby):
     master_like(robby, 1.0, "080#")
     robby.run(61_000)
     master_like(robby, 1.0, "080#")
-    assert len(told(robby)) == 2
+    assert len(collected(robby)) == 2
 
 
 def test_only_this_master_has_these_boots_and_faults(robby):
@@ -103,13 +103,13 @@ def test_only_this_master_has_these_boots_and_faults(robby):
     robby.run(3000)
     robby.switch("spontaneous_reset", node=RIGHT)
     robby.run(3000)
-    assert told(robby) == []
+    assert collected(robby) == []
 
 
 def test_nmt_frames_of_any_length_are_reported_as_they_are(robby):
     say(robby, "000#", "000#01", "000#0100", "000#5503", "000#0102030405060708")
     robby.run(600)
-    (event,) = told(robby)
+    (event,) = collected(robby)
     assert "empty, 01, start, all nodes, 0x55, node 3" in event.text
 
 
@@ -119,6 +119,6 @@ def test_two_robots_on_one_bus_name_each_other(robby):
         for _ in range(100):
             other.run(10)
             robby.run(10)
-        assert len(told(robby)) == 1
-        assert len(told(other)) == 1
+        assert len(collected(robby)) == 1
+        assert len(collected(other)) == 1
         assert robby.robot.state is not RobotState.STOPPED

@@ -34,7 +34,7 @@ def test_three_that_stay_away_are_too_many_whatever_their_rate(every):
         assert not pdo.overdue
     assert list(watch.sync()) == [pdo]
     assert pdo.overdue
-    assert not watch.sync(), "told once"
+    assert not watch.sync(), "reported once"
     pdo.receive(bytes(8), 2, 1)
     assert list(watch.sync()) == [pdo]
     assert not pdo.overdue
@@ -121,7 +121,7 @@ def test_two_boot_ups_at_once_are_two_nodes_and_a_restart_is_not():
     assert not watch.boot_up(0)
     assert not watch.boot_up(500 * MS)
     assert watch.boot_up(501 * MS)
-    assert not watch.boot_up(502 * MS), "told once"
+    assert not watch.boot_up(502 * MS), "reported once"
 
 
 @pytest.mark.parametrize("gap", [50, 100, 500])
@@ -198,7 +198,7 @@ def test_drives_that_are_processes_have_the_time_of_a_process():
     watch.add(pdo)
     watch.min_ns = 250 * MS
     reported = [now for now in range(0, 1000, 20) if watch.sync(now * MS)]
-    assert reported == [240], "the first SYNC that nobody answered was one period before it was missed"
+    assert reported == [240], "the first SYNC without an answer was one period before it was missed"
 
 
 def test_what_waits_to_be_read_has_come():

@@ -107,7 +107,7 @@ def test_vendor_and_product_are_expected_only_where_0x1018_has_them(tmp_path, su
     od = dictionary([(0x1018, sub) for sub in subs], s1018_00={"default": 4 - len(subs)})
     od.device = type(od.device)(vendor_number=0x99, product_number=0x1234, product_name="terse")
     booted = boot(tmp_path, od)
-    assert booted.node.ready, booted.told
+    assert booted.node.ready, booted.collected
     identity = booted.node.plan.identity
     assert (identity.vendor_id, identity.product_code) == (0 if 1 in subs else 0x99, 0 if 2 in subs else 0x1234)
 
@@ -116,7 +116,7 @@ def test_vendor_and_product_are_expected_only_where_0x1018_has_them(tmp_path, su
 def test_a_limit_that_leaves_no_room_for_the_node_id_in_0x1016_is_not_obeyed(tmp_path, high):
     od = dictionary(s1016_01={"low": 0, "high": high}, s1016_02={"low": 0, "high": high})
     booted = boot(tmp_path, od)
-    assert booted.node.ready, booted.told
+    assert booted.node.ready, booted.collected
     assert booted.device.get(0x1016, 1) == 1 << 16 | 300
     assert not [note for note in booted.config.notes if "1016" in note]
 
@@ -131,7 +131,7 @@ def test_a_limit_of_a_quantity_counts(tmp_path):
     booted = Booted(write_bus(tmp_path, od))
     assert any("0x1017:00" in note and "outside the limits" in note for note in booted.config.notes)
     assert not booted.run(2000).node.ready
-    assert any("1017" in text for text in booted.told)
+    assert any("1017" in text for text in booted.collected)
 
 
 @pytest.mark.parametrize("default", [None, 0])
@@ -162,7 +162,7 @@ def test_the_concise_dcf_of_another_generator_which_writes_bit_30_as_0_is_taken(
             booted.device.frames()
             booted.device.receive(CanFrame(0x605, request), booted.now)
             assert [frame.data[0] for frame in booted.device.frames() if frame.can_id == 0x585] == [0x60]
-    assert booted.run(3000).node.ready, booted.told
+    assert booted.run(3000).node.ready, booted.collected
 
 
 def test_the_dictionary_of_these_tests_is_the_file_that_was_read(tmp_path):
@@ -202,14 +202,14 @@ def one_byte_for(booted, index, times=100):
 def test_an_answer_that_is_not_a_value_of_its_object_fails_the_boot_with_a_sentence(tmp_path, index, letter, words):
     booted = one_byte_for(Booted(write_bus(tmp_path, dictionary())), index).run(900)
     assert not booted.node.ready
-    assert booted.told == [f"node 5 (drive): boot error {letter}: {LETTERS[letter]}: {words}"]
+    assert booted.collected == [f"node 5 (drive): boot error {letter}: {LETTERS[letter]}: {words}"]
 
 
 @pytest.mark.sources
 def test_a_setting_that_is_answered_with_another_length_is_reported_and_written_again(tmp_path):
     booted = one_byte_for(Booted(write_bus(tmp_path, dictionary())), 0x1017).run(2000)
     assert booted.node.ready
-    assert any("0x1017:00: answered 1 byte (00), UNSIGNED16 has 2" in text for text in booted.told)
+    assert any("0x1017:00: answered 1 byte (00), UNSIGNED16 has 2" in text for text in booted.collected)
     assert booted.device.get(0x1017) == 100
 
 
@@ -220,7 +220,7 @@ def test_what_a_drive_has_not_is_not_a_failed_transfer(tmp_path):
     od = dictionary([(0x1018, 3), (0x1018, 4), 0x6502, 0x6061], s1018_00={"default": 2})
     node = ORDINARY.replace(", {index: 0x6061}", "")
     booted = boot(tmp_path, od, node)
-    assert booted.node.ready, booted.told
+    assert booted.node.ready, booted.collected
     assert booted.node.sdo_failed == 0
 
 
@@ -292,4 +292,4 @@ def test_whatever_the_eds_specifies_its_own_virtual_drive_boots(tmp_path_factory
     absent, changes = habits
     node = ORDINARY.replace("heartbeat_producer: 100\n", "") + "allow_unsupervised: true\n"
     booted = boot(tmp_path_factory.mktemp("eds"), dictionary(absent, **changes), node)
-    assert booted.node.ready, (booted.told, booted.config.notes)
+    assert booted.node.ready, (booted.collected, booted.config.notes)

@@ -646,7 +646,7 @@ def typed(text):
     return [{"=": "equals_sign", ".": "full_stop", "-": "minus", ",": "comma"}.get(item, item) for item in text]
 
 
-async def told(pilot, app):
+async def collected(pilot, app):
     """Wait for what a thread has to say."""
     for _ in range(200):
         app.refresh_picture()
@@ -736,7 +736,7 @@ async def test_an_object_is_written_and_the_write_is_undone():
         await pilot.pause()
         assert app.query_one("#filter").value == "0x6081:00="
         await pilot.press(*typed("2500"), "enter")
-        assert await told(pilot, app) == ["set: 1000 -> 2500"]
+        assert await collected(pilot, app) == ["set: 1000 -> 2500"]
         await pilot.press("u")
         for _ in range(200):
             app.refresh_picture()

@@ -387,14 +387,14 @@ _PARTS = (
 
 @given(st.lists(st.sampled_from(_PARTS), max_size=30).map(lambda parts: f"[A]\n{''.join(parts)}"))
 def test_a_section_of_plain_lines_is_what_it_is_line_by_line(text):
-    def told(result):
+    def collected(result):
         sections, issues = result
         return [
             (item.name, item.title, item.line, item.values, item.written, list(map(item.line_of, item.values)))
             for item in sections.values()
         ], issues
 
-    at_once = told(split(text))
+    at_once = collected(split(text))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(eds_sections._Splitter, "_read_plain", lambda *_: False)
-        assert told(split(text)) == at_once
+        assert collected(split(text)) == at_once

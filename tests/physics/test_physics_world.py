@@ -126,7 +126,7 @@ def test_counts_go_backwards_where_a_motor_is_mounted_mirrored(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def collected(tmp_path_factory):
     return driven(tmp_path_factory.mktemp("told")).digest()
 
 
@@ -135,10 +135,10 @@ def told(tmp_path_factory):
     every=st.integers(300_000, 200 * MS),
     nodes=st.sampled_from([[(3, 0), (2, 0)], [(2, 0), (3, 0)], [(2, 0)], [(3, 0)]]),
 )
-def test_the_result_does_not_depend_on_the_rate_of_reading(tmp_path, told, every, nodes):
+def test_the_result_does_not_depend_on_the_rate_of_reading(tmp_path, collected, every, nodes):
     axes = driven(tmp_path, every=every, nodes=nodes)
     axes[2].advance(axes.now)
-    assert axes.digest() == told
+    assert axes.digest() == collected
 
 
 @pytest.mark.process

@@ -96,8 +96,8 @@ def maker(stage, common_peers):
 
 @pytest.fixture
 def fresh(stage):
-    """The stage as it was at the beginning: nothing told, everything active but the base."""
-    stage.robot.told.clear()
+    """The stage as it was at the beginning: nothing reported, everything active but the base."""
+    stage.robot.collected.clear()
     stage.robot.refusals.clear()
     stage.robot.answers.clear()
     stage.robot.more, stage.robot.samples = {}, {}

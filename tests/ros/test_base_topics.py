@@ -137,7 +137,7 @@ def test_what_goes_sideways_is_for_a_base_that_can(axes, lateral):
     message.linear.y = math.nan
     inputs.publish("base/cmd_vel_unstamped", message)
     assert len(inputs.commanded) == (1 if lateral else 2)
-    assert inputs.told == (
+    assert inputs.collected == (
         ["base: a twist is not finite: linear.x 0.5, linear.y nan, angular.z 0.3; it was dropped"] * bool(lateral)
     )
     commands.close()
@@ -150,7 +150,7 @@ def test_odometry_without_its_pose_has_the_twist_alone():
     ros = Ros()
     endpoint = publisher_of(ros, replace(reading(HOLONOMIC), tells="odometry"), "odom")
     endpoint.on_state(StateSample(samples={"base": OdometrySample(**WHEEL, only_twist=True)}))
-    (message,) = ros.publishers[0].told
+    (message,) = ros.publishers[0].collected
     position, orientation = message.pose.pose.position, message.pose.pose.orientation
     assert (position.x, position.y, orientation.z, orientation.w) == (0.0, 0.0, 0.0, 1.0)
     assert message.twist.twist.linear.x == 0.25
@@ -165,7 +165,7 @@ def test_the_command_of_the_wheel_is_published_where_it_is_in_the_sample(monkeyp
     endpoint.on_state(StateSample(samples={"base": OdometrySample(**WHEEL | {"time": 2.0}, ackermann=(4.0, -0.5))}))
     (publisher,) = ros.publishers
     assert (publisher.topic, publisher.kind.__name__) == ("base/cmd_ackermann", "AckermannDrive")
-    assert (publisher.told[0].speed, publisher.told[0].steering_angle) == (4.0, -0.5)
+    assert (publisher.collected[0].speed, publisher.collected[0].steering_angle) == (4.0, -0.5)
 
 
 def test_odometry_is_reset_by_a_service_without_fields(monkeypatch):
@@ -175,7 +175,7 @@ def test_odometry_is_reset_by_a_service_without_fields(monkeypatch):
     _, requests = ros.call("base/reset_odometry", {})
     assert requests == [SetOdometry(controller="base", x=0.0, y=0.0, heading=0.0)]
     ros.call("base/reset_odometry", "base is inactive")
-    assert ros.told == ["base/reset_odometry: base is inactive"]
+    assert ros.collected == ["base/reset_odometry: base is inactive"]
     endpoint.close()
     assert ros.left == ["base/reset_odometry"]
 

@@ -69,7 +69,7 @@ def test_a_steered_base_reports_its_wheels(ros):
         **WHERE, traction_velocities=[1.0, None], steering=[0.25], traction_commands=[2.0, 3.0], steering_commands=[0.5]
     )
     state.on_state(StateSample(samples={"base": sample}))
-    (reported,) = ros.publishers[0].told
+    (reported,) = ros.publishers[0].collected
     assert (reported.header.stamp.sec, reported.header.frame_id) == (5, "map")
     assert list(reported.traction_wheels_position) == []
     assert reported.traction_wheels_velocity[0] == 1.0
@@ -82,7 +82,7 @@ def test_a_base_on_mecanum_wheels_reports_them_and_its_twist(ros):
     state = publisher_of(ros, reading("mecanum", HOLONOMIC), "controller_state")
     sample = MecanumSample(**WHERE, wheels=[1.0, 2.0, 3.0, None], reference=[0.1, 0.2, None])
     state.on_state(StateSample(samples={"base": sample}))
-    (reported,) = ros.publishers[0].told
+    (reported,) = ros.publishers[0].collected
     result = (reported.front_left_wheel_velocity, reported.back_left_wheel_velocity, reported.back_right_wheel_velocity)
     assert result == (1.0, 2.0, 3.0)
     assert math.isnan(reported.front_right_wheel_velocity)
@@ -97,9 +97,9 @@ def test_the_transform_of_odometry_is_reported_once_where_it_is_broadcast(ros, b
     endpoint.on_state(state)
     endpoint.on_state(state)
     (publisher,) = ros.publishers
-    assert len(publisher.told) == int(broadcast)
+    assert len(publisher.collected) == int(broadcast)
     if broadcast:
-        (transform,) = publisher.told[0].transforms
+        (transform,) = publisher.collected[0].transforms
         assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base")
         assert (transform.transform.translation.x, transform.transform.rotation.z) == (1.0, pytest.approx(1.0))
     endpoint.close()

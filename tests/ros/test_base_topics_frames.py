@@ -75,14 +75,14 @@ def test_odometry_and_the_limited_twist_are_in_the_frames_of_the_transforms(scen
         peer.order("subscribe", topic=f"/two/base/{topic}", of=kind)
     frames = {}
 
-    def told():
+    def collected():
         robot.samples = {"base": {**ODOMETRY, "time": time.time(), "limited": [0.1, 0.2]}}
         for topic in ("odom", "cmd_vel_out"):
             for message in peer.waiting(f"/two/base/{topic}"):
                 frames[topic] = message["header"]["frame_id"], message.get("child_frame_id")
         return len(frames) == 2
 
-    assert ros.eventually(told)
+    assert ros.eventually(collected)
     assert frames == {"odom": ("two/odom", "two/base"), "cmd_vel_out": ("two/base", None)}
 
 

@@ -42,11 +42,11 @@ def test_with_several_base_controllers_it_is_not_known_which_one_is_meant(drivin
             teleop.order("subscribe", topic="/rosout", of="rcl_interfaces/msg/Log", qos="latched")
             teleop.order("publish", topic=TOPIC, of=PLAIN, data=twist(0.4), rate=20)
 
-            def told():
+            def collected():
                 driving.robot.time += 0.01
                 return any("several base controllers" in message["msg"] for message in teleop.waiting("/rosout"))
 
-            assert ros.eventually(told)
+            assert ros.eventually(collected)
     finally:
         driving.robot.controllers.remove(second)
     assert driving.robot.commands("twist") == []

@@ -62,7 +62,7 @@ def test_started_by_a_parent_it_ends_when(number, end, words):
     with ros.FakeRobot() as robot:
         child = start_as_run_does(number)
         try:
-            assert ros.eventually(lambda: robot.told)
+            assert ros.eventually(lambda: robot.collected)
             end(child, robot)
             assert child.wait(2.0) == 0
             assert words in "".join(child.last_lines())
@@ -89,7 +89,7 @@ def test_started_before_its_robot_it_waits_for_the_gate_and_then_shows_it(number
             peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
             assert ros.eventually(lambda: "/canopen_control_bridge" in peer.order("graph")["nodes"])
             with ros.FakeRobot() as robot:
-                assert not robot.told
+                assert not robot.collected
                 child.open_gate()
                 peer.message("/joint_states")
                 child.cut_lifeline()
@@ -118,7 +118,7 @@ def test_started_before_a_robot_that_never_comes_it_ends(number, is_open, code, 
 @pytest.mark.parametrize("number_of_signal", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_within_two_seconds(number, number_of_signal):
     with ros.FakeRobot() as robot, ros.bridge(number) as process:
-        assert ros.eventually(lambda: robot.told)
+        assert ros.eventually(lambda: robot.collected)
         process.send_signal(number_of_signal)
         assert process.wait(2.0) == 0
 
@@ -139,7 +139,7 @@ def test_while_it_waits_for_its_robot_a_reason_is_printed_once(number):
     with ExitStack() as stack:
         with ros.FakeRobot() as robot:
             process = stack.enter_context(ros.bridge(number))
-            assert ros.eventually(lambda: robot.told)
+            assert ros.eventually(lambda: robot.collected)
         time.sleep(1.8)  # several attempts to connect
         process.terminate()
         output, _ = process.communicate(timeout=ros.TIMEOUT)
@@ -150,7 +150,7 @@ def test_while_it_waits_for_its_robot_a_reason_is_printed_once(number):
 
 def test_a_second_bridge_of_a_robot_is_refused_and_the_first_continues(number):
     with ros.FakeRobot() as robot, ros.bridge(number) as first:
-        assert ros.eventually(lambda: robot.told)
+        assert ros.eventually(lambda: robot.collected)
         with ros.bridge(number) as second:
             output, _ = second.communicate(timeout=ros.TIMEOUT)
         assert second.returncode == 1
@@ -163,7 +163,7 @@ def test_a_second_bridge_of_a_robot_is_refused_and_the_first_continues(number):
 
 def test_use_sim_time_is_reported_with_what_it_does(number):
     with ros.FakeRobot() as robot, ros.bridge(number, "--ros-args", "-p", "use_sim_time:=true") as process:
-        assert ros.eventually(lambda: robot.told)
+        assert ros.eventually(lambda: robot.collected)
         process.terminate()
         output, _ = process.communicate(timeout=ros.TIMEOUT)
     assert output.startswith("canopen-control: use_sim_time: stamps are the time on /clock, and 0 until")
@@ -295,7 +295,7 @@ def test_joint_states_come_once_per_update_of_their_broadcaster(number, tmp_path
     times = [stamp["sec"] + stamp["nanosec"] / 1e9 for stamp in stamps]
     periods = [later - earlier for earlier, later in pairwise(times)]
     assert statistics.median(periods) == pytest.approx(1 / hz, rel=0.05)
-    assert min(periods) > 0.0, "no update is told twice"
+    assert min(periods) > 0.0, "no update is published twice"
 
 
 def test_the_death_of_the_bridge_is_reported_and_the_robot_continues(number):

@@ -47,13 +47,13 @@ def test_values_that_are_not_finite_and_wrong_sizes_never_reach_the_robot(fresh)
 def test_a_controller_that_is_not_active_gets_nothing_until_it_is(fresh):
     fresh.robot.switch(forward="inactive")
     fresh.peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [4.0, 4.0]}, rate=50)
-    watched = len(fresh.robot.told)
-    assert eventually(lambda: any(item["method"] == "controllers" for item in fresh.robot.told))
+    watched = len(fresh.robot.collected)
+    assert eventually(lambda: any(item["method"] == "controllers" for item in fresh.robot.collected))
     before = len(commands(fresh))
     fresh.robot.switch(forward="active")
     assert eventually(lambda: len(commands(fresh)) > before)
     fresh.peer.order("silence", topic=TOPIC)
-    assert watched < len(fresh.robot.told)
+    assert watched < len(fresh.robot.collected)
 
 
 def test_a_flood_arrives_as_one_command_per_cycle_with_the_newest_value(fresh):
@@ -68,17 +68,17 @@ def test_a_flood_arrives_as_one_command_per_cycle_with_the_newest_value(fresh):
 
 
 def test_two_publishers_that_alternate_are_named_in_one_warning_of_the_robot(fresh):
-    def told():
+    def collected():
         return [command["text"] for command in fresh.robot.commands("tell") if "publish alternately" in command["text"]]
 
     with Peer(fresh.domain) as other:
         for peer, value in ((fresh.peer, 1.0), (other, 2.0)):
             peer.order("publish", topic=TOPIC, of=TYPE, data={"data": [value, value]}, rate=20)
-        assert eventually(told)
+        assert eventually(collected)
         sent = len(commands(fresh))
         assert eventually(lambda: len(commands(fresh)) > sent + 20)
         fresh.peer.order("silence", topic=TOPIC)
-    assert len(told()) == 1
+    assert len(collected()) == 1
     assert re.match(
-        r"ROS: forward/commands: \d publishers of /peer publish alternately, so the motion jerks", told()[0]
+        r"ROS: forward/commands: \d publishers of /peer publish alternately, so the motion jerks", collected()[0]
     )

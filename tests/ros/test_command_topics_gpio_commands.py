@@ -62,7 +62,7 @@ def test_a_message_sets_what_it_names_and_ends_with_the_bridge(ros):
     GpioCommands(ros, reading())
     ros.publish(TOPIC, message(("io", ["horn"], [1.0]), ("valve", ["open"], [0.25])))
     assert asked(ros) == [command(io__horn=1.0, valve__open=0.25)]
-    assert ros.told == []
+    assert ros.collected == []
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_a_message_that_does_not_fit_is_dropped_whole_with_a_sentence(ros, parts
     GpioCommands(ros, reading())
     ros.publish(TOPIC, message(*parts))
     assert ros.asked == []
-    assert ros.told == [f"{TOPIC}: {reported}; the message was dropped"]
+    assert ros.collected == [f"{TOPIC}: {reported}; the message was dropped"]
 
 
 def test_what_comes_before_the_answer_is_put_together_and_nothing_is_lost(ros):
@@ -109,5 +109,5 @@ def test_a_refusal_of_the_robot_is_reported_and_the_next_message_goes_out(ros):
     ros.publish(TOPIC, message(("io", ["lamp"], [1.0])))
     ros.asked[0][1](None, "a stop is latched")
     ros.publish(TOPIC, message(("io", ["lamp"], [0.0])))
-    assert ros.told == [f"{TOPIC}: a stop is latched"]
+    assert ros.collected == [f"{TOPIC}: a stop is latched"]
     assert asked(ros) == [command(io__lamp=1.0), command(io__lamp=0.0)]

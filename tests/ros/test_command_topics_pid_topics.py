@@ -70,12 +70,12 @@ class TestReferences:
     def test_derivatives_of_which_nothing_is_known_are_none(self, ros, rates):
         PidReferences(ros, reading("position", "velocity"))
         assert self.take(ros, [1.0, 2.0], rates) == [[1.0, 2.0]]
-        assert ros.told == []
+        assert ros.collected == []
 
     def test_derivatives_that_the_controller_does_not_take_are_reported_and_left_out(self, ros):
         PidReferences(ros, reading("position"))
         assert self.take(ros, [1.0, 2.0], [0.1, 0.2]) == [[1.0, 2.0]]
-        assert "values_dot is ignored" in ros.told[0]
+        assert "values_dot is ignored" in ros.collected[0]
 
     @pytest.mark.parametrize(
         ("values", "rates", "names", "reported"),
@@ -94,7 +94,7 @@ class TestReferences:
     def test_what_is_not_whole_is_dropped_with_the_joints_name(self, ros, values, rates, names, reported):
         PidReferences(ros, reading("position", "velocity"))
         assert self.take(ros, values, rates, names) == []
-        assert ros.told == [f"{TOPIC}: {reported}; the message was dropped"]
+        assert ros.collected == [f"{TOPIC}: {reported}; the message was dropped"]
 
 
 class TestState:
@@ -108,7 +108,7 @@ class TestState:
     def test_what_is_not_known_is_nan(self, ros):
         publisher_of(ros, reading("position"), "controller_state").on_state(self.sample(1.0))
         fields = ("name", "reference", "feedback", "feedback_dot", "error", "error_dot", "time_step", "output")
-        x, y = ([getattr(state, name) for name in fields] for state in ros.publishers[0].told[0].dof_states)
+        x, y = ([getattr(state, name) for name in fields] for state in ros.publishers[0].collected[0].dof_states)
         assert x == ["x", 1.0, 0.75, 0.5, 0.25, -0.5, 0.01, 2.0]
         assert [y[0], y[6], y[7]] == ["left/y", 0.01, 0.0]
         assert all(map(math.isnan, y[1:6]))
@@ -156,4 +156,4 @@ class TestMeasuredStates:
         assert request == SetMeasuredStates(controller="pid", values=[2.0, 1.0, 0.2, 0.1])
         assert ros.commanded == []
         answer(None, "no")
-        assert ros.told == [f"{self.TOPIC}: no"]
+        assert ros.collected == [f"{self.TOPIC}: no"]

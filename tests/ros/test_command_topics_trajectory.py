@@ -93,7 +93,7 @@ class TestTrajectories:
         ros.publish(self.TOPIC, trajectory(math.nan))
         ros.publish(self.TOPIC, trajectory(2.0))
         self.answer(ros.clients[0], None, "arm refuses the trajectory: it has no points")
-        assert ros.told == [
+        assert ros.collected == [
             f"{self.TOPIC}: point 0: the position of a is nan; give finite numbers",
             f"{self.TOPIC}: arm refuses the trajectory: it has no points",
         ]
@@ -120,7 +120,7 @@ class TestTrajectories:
         ros.connect = gone
         TrajectoryTopic(ros, ARM)
         ros.publish(self.TOPIC, trajectory(1.0))
-        assert ros.told == [f"{self.TOPIC}: robot fake is gone"]
+        assert ros.collected == [f"{self.TOPIC}: robot fake is gone"]
 
 
 class TestState:
@@ -140,11 +140,11 @@ class TestState:
         state.on_state(StateSample(samples={"arm": sample}))
         publisher.subscribers = 1
         state.on_state(StateSample(samples={"arm": sample}))
-        assert publisher.told == []
+        assert publisher.collected == []
         for _ in range(2):
             later = type(sample)(**{name: getattr(sample, name) for name in sample.__struct_fields__} | {"time": 2.0})
             state.on_state(StateSample(samples={"arm": later}))
-        (reported,) = publisher.told
+        (reported,) = publisher.collected
         assert (reported.header.stamp.sec, list(reported.reference.positions), reported.speed_scaling_factor) == (
             2,
             [0.1, 0.2],
@@ -196,9 +196,9 @@ class TestSpeed:
         for factor in (0.5, -1.0, math.nan, math.inf):
             ros.publish(self.TOPIC, created(factor=factor))
         assert [request for request, _ in ros.asked] == [ScaleTrajectory(controller="arm", factor=0.5)]
-        assert [reported.partition("scaling of ")[2][:4] for reported in ros.told] == ["-1 i", "nan ", "inf "]
+        assert [reported.partition("scaling of ")[2][:4] for reported in ros.collected] == ["-1 i", "nan ", "inf "]
         ros.asked[0][1](None, "STOP is latched")
-        assert ros.told[-1] == f"{self.TOPIC}: STOP is latched"
+        assert ros.collected[-1] == f"{self.TOPIC}: STOP is latched"
         scaling.close()
         assert ros.left == [self.TOPIC]
 

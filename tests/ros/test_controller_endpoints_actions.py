@@ -59,7 +59,7 @@ def held(robot):
 
 def accepted(robot, peer, name, data=None, action=ACTION):
     """Have a goal accepted; returns what the robot was sent of it."""
-    robot.told.clear()
+    robot.collected.clear()
     before = held(robot)
     peer.order("goal", action=action, of=KIND, data=data or goal(), name=name)
     assert peer.message(name, lambda message: "accepted" in message) == {"accepted": True}

@@ -78,7 +78,7 @@ def test_a_name_that_is_not_declared_leaves_the_answer_empty(robot, service):
 def test_a_robot_that_refuses_leaves_the_answer_empty_and_why_is_reported(robot):
     response, _ = robot.call("base/list_parameters", "no controller 'base' is loaded")
     assert list(response.result.names) == []
-    assert robot.told == ["base: no controller 'base' is loaded"]
+    assert robot.collected == ["base: no controller 'base' is loaded"]
 
 
 def test_each_is_set_on_its_own_in_order(robot):
@@ -105,7 +105,7 @@ def test_set_parameters_are_published_to_clients_that_show_them(robot):
     robot.call("base/set_parameters", Done(), "no", parameters=parameters(timeout=1.5, other=2.0))
     (publisher,) = robot.publishers
     assert publisher.topic == "/parameter_events"
-    (event,) = publisher.told
+    (event,) = publisher.collected
     assert (event.node, [parameter.name for parameter in event.changed_parameters]) == ("/robot/base", ["timeout"])
     robot.endpoint.close()
     assert publisher in robot.left
@@ -113,7 +113,7 @@ def test_set_parameters_are_published_to_clients_that_show_them(robot):
 
 def test_a_relative_file_of_parameters_is_the_callers_where_the_caller_has_it(fresh):
     def setting(*paths):
-        fresh.robot.told.clear()
+        fresh.robot.collected.clear()
         named = [
             {"name": f"wheels{number}.params_file", "value": {"type": 4, "string_value": path}}
             for number, path in enumerate(paths)

@@ -19,7 +19,7 @@ def state(more=(), **changes):
     return sample_of(document | dict(more))
 
 
-def told(name, **changes):
+def collected(name, **changes):
     statuses = {
         item.name: item
         for item in diagnose("robby", state(**changes), {view.name: view for view in controllers_of(CONTROLLERS)})
@@ -28,7 +28,7 @@ def told(name, **changes):
 
 
 def test_a_drive_that_runs_is_ok_and_shows_what_it_is():
-    status = told("left_drive")
+    status = collected("left_drive")
     assert (status.level, status.message, status.hardware_id) == (Health.OK, "operational", "node 3")
     assert status.values == {
         "node id": "3", "bus": "can", "NMT state": "OPERATIONAL", "age": "0.010 s", "left state": "OPERATION_ENABLED",
@@ -48,7 +48,7 @@ def test_a_drive_that_runs_is_ok_and_shows_what_it_is():
     ],
 )
 def test_what_is_wrong_with_a_drive_has_its_level(changes, level, message):
-    status = told("left_drive", **changes)
+    status = collected("left_drive", **changes)
     assert (status.level, status.message) == (level, message)
 
 

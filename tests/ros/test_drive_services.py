@@ -109,7 +109,7 @@ def test_a_target_goes_through_the_controller_and_leaves_the_other_joint_what_it
 
 
 def _commands(stage, call, target):
-    stage.robot.told.clear()
+    stage.robot.collected.clear()
     assert call("/left_drive/target", TARGET, target=target) == {"success": True}
     return [command["values"] for command in stage.robot.commands()]
 

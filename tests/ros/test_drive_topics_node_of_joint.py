@@ -54,7 +54,7 @@ def ros(monkeypatch):
 
 
 def made(ros, kind, joint):
-    """Return the endpoint of a controller, once the robot has told its nodes."""
+    """Return the endpoint of a controller, once the robot has reported its nodes."""
     controller = reading(kind, joint)
     endpoint = (ProxyNode if kind == "Proxy" else DeviceNode)(ros, controller)
     endpoint.on_controller(controller)
@@ -143,7 +143,7 @@ def test_states_and_process_data_of_its_node_are_published(ros):
         {"terminal": [MappedValue(0x6000, 1, b"\x07")], "left_drive": [MappedValue(1, 1, b"\x00")]}
     )
     endpoint.on_event(RobotEvent(time=1.0, kind="emcy", node="terminal", level="error", text="no power"))
-    reported = {publisher.topic: publisher.told for publisher in ros.publishers}
+    reported = {publisher.topic: publisher.collected for publisher in ros.publishers}
     assert [item.data for item in reported["/robot/io/nmt_state"]] == ["START"]
     assert [(item.index, item.subindex, item.data) for item in reported["/robot/io/rpdo"]] == [(0x6000, 1, 7)]
     assert [item.status[0].message for item in reported["/robot/io/emcy"]] == ["no power"]
@@ -152,7 +152,7 @@ def test_states_and_process_data_of_its_node_are_published(ros):
 def test_a_joint_that_is_not_a_nodes_and_no_node_is_reported(ros):
     made(ros, "Proxy", "lift")
     assert ros.services == {}
-    assert ros.told == [
+    assert ros.collected == [
         "io has no topics: no node drives joint 'lift' or has this name; set `joint` to a joint or node of bus.yml"
     ]
 
@@ -161,7 +161,7 @@ def test_what_the_robot_cannot_report_is_reported(ros):
     endpoint = ProxyNode(ros, reading())
     endpoint.on_controller(reading())
     ros.asked.pop()[1](None, "the robot is gone")
-    assert ros.told == ["io has no topics: the robot is gone"]
+    assert ros.collected == ["io has no topics: the robot is gone"]
 
 
 def test_before_it_is_configured_nothing_is_asked_and_then_once(ros):

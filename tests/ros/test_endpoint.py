@@ -31,7 +31,7 @@ def test_an_error_of_a_topic_is_reported_and_no_error_is_not():
     ros = endpoints.Ros()
     Endpoint(ros).report("heard", "it is off")
     Endpoint(ros).report("heard", None)
-    assert ros.told == ["heard: it is off"]
+    assert ros.collected == ["heard: it is off"]
 
 
 pytestmark = pytest.mark.ros

@@ -30,7 +30,7 @@ def scene(monkeypatch):
     monkeypatch.setattr(endpoint, "interface", lambda name: name)
     monkeypatch.setattr(endpoint, "serve", lambda _node, _kind, name, taken: created.setdefault(name, taken))
     return SimpleNamespace(
-        ros=NodeContext(shared, node), told=warned, gone=gone, made=created, later=later, shared=shared
+        ros=NodeContext(shared, node), collected=warned, gone=gone, made=created, later=later, shared=shared
     )
 
 
@@ -40,7 +40,7 @@ def test_what_a_callback_raises_is_a_warning_of_the_node(scene):
 
     scene.ros.subscribe(str, "commands", callback, None)
     scene.made["commands"]("this")
-    assert scene.told == [(True, "commands: ValueError: not this")]
+    assert scene.collected == [(True, "commands: ValueError: not this")]
 
 
 def test_a_request_is_handed_over_and_one_that_raises_is_answered(scene):
@@ -53,7 +53,7 @@ def test_a_request_is_handed_over_and_one_that_raises_is_answered(scene):
     assert answered == [], "not yet: it is for the other thread"
     scene.later.pop()()
     assert answered == ["response"]
-    assert scene.told == [(True, "get: KeyError: 'request'")]
+    assert scene.collected == [(True, "get: KeyError: 'request'")]
 
 
 def test_what_is_left_is_destroyed_and_what_is_shared_is_the_sessions(scene):

@@ -40,7 +40,7 @@ def scene(ros_folder):
 @pytest.fixture
 def call(scene):
     robot, peer = scene
-    robot.told.clear()
+    robot.collected.clear()
     robot.refusals.clear()
 
     def call(service, kind, **data):
@@ -157,7 +157,7 @@ def test_an_answer_of_another_shape_is_not_an_answer_and_the_bridge_continues(sc
 
 def test_a_spawners_param_file_goes_to_the_robot(scene):
     robot, peer = scene
-    robot.told.clear()
+    robot.collected.clear()
     parameter = {"name": "base.params_file", "value": {"type": 9, "string_array_value": ["/tmp/base.yaml"]}}
     answer = peer.order(
         "call", service="/controller_manager/set_parameters", of="rcl_interfaces/srv/SetParameters",

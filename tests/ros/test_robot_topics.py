@@ -41,13 +41,13 @@ def event(text="it happened", level="error", **more):
 def test_an_event_comes_from_the_node_it_concerns(robot, of, name):
     robot.endpoint.on_event(event(**of))
     (publisher,) = robot.publishers
-    assert [item.name for item in publisher.told] == [name]
+    assert [item.name for item in publisher.collected] == [name]
 
 
 @pytest.mark.parametrize(("level", "number"), [("info", 20), ("warning", 30), ("error", 40)])
 def test_it_has_its_level_time_and_text(robot, level, number):
     robot.endpoint.on_event(event("EMCY 0x8130", level))
-    (reported,) = robot.publishers[0].told
+    (reported,) = robot.publishers[0].collected
     assert (reported.level, reported.msg, reported.function, reported.stamp.sec) == (number, "EMCY 0x8130", "emcy", 12)
 
 
@@ -68,13 +68,13 @@ def test_one_cause_is_reported_once_but_a_stop_always(robot, then, reported):
     first = event(f"node 3 (left drive): {LOST}", node="left drive")
     robot.endpoint.on_event(first)
     robot.endpoint.on_event(msgspec.structs.replace(first, **then))
-    assert len(robot.publishers[0].told) == reported
+    assert len(robot.publishers[0].collected) == reported
 
 
 def test_what_is_worse_is_reported_although_the_cause_is_the_same(robot):
     for level in ("warning", "error", "warning"):
         robot.endpoint.on_event(event(f"node 3: {LOST}", level, node="left drive"))
-    assert [item.level for item in robot.publishers[0].told] == [30, 40]
+    assert [item.level for item in robot.publishers[0].collected] == [30, 40]
 
 
 def test_its_quality_is_that_of_every_log_so_that_late_comers_have_it(robot):

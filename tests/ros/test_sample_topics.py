@@ -63,7 +63,7 @@ def test_names_types_and_quality_are_upstreams(kind):
     name = {"imu": "Imu", "range": "Range", "wrench": "WrenchStamped", "pose": "PoseStamped"}[kind]
     assert (publisher.topic, publisher.kind.__name__) == (f"b/{kind}", name)
     assert publisher.quality.reliability.name == "SYSTEM_DEFAULT"
-    (message,) = publisher.told
+    (message,) = publisher.collected
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (2, 250_000_000)
     assert message.header.frame_id == SAMPLES[kind].frame_id
 
@@ -73,7 +73,7 @@ def xyz(vector):
 
 
 def test_an_imu():
-    (message,) = published("imu").told
+    (message,) = published("imu").collected
     assert [*xyz(message.orientation), message.orientation.w] == [0.1, 0.2, 0.3, 0.9]
     assert xyz(message.angular_velocity)[:2] == [1.0, 2.0]
     assert math.isnan(message.angular_velocity.z)
@@ -84,7 +84,7 @@ def test_an_imu():
 
 
 def test_a_pose():
-    (message,) = published("pose").told
+    (message,) = published("pose").collected
     assert xyz(message.pose.position)[:2] == [1.0, 2.0]
     assert math.isnan(message.pose.position.z)
     assert [*xyz(message.pose.orientation), message.pose.orientation.w] == [0.0, 0.6, 0.0, 0.8]
@@ -96,7 +96,7 @@ def test_no_sensor_message_is_built_without_a_subscriber():
     topic = publisher_of(ros, reading, "wrench")
     ros.publishers[0].subscribers = 0
     topic.on_state(StateSample(samples={"b": SAMPLES["wrench"]}))
-    assert ros.publishers[0].told == []
+    assert ros.publishers[0].collected == []
 
 
 MAIN = BatteryReading(name="main", voltage=24.5, current=-3.0, percentage=0.5, power_supply_status=2, present=True,
@@ -127,10 +127,10 @@ def test_all_batteries_and_each_by_itself_are_published_once(ros):
     together, each = ros.publishers
     assert [one.topic for one in ros.publishers] == ["power/battery_state", "power/raw_battery_states"]
     assert together.kind.__name__ == "BatteryState"
-    (message,) = together.told
+    (message,) = together.collected
     assert (message.voltage, message.header.frame_id, message.header.stamp.nanosec) == (24.5, "", 250_000_000)
     assert math.isnan(message.current)
-    (array,) = each.told
+    (array,) = each.collected
     (main,) = array.battery_states
     assert (main.header.frame_id, main.voltage, main.current, main.percentage) == ("main", 24.5, -3.0, 0.5)
     assert (main.power_supply_status, main.power_supply_technology, main.present) == (2, 3, True)

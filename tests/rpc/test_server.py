@@ -46,14 +46,14 @@ class Store:
         self.peer.sendall(line if isinstance(line, bytes) else json.dumps(line).encode() + b"\n")
         self.reactor.run_for(0)
 
-    def told(self):
+    def collected(self):
         self.reactor.run_for(0)
         result = self.peer.recv(1 << 20)
         return [json.loads(line) for line in result.splitlines()]
 
     def ask(self, method, under=1, **params):
         self.tell({"id": under, "method": method, "params": params})
-        return next(item for item in self.told() if "id" in item)
+        return next(item for item in self.collected() if "id" in item)
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def store(tmp_path, monkeypatch):
 
 
 def test_a_new_member_is_greeted(store):
-    assert store.told() == [{"hello": {"store": "shelf", "protocol": 2}}]
+    assert store.collected() == [{"hello": {"store": "shelf", "protocol": 2}}]
 
 
 def test_a_handler_gets_the_request_as_its_type_and_answers_under_its_number(store):
@@ -110,7 +110,7 @@ NO_NUMBER = "NaN or an infinite number (null in JSON) where a finite one is need
 )
 def test_what_is_wrong_is_refused_in_a_sentence_and_the_next_request_is_served(store, method, params, sentence):
     store.tell({"id": 1, "method": method, "params": params})
-    (answer,) = [item for item in store.told() if "id" in item]
+    (answer,) = [item for item in store.collected() if "id" in item]
     assert answer["error"] == {"kind": "LocalProtocolError", "message": sentence}
     assert store.ask("put", key="a") == {"id": 1, "result": {}}
 
@@ -118,7 +118,7 @@ def test_what_is_wrong_is_refused_in_a_sentence_and_the_next_request_is_served(s
 def test_a_notification_is_done_and_not_answered(store):
     store.tell({"method": "put", "params": {"key": "a", "number": 4}})
     store.tell({"method": "get", "params": {"key": "nowhere"}})
-    assert [item for item in store.told() if "id" in item or "error" in item] == []
+    assert [item for item in store.collected() if "id" in item or "error" in item] == []
     assert store.values == {"a": 4.0}
 
 
@@ -133,9 +133,9 @@ def test_a_notification_is_done_and_not_answered(store):
     ],
 )
 def test_a_line_that_is_not_a_request_ends_the_connection(store, line, sentence):
-    store.told()
+    store.collected()
     store.tell(line + b'\n{"id": 1, "method": "put", "params": {"key": "a"}}\n')
-    (answer,) = store.told()
+    (answer,) = store.collected()
     assert answer["error"]["kind"] == "RemoteProtocolError"
     assert answer["error"]["message"].startswith("not a JSON object on a line: ")
     assert sentence in answer["error"]["message"]
@@ -144,10 +144,10 @@ def test_a_line_that_is_not_a_request_ends_the_connection(store, line, sentence)
 
 
 def test_what_is_pushed_comes_under_its_key_to_those_it_is_for(store):
-    store.told()
+    store.collected()
     store.server.push(Changed("a"))
     store.server.push(Changed("b"), [])
-    assert store.told() == [{"changed": {"key": "a"}}]
+    assert store.collected() == [{"changed": {"key": "a"}}]
     assert store.server.line_of(Changed("c")) == b'{"changed":{"key":"c"}}\n'
 
 

@@ -81,8 +81,8 @@ def robot(tmp_path):
     bench.close()
 
 
-def objects(told):
-    return {(item.index, item.subindex): item.data for item in told}
+def objects(collected):
+    return {(item.index, item.subindex): item.data for item in collected}
 
 
 def test_everything_that_has_come_is_reported_with_the_width_it_was_mapped_with(robot):
@@ -171,7 +171,7 @@ def test_outputs_that_a_controller_commands_are_its_own(robot):
 
 
 class Watcher(Client):
-    """A client that keeps what it is told of process data."""
+    """A client that keeps the process data it receives."""
 
     def watch(self, ms):
         self._bench.run(ms)

@@ -41,7 +41,7 @@ def bench_of_needed_nodes(tmp_path, request):
 def test_one_that_is_not_called_required_is_reported_and_stops_nothing(bench_of_needed_nodes, key):
     robot = bench_of_needed_nodes(key)
     robot.power_off(IO)
-    robot.told("heartbeat_lost")
+    robot.collected("heartbeat_lost")
     robot.target(2.0)
     robot.run(500)
     assert robot.found("stop") == []
@@ -54,7 +54,7 @@ def test_one_that_is_not_called_required_is_reported_and_stops_nothing(bench_of_
 def test_one_that_is_required_stops_all_axes_with_their_ramp_and_names_itself(bench_of_needed_nodes, key):
     robot = bench_of_needed_nodes(key)
     robot.power_off(IO)
-    event, _ = robot.told("stop")
+    event, _ = robot.collected("stop")
     assert "node 5 (io_module), which bus.yml requires, was lost" in event.text
     robot.disabled_after()
     assert robot.found("fault") == []
@@ -65,7 +65,7 @@ def test_one_that_is_required_stops_all_axes_with_their_ramp_and_names_itself(be
 def test_nothing_is_enabled_before_it_is_back_and_its_return_enables_nothing(bench_of_needed_nodes):
     robot = bench_of_needed_nodes("required: true")
     robot.power_off(IO)
-    robot.told("stop")
+    robot.collected("stop")
     robot.disabled_after()
     for action in (Action.ENABLE, Action.HOME):
         with pytest.raises(ControlError, match=r"io_module.*; wait for io_module"):
@@ -88,8 +88,8 @@ def test_one_that_restarts_between_two_cycles_stops_them_too(bench_of_needed_nod
     assert robot.powered(2)
     robot.power_off(IO)
     robot.power_on(IO)
-    robot.told("restarted")
-    robot.told("stop")
+    robot.collected("restarted")
+    robot.collected("stop")
     robot.until(lambda: not robot.powered(2))
 
 
@@ -102,7 +102,7 @@ def test_a_robot_with_drives_under_its_controllers_needs_its_io_module_likewise(
     robot.start()
     robot.hold(10.0, 10.0, ms=600)
     robot.power_off(IO)
-    robot.told("stop")
+    robot.collected("stop")
     robot.until(lambda: not robot.powered(2) and not robot.powered(3))
     robot.power_on(IO)
     robot.until(lambda: robot.robot.nodes["io_module"].ready)

@@ -56,7 +56,7 @@ def robot_of_world_sensing(tmp_path, monkeypatch):
     robot_of_world_sensing.close()
 
 
-def told(robot_of_world_sensing):
+def collected(robot_of_world_sensing):
     return {interface.name: interface.value for interface in robot_of_world_sensing.robot.registry.state_interfaces}
 
 
@@ -67,14 +67,14 @@ def sense(robot_of_world_sensing):
 
 
 def test_what_the_world_measures_is_in_the_interfaces_and_is_broadcast(robot_of_world_sensing):
-    assert math.isnan(told(robot_of_world_sensing)["imu/orientation.w"])
+    assert math.isnan(collected(robot_of_world_sensing)["imu/orientation.w"])
     robot_of_world_sensing.hold(10.0, 10.0, ms=1000)
     upward = []
     for _ in range(25):  # what an IMU tells at one moment has the chassis's rocking in it
         robot_of_world_sensing.hold(10.0, 10.0, ms=20)
         sense(robot_of_world_sensing)
         robot_of_world_sensing.run(40)
-        values = told(robot_of_world_sensing)
+        values = collected(robot_of_world_sensing)
         upward.append(values["imu/linear_acceleration.z"])
     assert statistics.mean(upward) == pytest.approx(9.81, abs=0.5)
     assert values["truth/position.x"] == pytest.approx(robot_of_world_sensing.world.describe().base.x, abs=0.02)

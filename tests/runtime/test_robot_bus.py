@@ -97,7 +97,7 @@ def test_a_channel_that_closes_before_the_robot_began_ends_the_run_as_well():
 
 
 def detected_after(bench, stop_ms):
-    """Let the left drive fall silent `stop_ms` after an edge, and return at which edge that is told."""
+    """Let the left drive fall silent `stop_ms` after an edge, and return at which edge that is reported."""
     edge = bench.robot.pacer.edge
     bench.until(lambda: bench.robot.pacer.edge != edge)
     bench.run(stop_ms)

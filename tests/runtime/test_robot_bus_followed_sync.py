@@ -142,7 +142,7 @@ def test_a_bus_that_leads_no_cycle_watches_its_sync_all_the_same():
     assert (task.starts, reported) == (1, [])
     for now in range(3000 * MS, 4800 * MS, 20 * MS):
         sync.tick(now)
-    assert (task.starts, task.closes, len(reported)) == (5, 4, 1), "each half a second, and told once"
+    assert (task.starts, task.closes, len(reported)) == (5, 4, 1), "each half a second, and reported once"
 
 
 def test_the_first_sync_of_a_node_that_has_to_boot_is_waited_for_and_its_absence_suggests_what_to_do():
@@ -166,10 +166,10 @@ class Slow:
     sender, correction = "the kernel", "it is set up again"
 
     def __init__(self, latency_ns):
-        self.latency_ns, self.told = latency_ns, []
+        self.latency_ns, self.collected = latency_ns, []
 
     def start(self, period_us):
-        self.told.append(period_us)
+        self.collected.append(period_us)
 
     adjust = start
 
@@ -183,7 +183,7 @@ def heard_by_a_late_process(task, syncs, stalls=(), period_us=10_000):
     sync.start(0)
     now = 0
     for number in range(syncs):
-        now += task.told[-1] * 1000 + task.latency_ns + (5 * MS if number in stalls else 0)
+        now += task.collected[-1] * 1000 + task.latency_ns + (5 * MS if number in stalls else 0)
         sent.append(now)
         sync.receive_sync(now + round(chance.random() * 2 * MS))
     return [after - before for before, after in itertools.pairwise(sent[-100:])]
@@ -194,14 +194,14 @@ def test_what_the_kernel_adds_to_each_period_is_taken_off_it(latency_us, stalls)
     task = Slow(latency_us * 1000)
     periods = heard_by_a_late_process(task, 1800, stalls)
     assert all(-2000 <= period - 10 * MS <= 3000 for period in periods)
-    assert all(abs(item - 10_000) <= latency_us + 3 for item in task.told)
+    assert all(abs(item - 10_000) <= latency_us + 3 for item in task.collected)
 
 
 @pytest.mark.parametrize(("period_us", "least"), [(10_000, 9_900), (1000, 950)])
 def test_a_machine_that_is_at_standstill_again_and_again_is_not_a_latency_to_be_taken_off(period_us, least):
     task = Slow(3 * MS)
     heard_by_a_late_process(task, 1000, period_us=period_us)
-    assert min(task.told) == least
+    assert min(task.collected) == least
 
 
 def test_one_that_is_set_up_again_begins_with_the_whole_period():
@@ -210,6 +210,6 @@ def test_one_that_is_set_up_again_begins_with_the_whole_period():
     sync.start(0)
     for number in range(400):
         sync.receive_sync(number * 10_070_000)
-    assert task.told[-1] == 9_930
+    assert task.collected[-1] == 9_930
     sync.tick(10_000 * MS)
-    assert task.told[-1] == 10_000
+    assert task.collected[-1] == 10_000

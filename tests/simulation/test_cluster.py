@@ -57,7 +57,7 @@ class Made:
 
 
 class Scheduler:
-    """A client of a cluster whose tasks end as they are told to."""
+    """A client of a cluster whose tasks end as configured."""
 
     loop = None
 

@@ -23,23 +23,23 @@ def judged():
 
 def test_the_truth_is_not_reported(judged):
     judged.drive(5.0, 5.0).run(1.0).do("fault", 3, 0.5, name="drive_fault").run(1.0).do("power", 2, 1.0).run(4.0)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 @pytest.mark.sources
 def test_running_while_a_drive_is_in_fault_or_silent_is_reported_once(judged, monkeypatch):
     monkeypatch.setattr(RobotCore, "state", property(lambda self: RobotState.RUNNING))
     judged.do("fault", 3, name="drive_fault").run(1.5)
-    assert judged.told == [("state_told", "the state is RUNNING although node 3 is in fault")]
+    assert judged.collected == [("state_told", "the state is RUNNING although node 3 is in fault")]
     judged.do("power", 2).run(2.0)
-    assert judged.told[1:] == [("state_told", "the state is RUNNING although node 2 is silent")]
+    assert judged.collected[1:] == [("state_told", "the state is RUNNING although node 2 is silent")]
 
 
 def test_an_error_of_the_program_is_reported(judged):
     judged.robot.errors.append(ValueError("no"))
     judged.rules.on_sample(judged.robot.now_ns)
     judged.rules.on_sample(judged.robot.now_ns)
-    assert judged.told == [("program_error", "ValueError: no")]
+    assert judged.collected == [("program_error", "ValueError: no")]
 
 
 def test_memory_that_grows_is_reported(judged, monkeypatch):
@@ -54,7 +54,7 @@ def test_a_latch_holds_until_it_is_released_even_if_its_client_leaves_or_restart
     judged.do("latch").run(0.3).do("ask", seconds=0.2).run(0.5).do("kill", seconds=0.3).run(1.5)
     assert judged.robot.core.latch.held
     judged.do("release").run(0.5).do("axis", name="fault-reset").run(0.3).do("axis", name="enable").run(0.5)
-    assert judged.told == []
+    assert judged.collected == []
     assert judged.robot.core.state is RobotState.RUNNING
 
 
@@ -67,7 +67,7 @@ def test_a_latch_that_is_lost_is_reported_and_one_that_is_not_requested(judged, 
     judged.robot.core.latch.by = held
     judged.run(0.6)
     assert judged.broken == ["state_told"]
-    assert judged.told[0][1].endswith(words)
+    assert judged.collected[0][1].endswith(words)
 
 
 @pytest.mark.sources
@@ -78,14 +78,14 @@ def test_running_is_a_lie_while_a_claimed_drive_is_off(judged, monkeypatch):
         f"the state is RUNNING although {side}_wheel_joint is claimed by a controller and disabled"
         for side in ("left", "right")
     }
-    assert {text for _, text in judged.told} == reported
+    assert {text for _, text in judged.collected} == reported
 
 
 @pytest.mark.sources
 def test_a_command_is_not_taken_while_its_drives_are_off(judged, monkeypatch):
     judged.robot.observers.append(Watch(applied=judged.rules.applied))
     judged.do("axis", name="disable").run(1.0).drive(5.0, 5.0, seconds=0.1).run(0.3)
-    assert (judged.told, judged.player.refused) == ([], 1)
+    assert (judged.collected, judged.player.refused) == ([], 1)
     monkeypatch.setattr(ControllerManager, "_require_enabled", lambda self, controller: None)
     judged.drive(5.0, 5.0, seconds=0.1).run(0.3)
     assert judged.broken == ["command_taken"]
@@ -108,13 +108,13 @@ def test_clients_that_hang_are_not_news(made):
     judged = made()
     judged.do("silent", values=(80.0,)).do("ask", seconds=2.0).do("deaf").run(6.0)
     judged.do("kill", seconds=0.3).run(2.0).do("ask", seconds=1.0).run(2.0)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 def test_a_robot_that_is_stalled_owes_no_answer(made):
     judged = made()
     judged.do("ask").run(0.1).do("stall", "master", 3.0).run(4.0)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 @pytest.mark.sources

@@ -66,7 +66,7 @@ def test_a_command_older_than_the_enable_moves_nothing(judged, monkeypatch):
     judged.do("axis", name="fault-reset").run(0.2)
     assert judged.broken == []
     judged.do("axis", name="enable").run(0.5)
-    assert judged.told[0][1].endswith("without a command since its enable")
+    assert judged.collected[0][1].endswith("without a command since its enable")
 
 
 @pytest.mark.sources

@@ -18,7 +18,7 @@ from canopen_control.simulation.simulation_run import SimulationRun
 
 
 class Program:
-    """A program at the socket of the robot, which reads only when it is told to."""
+    """A program at the socket of the robot, which reads only on request."""
 
     def __init__(self, name="robby"):
         self.sock = socket.socket(socket.AF_UNIX)

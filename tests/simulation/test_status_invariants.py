@@ -38,7 +38,7 @@ def test_what_is_shown_as_it_is_is_not_reported(judged):
     judged.do("fault", 3, 0.5, name="drive_fault").run(1.0).do("power", 2, 1.0).run(4.0)
     judged.do("axis", name="fault-reset").run(0.3).do("axis", name="enable").run(0.5).drive(3.0, 3.0).run(2.5)
     judged.do("kill", seconds=0.5).run(3.0)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 def test_the_offset_of_bus_yml_is_part_of_a_position(tmp_path):
@@ -74,9 +74,9 @@ def test_a_node_with_slow_heartbeats_may_be_shown_in_its_former_state_until_the_
 def test_joint_states_that_stand_are_reported_by_their_stamp_and_by_their_values(judged, monkeypatch):
     MUTANTS["joint_states_stand"](monkeypatch)
     judged.run(2.5)
-    assert [text.split(" is 0")[0] for _, text in judged.told] == ["joint_states: the time stamp"]
+    assert [text.split(" is 0")[0] for _, text in judged.collected] == ["joint_states: the time stamp"]
     judged.drive(5.0, 5.0, seconds=1.0).run(1.5)
-    assert {text.split(" of ")[0] for _, text in judged.told[1:]} == {
+    assert {text.split(" of ")[0] for _, text in judged.collected[1:]} == {
         "joint_states: the position",
         "joint_states: the velocity",
     }
@@ -87,7 +87,7 @@ def test_a_velocity_with_the_wrong_sign_is_reported_each_face_once(judged, monke
     judged.run(1.0)
     MUTANTS["velocities_told_reversed"](monkeypatch)
     judged.drive(5.0, 0.0, seconds=1.0).run(0.9)
-    assert [(rule, text.split(" is reported")[0]) for rule, text in judged.told] == [
+    assert [(rule, text.split(" is reported")[0]) for rule, text in judged.collected] == [
         ("shown_wrong", "status: the velocity of left_wheel_joint"),
         ("shown_wrong", "sample: the velocity of left_wheel_joint"),
     ]
@@ -99,7 +99,7 @@ def test_a_state_from_before_is_reported(judged, monkeypatch):
     MUTANTS["states_told_as_they_were"](monkeypatch)
     judged.run(0.2).do("stop").run(1.5)
     expected = "left_drive is reported as OPERATION_ENABLED but is SWITCH_ON_DISABLED"
-    assert {text for _, text in judged.told} >= {f"status: {expected}", f"sample: {expected}"}
+    assert {text for _, text in judged.collected} >= {f"status: {expected}", f"sample: {expected}"}
 
 
 @pytest.mark.sources
@@ -110,20 +110,22 @@ def test_a_trouble_without_an_event_is_reported_once(made, monkeypatch, act):
     judged = made()
     judged.run(1.0).do(kind, node, lasts, **more).run(1.9)
     reported = ["left_drive was lost"] if kind == "power" else ["left_drive is in fault", "left_drive has sent an EMCY"]
-    assert [(rule, text.split(",")[0]) for rule, text in judged.told] == [("event_missing", item) for item in reported]
+    assert [(rule, text.split(",")[0]) for rule, text in judged.collected] == [
+        ("event_missing", item) for item in reported
+    ]
 
 
 @pytest.mark.sources
 def test_a_drive_without_supply_that_is_reported_as_ready_is_reported(judged, monkeypatch):
     MUTANTS["lost_nodes_told_as_ready"](monkeypatch)
     judged.run(0.5).do("power", 2, 2.0).run(1.9)
-    assert judged.told == [("shown_wrong", "status: right_drive is reported as ready but has no supply")]
+    assert judged.collected == [("shown_wrong", "status: right_drive is reported as ready but has no supply")]
 
 
 def test_a_drive_that_counts_again_continues_where_it_was_seen_last(judged):
     judged.drive(5.0, 5.0, seconds=1.0).run(1.5).do("power", 2, 0.5).run(4.0)
     judged.do("axis", name="enable").run(0.5).drive(5.0, 5.0, seconds=1.0).run(1.5)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 @pytest.mark.rest
@@ -145,10 +147,10 @@ def test_a_drive_whose_count_passes_over_its_32_bits_continues():
 @pytest.mark.sources
 def test_an_emcy_that_the_robot_does_not_report_is_a_violation(judged, monkeypatch):
     judged.run(1.2).do("fault", 3, 0.3, name="device_error").run(2.5)
-    assert judged.told == []
+    assert judged.collected == []
     monkeypatch.setattr(EmcyGate, "passes", lambda self, now: False)
     judged.do("fault", 3, 0.3, name="device_error").run(2.5)
-    assert judged.told == [("event_missing", "left_drive has sent an EMCY, and no event reports it")]
+    assert judged.collected == [("event_missing", "left_drive has sent an EMCY, and no event reports it")]
 
 
 @pytest.mark.rest
@@ -173,17 +175,17 @@ def test_a_wrong_toggle_bit_that_the_robot_does_not_report_is_a_violation(monkey
 def test_a_count_that_goes_over_the_end_of_its_bits_is_not_a_jump(judged):
     judged.do("fault", 2, 0.1, name="position_wrap").run(1.0).do("axis", name="enable").run(3.0)
     judged.drive(8.0, 8.0, seconds=2.0).run(2.5)
-    assert judged.told == []
+    assert judged.collected == []
     judged.robot.core.report(Event(judged.robot.now_ns, "position_jump", "right_drive", "its position jumped"))
     judged.run(0.3)
-    assert judged.told == [("shown_wrong", "events: its position jumped, but the shaft has not jumped")]
+    assert judged.collected == [("shown_wrong", "events: its position jumped, but the shaft has not jumped")]
 
 
 def test_a_place_is_the_shafts_from_boot_on_whatever_the_bus_has_lost_since(judged):
     judged.drive(5.0, 5.0, seconds=1.0).run(2.0).do("lose", 2, 0.1, values=(2.0,)).run(1.5)
-    assert judged.told == []
+    assert judged.collected == []
     judged.robot.core.joints["right_wheel_joint"].axis.unwrap.count += 500
     judged.drive(5.0, 5.0, seconds=0.5).run(1.0)
-    assert {text.split(" is reported")[0] for _, text in judged.told} == {
+    assert {text.split(" is reported")[0] for _, text in judged.collected} == {
         f"{face}: the position of right_wheel_joint" for face in ("status", "sample", "joint_states")
     }

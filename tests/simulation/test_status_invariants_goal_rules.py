@@ -57,7 +57,7 @@ def test_a_goal_that_ends_as_its_tolerances_specify_is_not_reported(arm):
     go(arm).run(2.0)
     go(arm).run(0.5).do("cancel", ARM).run(1.5)
     go(arm).run(0.5).do("stop").run(2.0)
-    assert arm.told == []
+    assert arm.collected == []
 
 
 @pytest.mark.rest
@@ -75,7 +75,7 @@ def test_a_goal_that_ends_otherwise_is_reported(arm, monkeypatch, verdict, when,
     go(arm).run(0.3 if verdict is REACHED else 3.0)
     assert arm.broken
     assert set(arm.broken) == {"goal_wrong"}
-    assert words in arm.told[0][1]
+    assert words in arm.collected[0][1]
 
 
 @pytest.mark.rest
@@ -89,7 +89,7 @@ def test_a_cancelled_trajectory_that_continues_is_reported_unless_something_newe
         go(arm, 3.0)
     arm.run(0.8)
     assert set(arm.broken) == (set() if newer else {"goal_wrong"})
-    assert newer or arm.told[0][1] == f"the goal of {ARM} was cancelled, but joint_1 still moves"
+    assert newer or arm.collected[0][1] == f"the goal of {ARM} was cancelled, but joint_1 still moves"
 
 
 @pytest.mark.sources
@@ -97,7 +97,9 @@ def test_a_goal_that_a_stop_has_ended_reports_this(arm, monkeypatch):
     monkeypatch.setattr(UpdateLoop, "forget", lambda self, now, why: None)
     go(arm).run(0.5).do("stop").run(0.2)
     assert arm.broken == ["goal_wrong"]
-    assert "a stop has ended the goal of arm_controller, whose result is: joint_1 (joint_1_drive)" in arm.told[0][1]
+    assert (
+        "a stop has ended the goal of arm_controller, whose result is: joint_1 (joint_1_drive)" in arm.collected[0][1]
+    )
 
 
 @pytest.mark.sources
@@ -107,7 +109,7 @@ def test_a_switch_that_is_refused_changes_nothing(judged, monkeypatch):
 
     monkeypatch.setattr(CanopenSystem, "prepare_command_mode_switch", refuse)
     judged.do("activate", BASE).run(0.2)
-    assert (judged.told, judged.player.refused) == ([], 1)
+    assert (judged.collected, judged.player.refused) == ([], 1)
 
     def tear(self, start, stop):
         judged.robot.core.manager.get(FORWARD).state = judged.robot.core.manager.get(BASE).state

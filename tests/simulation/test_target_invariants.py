@@ -35,13 +35,13 @@ def test_what_follows_its_targets_is_not_reported(judged):
     judged.drive(5.0, -5.0, seconds=1.0).run(0.6).drive(-7.0, 2.0, seconds=0.5).run(3.0).do("stop").run(1.0)
     judged.do("axis", name="enable").run(0.5).drive(3.0, 3.0, seconds=0.5).run(1.0)
     judged.do("activate", BASE).run(0.5).do("command", BASE, 0.5, values=(0.3, 0.4)).run(1.5)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 def test_a_halt_and_a_fault_are_not_news(judged):
     judged.drive(5.0, 5.0, seconds=2.0).run(0.6).do("axis", name="halt").run(0.5)
     judged.do("fault", 3, 0.5, name="drive_fault").run(1.5)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 def test_a_drive_that_stops_at_its_software_limit_before_its_statusword_shows_that_is_not_reported(judged):
@@ -49,7 +49,7 @@ def test_a_drive_that_stops_at_its_software_limit_before_its_statusword_shows_th
         drive.device.store.set(0x607D, 1, -100_000)
         drive.device.store.set(0x607D, 2, 300 + 17 * drive.node_id)
     judged.drive(5.0, 5.0, seconds=1.0).run(1.2)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 def test_a_group_that_stands_because_of_the_limit_of_one_drive_has_lost_no_command(judged):
@@ -58,7 +58,7 @@ def test_a_group_that_stands_because_of_the_limit_of_one_drive_has_lost_no_comma
         device.store.set(0x607D, subindex, device.drives[0].objects.number(0x6064) + way)
     judged.run(3.0).drive(5.0, 5.0, seconds=7.0).run(7.0)
     assert "limit" in judged.kinds
-    assert judged.told == []
+    assert judged.collected == []
 
 
 QUICK_STOP = "- {index: 0x6007, sub_index: 0, value: 3}"  # of a lost master
@@ -99,9 +99,9 @@ def test_a_disturbed_node_is_checked_again_after_the_next_enable(judged, monkeyp
     judged.do("fault", 3, 0.1, name="hand_moved").run(0.3)
     MUTANTS["shafts_overshoot"](monkeypatch)
     judged.drive(5.0, 5.0, seconds=0.5).run(0.6)
-    assert [text.split(" turns")[0] for _, text in judged.told] == ["the shaft of node 2"]
+    assert [text.split(" turns")[0] for _, text in judged.collected] == ["the shaft of node 2"]
     judged.do("stop").run(1.0).do("axis", name="enable").run(0.5).drive(5.0, 5.0, seconds=0.5).run(0.6)
-    assert "the shaft of node 3" in [text.split(" turns")[0] for _, text in judged.told]
+    assert "the shaft of node 3" in [text.split(" turns")[0] for _, text in judged.collected]
 
 
 @pytest.mark.rest
@@ -110,7 +110,7 @@ def test_a_place_at_every_sync_is_followed_within_the_window(monkeypatch):
     created = Judged(rules, "arm6")
     [motion] = [item for item in motions_of(created.robot.setup) if item.starts]
     created.do("trajectory", motion.controller, 1.0, values=(0.3,) * 6).run(1.5)
-    assert created.told == []
+    assert created.collected == []
     real = DriveLimits.position
     monkeypatch.setattr(DriveLimits, "position", lambda self, target: real(self, target + 1e6))
     created.do("trajectory", motion.controller, 1.0, values=(0.1,) * 6)
@@ -164,11 +164,11 @@ def test_the_seed_of_a_twist_for_one_cycle_breaks_nothing():
 @pytest.mark.sources
 def test_a_drive_that_is_off_is_commanded_to_stand(judged, monkeypatch):
     judged.run(1.2).do("stop").run(2.0)
-    assert judged.told == []
+    assert judged.collected == []
     monkeypatch.setattr(JointTargets, "hold", lambda self: None)
     judged.robot.core.joints["left_wheel_joint"].axis.output(0x60FF).set(500)
     judged.run(0.5)
-    assert judged.told == [("target_disabled", "node 3 is commanded to move at 500 while disabled")]
+    assert judged.collected == [("target_disabled", "node 3 is commanded to move at 500 while disabled")]
 
 
 def limits(*steps):
@@ -213,7 +213,7 @@ def test_a_target_against_a_limit_switch_is_reported(monkeypatch):
 @pytest.mark.sources
 def test_a_command_dropped_while_it_is_being_renewed_is_reported(judged, monkeypatch):
     judged.run(3.0).drive(5.0, 5.0, seconds=2.0).run(0.6).do("ask", seconds=0.25).run(0.6)
-    assert judged.told == []
+    assert judged.collected == []
     monkeypatch.setattr(UpdateLoop, "client_disconnected", lambda self, *who: self.forget(self.now, "somebody left"))
     judged.do("ask", seconds=0.25).run(0.6)
     assert set(judged.broken) == {"command_lost"}
@@ -232,9 +232,9 @@ def test_a_command_that_ends_with_an_earlier_client_is_reported(judged, monkeypa
 
 def test_the_same_command_long_after_the_last_one_is_a_new_one(judged):
     judged.run(2.5).drive(5.0, 5.0, seconds=0.5).run(6.0).drive(5.0, 5.0, seconds=0.5).run(1.0)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 def test_a_command_that_leaves_with_its_client_is_not_reported(judged):
     judged.run(2.5).drive(2.0, 2.0, seconds=1.0).run(0.92).do("dead_man", FORWARD, 0.06, values=(2.0, 2.0)).run(1.0)
-    assert judged.told == []
+    assert judged.collected == []

@@ -21,8 +21,10 @@ class Judged:
         bus = bus or setup_of().bus
         self.robot = RobotUnderTest(setup_of(), 1)
         self.wire = self.robot.wires[BUS_NAME]
-        self.told = []
-        self.rules = WireInvariants(self.robot, self.wire, WireView(bus), lambda rule, text: self.told.append(rule))
+        self.collected = []
+        self.rules = WireInvariants(
+            self.robot, self.wire, WireView(bus), lambda rule, text: self.collected.append(rule)
+        )
         self.now = self.robot.now_ns + 10 * S
 
     def hear(self, can_id, data=b"", *, after=0, label=MASTER):
@@ -45,12 +47,12 @@ def judged():
 def test_a_sync_and_a_heartbeat_in_time_are_not_news_late_ones_are(judged):
     for _ in range(20):
         judged.hear(0x080, after=20 * MS)
-    assert judged.told == []
+    assert judged.collected == []
     judged.hear(0x080, after=40 * MS)
-    assert judged.told == ["late"]
+    assert judged.collected == ["late"]
     judged.hear(0x701, b"\x05")
     judged.hear(0x701, b"\x05", after=200 * MS)
-    assert judged.told == ["late"] * 2
+    assert judged.collected == ["late"] * 2
 
 
 def test_the_heartbeat_is_judged_by_its_default_if_bus_yml_is_silent():
@@ -58,9 +60,9 @@ def test_the_heartbeat_is_judged_by_its_default_if_bus_yml_is_silent():
     try:
         created.hear(0x701, b"\x05")
         created.hear(0x701, b"\x05", after=100 * MS)
-        assert created.told == []
+        assert created.collected == []
         created.hear(0x701, b"\x05", after=200 * MS)
-        assert created.told == ["late"]
+        assert created.collected == ["late"]
     finally:
         created.robot.close()
 
@@ -71,7 +73,7 @@ def test_a_port_that_cannot_send_is_not_late(judged):
     judged.rules.on_sample(judged.now)
     judged.wire.cut.clear()
     judged.hear(0x080, after=500 * MS)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 READ, ANSWER, ABORT = b"\x40\x41\x60\x00\0\0\0\0", b"\x4b\x41\x60\x00\0\0\0\0", b"\x80\x41\x60\x00\0\0\4\5"
@@ -84,15 +86,15 @@ def test_a_request_waits_for_the_answer_an_abort_or_the_time_out(judged, between
     if between is not None:
         judged.hear(between[0], between[1], after=MS, label=between[2])
     judged.hear(0x603, READ, after=MS if between else 200 * MS)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 def test_a_request_before_the_answer_is_reported(judged):
     judged.hear(0x603, READ)
     judged.hear(0x602, READ, after=MS)
-    assert judged.told == []
+    assert judged.collected == []
     judged.hear(0x603, READ, after=MS)
-    assert judged.told == ["sdo_overlap"]
+    assert judged.collected == ["sdo_overlap"]
 
 
 def test_a_request_after_an_abort_that_may_be_lost_is_not_reported(judged):
@@ -101,23 +103,23 @@ def test_a_request_after_an_abort_that_may_be_lost_is_not_reported(judged):
     judged.rules.on_sample(judged.now)
     judged.wire.lost.clear()
     judged.hear(0x603, READ, after=MS)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 def test_blocks_are_not_requests(judged):
     judged.hear(0x603, BLOCK)
     for number in range(1, 5):
         judged.hear(0x603, bytes((number,)) + bytes(7), after=MS)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 def test_a_bus_beyond_its_budget_is_reported(judged):
     judged.rules.on_sample(judged.now)
     judged.wire._wire.bits += 500_000
     judged.rules.on_sample(judged.now + S)
-    assert judged.told == ["bus_budget"]
+    assert judged.collected == ["bus_budget"]
     judged.rules.on_sample(judged.now + 2 * S)
-    assert judged.told == ["bus_budget"]
+    assert judged.collected == ["bus_budget"]
 
 
 @pytest.mark.rest

@@ -32,7 +32,7 @@ def judged():
 
 def test_what_a_boot_has_written_is_not_reported_nor_is_another_boot(judged):
     judged.run(0.5).do("power", 2, 0.5).run(2.0).do("kill", seconds=0.3).run(2.0)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 def test_a_parameter_that_was_not_written_is_reported_by_its_address(judged):
@@ -40,9 +40,9 @@ def test_a_parameter_that_was_not_written_is_reported_by_its_address(judged):
     judged.robot.drives[3].device.store.set(0x6083, 0, 1)
     judged.run(0.2)
     text = "left_drive is ready but does not have the planned values of 0x6083:00"
-    assert judged.told == [("plan_unwritten", text)]
+    assert judged.collected == [("plan_unwritten", text)]
     judged.run(0.5)
-    assert len(judged.told) == 1
+    assert len(judged.collected) == 1
 
 
 def test_an_object_that_an_rpdo_carries_is_what_the_robot_commands(judged):
@@ -51,10 +51,10 @@ def test_an_object_that_an_rpdo_carries_is_what_the_robot_commands(judged):
     write = PlannedWrite(0x6060, 0, b"\x01", "the mode", data_type=DataType.INTEGER8)
     node.boots, node.plan = 0, replace(node.plan, writes=(write,))
     judged.run(0.2)
-    assert judged.told == []
+    assert judged.collected == []
     node.boots, node.plan = 0, replace(node.plan, rpdos=())
     judged.run(0.2)
-    assert [rule for rule, _ in judged.told] == ["plan_unwritten"]
+    assert [rule for rule, _ in judged.collected] == ["plan_unwritten"]
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_the_values_of_a_disturbed_node_are_unknown(judged):
     judged.rules._nodes[0].boots = 0
     judged.robot.drives[3].device.store.set(0x6083, 0, 1)
     judged.run(0.5)
-    assert judged.told == []
+    assert judged.collected == []
 
 
 @pytest.mark.parametrize(("entry", "reported"), [(0, 1), (0x701, 1), (0x80000000, 0), (0x1FF, 0), (0x40000000, 1)])

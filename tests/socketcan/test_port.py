@@ -98,7 +98,7 @@ def test_the_receive_buffer_holds_thousands_and_what_does_not_fit_is_counted(por
 def test_down_and_up_are_events_and_the_same_port_works_on(ports, vcan):
     ours, theirs = ports
     ip("link", "set", vcan, "down")
-    assert select.select([ours.fileno()], [], [], 5)[0], "it is told without anybody sending"
+    assert select.select([ours.fileno()], [], [], 5)[0], "it is reported although no program sends"
     assert ours.receive() == b""
     assert kinds(ours) == [BusEventKind.DOWN]
     assert not select.select([ours.fileno()], [], [], 0.05)[0], "and does not keep its owner busy"

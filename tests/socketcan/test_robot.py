@@ -126,7 +126,7 @@ class Watch:
     def status(self):
         return self._client.ask(GetStatus())
 
-    def told(self, text):
+    def collected(self, text):
         return any(text in event.text for event in self.status.events)
 
     def ready(self):
@@ -152,12 +152,12 @@ def test_an_interface_that_goes_down_stops_the_robot_and_up_brings_it_back(stage
     with RobotClient.connect("downs") as client:
         watch = Watch(client)
         ip("link", "set", vcan, "down")
-        assert seconds_until(lambda: watch.told(f"bus {vcan}: the interface is down"), 5) < 1.0
+        assert seconds_until(lambda: watch.collected(f"bus {vcan}: the interface is down"), 5) < 1.0
         assert eventually(lambda: not any(watch.ready()), scaled(2))
         assert watch.status.state == "fault"
         ip("link", "set", vcan, "up")
         assert eventually(lambda: all(watch.ready()), scaled(10)), watch.status
-        assert watch.told(f"bus {vcan}: up again")
+        assert watch.collected(f"bus {vcan}: up again")
     assert moves_again(stage, "downs", hears)
     assert command.wait() == 1  # its drives were off
     assert robot.end() == 0, robot
@@ -172,7 +172,7 @@ def test_an_interface_that_is_removed_and_made_again_is_found_again(stage, robby
     with RobotClient.connect("gone") as client:
         watch = Watch(client)
         ip("link", "del", vcan)
-        assert seconds_until(lambda: watch.told(f"bus {vcan}: the interface was removed"), 5) < 1.0
+        assert seconds_until(lambda: watch.collected(f"bus {vcan}: the interface was removed"), 5) < 1.0
         assert eventually(lambda: not any(watch.ready()), scaled(2))
         assert watch.status.state == "fault"
         assert stage.call("bus", "up", vcan).wait() == 0

@@ -27,20 +27,20 @@ class Client:
 class Publisher:
     def __init__(self, kind, topic, quality):
         self.kind, self.topic, self.quality = kind, topic, quality
-        self.subscribers, self.told = 1, []
+        self.subscribers, self.collected = 1, []
 
     def get_subscription_count(self):
         return self.subscribers
 
     def publish(self, message):
-        self.told.append(copy.deepcopy(message))
+        self.collected.append(copy.deepcopy(message))
 
 
 class Ros:
     """What an endpoint is given, on one thread."""
 
     def __init__(self):
-        self.node, self.asked, self.told, self.clients, self.commanded = self, [], [], [], []
+        self.node, self.asked, self.collected, self.clients, self.commanded = self, [], [], [], []
         self.subscriptions, self.services, self.publishers, self.left, self.lacking = {}, {}, [], [], []
         self.watched = []
 
@@ -96,7 +96,7 @@ class Ros:
         self.watched.append((commanded, topic, values))
 
     def warn(self, _key, text):
-        self.told.append(text)
+        self.collected.append(text)
 
     def publish(self, topic, message):
         self.subscriptions[topic][1](message)

@@ -36,7 +36,7 @@ class FaultBench(Bench):
         if on:
             self.began = self.reactor.now()
 
-    def told(self, kind, ms=3000):
+    def collected(self, kind, ms=3000):
         """Wait for an event of a kind; returns it and after how many ms it came."""
         self.until(lambda: self.found(kind), ms)
         event = self.found(kind)[0]

@@ -139,7 +139,7 @@ class RawListener:
         return [(when, data) for when, observed, data in list(self.frames) if observed == identifier]
 
     def speeds(self, node_id: int) -> list[tuple[float, float]]:
-        """Return (seconds, rad/s at the wheel) as robby's second TPDO told them: position, velocity."""
+        """Return (seconds, rad/s at the wheel) as received in robby's second TPDO: position, velocity."""
         return [(when, RAD[node_id] * struct.unpack_from("<i", data, 4)[0]) for when, data in self.of(0x280 + node_id)]
 
     def speed(self, node_id: int) -> float:

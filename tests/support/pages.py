@@ -102,10 +102,10 @@ class FakeContext:
         self.asked.append(request)
         return self.refusal
 
-    def hold(self, page, motion, told):
+    def hold(self, page, motion, collected):
         self.held.append(motion)
         if self.refusal:
-            told(self.refusal)
+            collected(self.refusal)
 
     def release(self, page):
         self.let += 1

@@ -166,7 +166,7 @@ class Peer:
         return self.order("call", service=service, of=of, data=data, timeout=TIMEOUT)["response"]
 
     def publisher(self, topic):
-        """Return the only publisher of a topic, once DDS has told of it and of its node, which are two messages."""
+        """Return the only publisher of a topic, once DDS has discovered it and its node, which are two messages."""
         results = []
 
         def look():
@@ -264,7 +264,7 @@ class FakeRobot:
     """
 
     def __init__(self, name="fake"):
-        self.reactor, self.raised, self.told = Reactor(), [], []
+        self.reactor, self.raised, self.collected = Reactor(), [], []
         self.listed = {}  # state of each controller in the last answer
         self.reactor.on_error = self.raised.append
         self.controllers = json.loads(json.dumps(CONTROLLERS))
@@ -317,7 +317,7 @@ class FakeRobot:
 
     def commands(self, method="command"):
         """Return the parameters of the commands that have come."""
-        return [_plain(message["params"]) for message in list(self.told) if message["method"] == method]
+        return [_plain(message["params"]) for message in list(self.collected) if message["method"] == method]
 
     def state(self):
         return {
@@ -360,7 +360,7 @@ class FakeRobot:
 
     def _on_message(self, connection, message):
         method = message["method"]
-        self.told.append(message)
+        self.collected.append(message)
         if method == "subscribe":
             self._subscribe(connection, message["params"])
         if message["params"].get("action") in self.holds or method in self.holds:

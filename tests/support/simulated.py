@@ -59,7 +59,7 @@ class Played:
 
 
 class Judged(Played):
-    """A simulated robot with one kind of rules alone: `told` are its breaches, each the rule and what it says.
+    """A simulated robot with one kind of rules alone: `collected` are its breaches, each the rule and what it says.
 
     `make(judged, views, tell)` makes the rules; they see every 20 ms of `run`, and what is asked and played.
     """
@@ -67,12 +67,12 @@ class Judged(Played):
     def __init__(self, make, name="robby"):
         self.rules = None
         super().__init__(name)
-        self.told = []
+        self.collected = []
         self.disturbed = DisturbedNodes(self.robot)
         views = {name: WireView(bus) for name, bus in self.robot.setup.buses.items()}
         for name, view in views.items():
             self.robot.wires[name].listeners.append(view.hear)
-        self.rules = make(self, views, lambda rule, text: self.told.append((rule, text)))
+        self.rules = make(self, views, lambda rule, text: self.collected.append((rule, text)))
         self.blind = False
         self.robot.observers.append(Watch(requested=self._asked, played=self.disturbed.on_event))
         self.run(0.2)
@@ -83,7 +83,7 @@ class Judged(Played):
 
     @property
     def broken(self):
-        return [rule for rule, _ in self.told]
+        return [rule for rule, _ in self.collected]
 
     def run(self, seconds):
         for _ in range(round(seconds / 0.02)):

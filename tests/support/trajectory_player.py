@@ -50,7 +50,7 @@ class Player:
         controller.cycle_rate = self.rate
         controller.description = {name: joint(name, text) for name, text in inputs["urdf"].items()}
         self.goals: dict[str, TrajectoryGoal] = {}
-        self.told: dict[str, dict[str, Any]] = {}
+        self.collected: dict[str, dict[str, Any]] = {}
         try:
             controller.on_configure(Params.of({**inputs["params"], **OURS}))
         except RobotConfigError:
@@ -119,15 +119,15 @@ class Player:
             self.answer = "REJECT"
             return
         self.answer = "ACCEPT"
-        self.goals[name], self.told[name] = goal, {"state": "executing"}
+        self.goals[name], self.collected[name] = goal, {"state": "executing"}
         if running is not None:
             self._deliver(running)
 
     def _cancel(self, now: int, name: str) -> None:
         self.answer = "ACCEPT"
         self.controller.cancel(self.goals[name])
-        if self.told[name]["state"] == "executing":
-            self.told[name] = {"state": "canceling"}
+        if self.collected[name]["state"] == "executing":
+            self.collected[name] = {"state": "canceling"}
 
     def _monitor(self) -> None:
         for name in self.goals:
@@ -136,7 +136,7 @@ class Player:
     def _deliver(self, name: str) -> None:
         goal = self.goals[name]
         if goal.code is not None:
-            self.told[name] = {"state": goal.state.value, "error_code": int(goal.code)}
+            self.collected[name] = {"state": goal.state.value, "error_code": int(goal.code)}
 
     def _scaling(self, factor: float) -> None:
         try:
@@ -162,7 +162,7 @@ class Player:
             "accepted": self.answer,
             "success": self.answer,
             "factor": controller.speed.factor,
-            "goals": self.told,
+            "goals": self.collected,
             "first_change_cycle": self.first_change,
         }
         wrong = {key: (result[key], expect[key]) for key in result.keys() & expect.keys() if result[key] != expect[key]}

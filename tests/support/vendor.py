@@ -94,7 +94,7 @@ class Booted:
             self.network.receive(pack_records(answers), self.now)
 
     @property
-    def told(self):
+    def collected(self):
         return [event.text for event in self.events]
 
 

@@ -34,7 +34,7 @@ def test_a_property_that_fails_is_found_beside_tests_of_many_values_and_its_seed
     printed = capfd.readouterr().out
     assert "seed 7; again: tools/campaign --properties --seed 7" in printed
     assert "number=900" in printed
-    assert "1 failed, 1 passed" in printed, "the third is no property"
+    assert "1 failed, 1 passed" in printed, "the third is not a property"
 
 
 @pytest.mark.parametrize(("code", "result"), [(0, 0), (1, 1), (2, 1), (5, 1)])

@@ -299,15 +299,15 @@ def read(path):
     return result
 
 
-def told(story):
+def collected(story):
     return [state["samples"]["joint_state_broadcaster"] for state in states(story)]
 
 
 @pytest.mark.rest
 def test_every_update_of_the_broadcaster_is_a_joint_state_with_its_stamp(story, bag):
     messages = read(bag)["/joint_states"]
-    assert len(messages) == len(told(story)) > 100
-    for (stamp, message), sample in zip(messages, told(story), strict=True):
+    assert len(messages) == len(collected(story)) > 100
+    for (stamp, message), sample in zip(messages, collected(story), strict=True):
         assert stamp / 1e9 == pytest.approx(sample["time"], abs=1e-6)
         assert message.header.stamp.sec == int(sample["time"])
         assert message.name == sample["names"]
@@ -406,7 +406,7 @@ def test_rclpys_own_messages_agree(story, bag):
     )
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout.splitlines()[-1])
-    sample, (stamp, message) = told(story)[60], result["/joint_states"][60]
+    sample, (stamp, message) = collected(story)[60], result["/joint_states"][60]
     assert message["header"]["stamp"]["sec"] * 10**9 + message["header"]["stamp"]["nanosec"] == stamp
     left = message["name"].index("left_wheel_joint")
     assert message["velocity"][left] == sample["joints"]["left_wheel_joint"]["velocity"]

@@ -51,7 +51,7 @@ def overheard(request, content=b"", decoder=None):
 
 
 def carried(lines):
-    """Return the bytes of every value; eight bytes of an unknown type are told as a number."""
+    """Return the bytes of every value; eight bytes of an unknown type are shown as a number."""
     values = [value.value for line in lines for value in line.values]
     return [value.to_bytes(8, "little") if isinstance(value, int) else value for value in values]
 

@@ -10,23 +10,23 @@ S = 1_000_000_000
 
 
 class Owner:
-    """Notes what it is told."""
+    """Records its calls."""
 
     def __init__(self, samples=False):
-        self.told = []
+        self.collected = []
         self.samples = samples
 
     def arrived(self, now):
-        self.told.append(("arrived", now))
+        self.collected.append(("arrived", now))
 
     def limit_switch_hit(self, side, now):
-        self.told.append(("limit switch", side, now))
+        self.collected.append(("limit switch", side, now))
 
     def check_following_error(self, error, now):
-        self.told.append(("behind", round(error), now))
+        self.collected.append(("behind", round(error), now))
 
     def on_sample(self):
-        self.told.append("sampled")
+        self.collected.append("sampled")
 
     def wants_samples(self):
         return self.samples
@@ -35,7 +35,7 @@ class Owner:
         return self.index(demand, now)
 
     def index_passed(self, place):
-        self.told.append(("index", place))
+        self.collected.append(("index", place))
 
     def index(self, demand, now):
         return None
@@ -81,10 +81,10 @@ def test_the_end_of_a_demand_is_reported_once():
     mover, owner = powered()
     mover.run(trajectory.ramp_to(0, 0.0, 0.0, 100.0, 100.0, 100.0), 0)
     mover.advance(5 * S)
-    assert owner.told == [("arrived", S)]
+    assert owner.collected == [("arrived", S)]
     assert (mover.plant.position, mover.plant.velocity) == (450.0, 100.0)
     mover.run(trajectory.hold(5 * S, 450.0), 5 * S)
-    assert owner.told[1:] == [("arrived", 5 * S)]
+    assert owner.collected[1:] == [("arrived", 5 * S)]
 
 
 def test_without_power_the_plant_is_released_and_the_demand_is_where_it_is():
@@ -101,7 +101,7 @@ def test_a_plant_that_lags_is_compared_until_both_stand():
     mover, owner = powered(LagPlant(time_constant=0.05))
     mover.run(trajectory.move_to(0, 0.0, 0.0, 100.0, 1000.0, 1000.0, 1000.0), 0)
     mover.advance(5 * S)
-    errors = [item[1] for item in owner.told if item[0] == "behind"]
+    errors = [item[1] for item in owner.collected if item[0] == "behind"]
     assert max(errors) > 5
     assert errors[-1] == 0
     assert mover.next_deadline() is None
@@ -112,7 +112,7 @@ def test_wired_switches_are_touched_where_they_are():
     mover.switches.wired, mover.switches.positive = True, 50.0
     mover.run(trajectory.cruise(0, 0.0, 100.0), 0)
     mover.advance(S)
-    assert ("limit switch", 1, S // 2) in owner.told
+    assert ("limit switch", 1, S // 2) in owner.collected
 
 
 def test_moving_values_are_sampled_only_for_subscribers():
@@ -121,7 +121,7 @@ def test_moving_values_are_sampled_only_for_subscribers():
         mover.run(trajectory.move_to(0, 0.0, 0.0, 100.0, 1000.0, 1000.0, 1000.0), 0)
         mover.advance(5 * S)
         end = mover.demand.end_ns
-        assert owner.told.count("sampled") == (end // SAMPLE_NS + 1 if value else 0)
+        assert owner.collected.count("sampled") == (end // SAMPLE_NS + 1 if value else 0)
         assert mover.next_deadline() is None
 
 
@@ -138,7 +138,7 @@ def test_a_torque_pushes_the_plant_and_its_ramp_has_an_end():
     mover, owner = powered()
     mover.apply_torque(trajectory.ramp_to(0, 0.0, 0.0, 100.0, 200.0, 200.0), 0)
     mover.advance(S)
-    assert owner.told == [("arrived", S // 2)]
+    assert owner.collected == [("arrived", S // 2)]
     assert mover.plant.velocity > 0
     assert mover.state(S) == (mover.plant.position, mover.plant.velocity)
 
@@ -154,7 +154,7 @@ class Coupled(LagPlant):
 
 class Judge(Owner):
     def check_load(self, torque, now):
-        self.told.append(("load", torque, now))
+        self.collected.append(("load", torque, now))
 
 
 def test_a_coupled_plant_follows_its_leader_and_is_evaluated_at_its_times_without_a_timer():
@@ -165,11 +165,11 @@ def test_a_coupled_plant_follows_its_leader_and_is_evaluated_at_its_times_withou
     mover.advance(1_500_000)
     mover.power(True, 1_500_000)
     mover.run(trajectory.hold(1_500_000, 0.0), 1_500_000)
-    owner.told.clear()
+    owner.collected.clear()
     assert mover.next_deadline() is None
     assert mover.next_event() == 4_000_000
     mover.advance(9_000_000)
-    assert owner.told == [
+    assert owner.collected == [
         ("behind", 0, 4_000_000), ("load", 0.0, 4_000_000), ("behind", 0, 8_000_000), ("load", 0.0, 8_000_000),
     ]  # fmt: skip
 
@@ -181,7 +181,7 @@ def test_a_pushed_one_is_judged_by_its_load_alone_and_none_without_power():
     mover.power(True, 0)
     mover.apply_torque(trajectory.hold(0, 0.0), 0)
     mover.advance(5_000_000)
-    assert [reported[0] for reported in owner.told if reported[0] != "arrived"] == ["load"]
+    assert [reported[0] for reported in owner.collected if reported[0] != "arrived"] == ["load"]
     mover.power(False, 5_000_000)
     mover.advance(20_000_000)
     assert mover.next_event() is None

@@ -17,7 +17,7 @@ from canopen_control.virtual.device import make_device
 from canopen_control.virtual.io_device import JUMP, KINDS, NOISE, InputFaults
 
 
-def told(device, name):
+def collected(device, name):
     return next(item for item in device.node.function.describe() if item.name == name)
 
 
@@ -49,9 +49,9 @@ def test_its_output_falls_to_the_fault_value():
     device.write(0x7341, -100, 1)
     device.start()
     device.put(0x205, b"\xe8\x03")
-    assert told(device, "ao0").value == pytest.approx(10.0)
+    assert collected(device, "ao0").value == pytest.approx(10.0)
     device.nmt(2)
-    assert told(device, "ao0").value == pytest.approx(-1.0)
+    assert collected(device, "ao0").value == pytest.approx(-1.0)
 
 
 def test_a_battery_begins_charged_and_is_reported_by_a_timer():
@@ -103,13 +103,13 @@ def test_a_charger_reports_its_state_and_clears_a_request_when_its_master_is_los
     put(device, charger_status=3, charger_percentage=55)
     assert (device.number(0x6001), device.number(0x6080)) == (3, 55)
     device.put(0x205, bytes.fromhex("2800015000600000"))  # 2.5 A, ready, 80 %, 24 V
-    assert told(device, "charge_current_requested").value == 2.5
-    assert told(device, "battery_voltage").value == 24.0
+    assert collected(device, "charge_current_requested").value == 2.5
+    assert collected(device, "battery_voltage").value == 24.0
     with pytest.raises(ConfigError, match="charge_current_requested is an output"):
         put(device, charge_current_requested=1.0)
     device.nmt(2)
-    assert told(device, "charge_current_requested").value == 0.0
-    assert told(device, "battery_percentage").value == 80.0
+    assert collected(device, "charge_current_requested").value == 0.0
+    assert collected(device, "battery_percentage").value == 80.0
 
 
 TPDO = 0x185

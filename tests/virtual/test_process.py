@@ -48,17 +48,17 @@ def test_the_first_lines_of_a_kind_then_their_number(log_reactor):
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 4 * WINDOW_NS)), max_size=200))
-def test_no_line_is_lost_from_the_sum(told):
+def test_no_line_is_lost_from_the_sum(collected):
     log_reactor, written = Reactor(ManualClock(0)), []
     log = FoldedLog(log_reactor, written.append)
-    for kind, at in told:
+    for kind, at in collected:
         log_reactor.call_at(at, lambda kind=kind: log.report(kind, kind, 3))
     log_reactor.run_for(6 * WINDOW_NS)
     log_reactor.close()
     for kind in "abc":
         lines = [line for line in written if line[0] == kind]
         sums = sum(int(line.split("(")[1].split()[0]) for line in lines if "(" in line)
-        assert sums + sum("(" not in line for line in lines) == sum(each == kind for each, _ in told)
+        assert sums + sum("(" not in line for line in lines) == sum(each == kind for each, _ in collected)
 
 
 def unconfigured(serial):

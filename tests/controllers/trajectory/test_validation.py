@@ -45,7 +45,7 @@ def split(points: list[Point], cuts: list[int]) -> list[list[Point]]:
     return [points[a:b] for a, b in itertools.pairwise(at)]
 
 
-def told(found: TrajectorySummary) -> object:
+def collected(found: TrajectorySummary) -> object:
     return found.count, found.not_increasing, found.empty, found.infinite, found.sizes
 
 
@@ -67,7 +67,7 @@ def test_the_mean_velocities_between_points_are_those_of_the_whole_however_it_ca
 
 @given(POINTS, st.lists(st.integers(0, 20), max_size=4))
 def test_pieces_come_to_the_same_as_the_whole(points, cuts):
-    assert told(survey(*split(points, cuts))) == told(survey(points))
+    assert collected(survey(*split(points, cuts))) == collected(survey(points))
 
 
 @given(POINTS, st.lists(st.integers(0, 20), max_size=4))

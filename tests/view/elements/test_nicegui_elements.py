@@ -74,16 +74,16 @@ class Heard:
     """What a tree tells."""
 
     def __init__(self):
-        self.told = []
+        self.collected = []
 
     def seen(self, addresses):
-        self.told.append(("seen", addresses))
+        self.collected.append(("seen", addresses))
 
     def search(self, text):
-        self.told.append(("search", text))
+        self.collected.append(("search", text))
 
     def write(self, address, text):
-        self.told.append(("write", address, text))
+        self.collected.append(("write", address, text))
 
 
 async def test_a_tree_of_objects_reports_what_is_in_sight_sought_and_written_and_no_nonsense():
@@ -99,7 +99,7 @@ async def test_a_tree_of_objects_reports_what_is_in_sight_sought_and_written_and
         ):
             user.find(kind=ObjectTree).trigger(event, args)
         assert (tree._props["writes"], tree._props["product"]) == (False, "286-4F6")
-    assert received.told == [
+    assert received.collected == [
         ("seen", ["0x6081:00"]),
         ("seen", []),
         ("search", "v" * 200),

@@ -23,7 +23,7 @@ WAVE = {"joint_names": ["lift"], "points": [{"positions": [0.1], "time_from_star
 
 
 class Player:
-    """Ends when it is told to."""
+    """Ends on request."""
 
     def __init__(self):
         self.played, self.cancelled, self.there = [], [], 0
