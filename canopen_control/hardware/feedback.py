@@ -8,6 +8,7 @@ present velocity, or the drive's maximum velocity if the present one is unknown.
 
 from __future__ import annotations
 
+import enum
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -49,6 +50,14 @@ _UNITS: Final = {
 }
 _SI_UNITS: Final = {"rpm": 0x00B44700, "0.1 rpm": 0xFFB44700}
 """Values of 0x60A9 for the units that are read from the EDS."""
+
+
+class FeedbackStatus(enum.Enum):
+    """Status of an axis' feedback; each value is a description in words."""
+
+    LOST = "the node is not operational"
+    STALE = "the node is operational, but a TPDO with feedback is overdue"
+    LIVE = "the node is operational, and feedback arrives"
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,6 @@ drive only in FOLLOWING; in every other state the target is standstill at the ac
 
 from __future__ import annotations
 
-import enum
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.events import FaultEntered, ModeTimedOut
@@ -28,7 +27,7 @@ from canopen_control.hardware.axis_statechart import (
     PhaseTrigger,
     StopGroup,
 )
-from canopen_control.hardware.feedback import Feedback
+from canopen_control.hardware.feedback import Feedback, FeedbackStatus
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, StateInterface
 from canopen_control.hardware.joint_events import (
     FaultWatch,
@@ -220,16 +219,6 @@ _STANDSTILL_TEXT: Final = (
 _LONGEST_REST_NS: Final = 5_000_000_000
 _REST_NS: Final = 100_000_000  # a motor below the speed of a standstill still needs this time to stop
 _BOOTING: Final = "; booting it again"  # the end of a text that the node has reported already
-
-
-class FeedbackStatus(enum.Enum):
-    """Status of an axis' feedback; each value is a description in words."""
-
-    LOST = "the node is not operational"
-    STALE = "the node is operational, but a TPDO with feedback is overdue"
-    LIVE = "the node is operational, and feedback arrives"
-
-
 _LOST: Final = FeedbackStatus.LOST  # faster than the enum member
 _STALE: Final = FeedbackStatus.STALE
 _LIVE: Final = FeedbackStatus.LIVE
