@@ -112,7 +112,7 @@ def _member(name: str, path: Path, floor: FloorContact, start: RobotStart) -> _M
 def _sensors(file: PhysicsFile) -> list[WorldSensor]:
     from canopen_control.physics.world_sensors import WorldSensor  # 150 ms
 
-    return [WorldSensor.of(name, sensor) for name, sensor in file.sensors.items()]
+    return [WorldSensor(name, sensor) for name, sensor in file.sensors.items()]
 
 
 def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: list[WorldSensor]) -> WorldRobot:

@@ -262,7 +262,7 @@ def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[Wor
     """Return the sensors of a tag that a world can simulate; raise PhysicsError if one has errors."""
     model = description.model
     sensors = urdf_sensors(tag.sensors, model.links, model.root, description.path)
-    return [WorldSensor.of(name, sensor) for name, sensor in sensors.items()]
+    return [WorldSensor(name, sensor) for name, sensor in sensors.items()]
 
 
 @dataclass(slots=True)
@@ -469,7 +469,7 @@ class DriverlessRobot:
 
     def _read_states(self) -> None:
         for name, numbers in self._reader.read().items():
-            kind = next(sensor.kind for sensor in self._sensors if sensor.name == name)
+            kind = next(sensor.settings.kind for sensor in self._sensors if sensor.name == name)
             self._measured.update(
                 {f"{name}/{part}": value for part, value in zip(INTERFACES[kind], numbers, strict=True)}
             )

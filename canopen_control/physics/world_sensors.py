@@ -49,28 +49,19 @@ _Z_TO_X: Final = about((0.0, 1.0, 0.0), 1.5707963267948966)
 
 @dataclass(frozen=True)
 class WorldSensor:
-    """Sensor on a link of a world: its name, kind, link and noise, and the range in m of a range finder."""
+    """Sensor of a world: its name, and its settings from a plant file or a tag."""
 
     name: str
-    kind: SensorKind
-    link: str
-    noise: float = 0.0
-    reach: float = 10.0
-    seed: int = 0  # seed of the noise
-    scene: str = ""  # prefix of its parts in a scene
-
-    @classmethod
-    def of(cls, name: str, settings: SensorSettings) -> WorldSensor:
-        """Create the sensor described by the settings of a plant file or a tag."""
-        return cls(name, settings.kind, settings.link, settings.noise, settings.reach, settings.seed, settings.scene)
+    settings: SensorSettings
 
     def own(self) -> tuple[str, ...]:
         """Return the MuJoCo names of the sensor's parts."""
-        return tuple(f"{self.name} {number}" for number in range(len(_PARTS[self.kind])))
+        return tuple(f"{self.name} {number}" for number in range(len(_PARTS[self.settings.kind])))
 
     def of_scene(self) -> tuple[str, ...]:
         """Return the names of the sensor's parts in an MJCF scene, with mujoco_ros2_control's suffixes, or ()."""
-        return tuple(f"{self.scene}{ending}" for ending in _ENDINGS[self.kind]) if self.scene else ()
+        scene = self.settings.scene
+        return tuple(f"{scene}{ending}" for ending in _ENDINGS[self.settings.kind]) if scene else ()
 
 
 def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  # noqa: ANN401 - of MuJoCo
@@ -80,16 +71,18 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
     for placed in sensors:
         if _is_present(placed, existing, path):
             continue
-        body = spec.body(placed.link) if placed.link in links else None
+        settings = placed.settings
+        link, kind = settings.link, settings.kind
+        body = spec.body(link) if link in links else None
         if body is None:
-            raise PhysicsError(f"{path}: sensor {placed.name}: no link {placed.link!r}{nearest(placed.link, links)}")
-        orientation = list(_Z_TO_X) if placed.kind == RANGE else [1.0, 0.0, 0.0, 0.0]
+            raise PhysicsError(f"{path}: sensor {placed.name}: no link {link!r}{nearest(link, links)}")
+        orientation = list(_Z_TO_X) if kind == RANGE else [1.0, 0.0, 0.0, 0.0]
         site = body.add_site(name=f"{_SITE}{placed.name}", quat=orientation)
-        for number, kind in enumerate(_PARTS[placed.kind]):
-            sensor = spec.add_sensor(name=f"{placed.name} {number}", type=kind)
+        for number, part in enumerate(_PARTS[kind]):
+            sensor = spec.add_sensor(name=f"{placed.name} {number}", type=part)
             sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_SITE, site.name
-            if placed.kind == RANGE:
-                sensor.cutoff = placed.reach
+            if kind == RANGE:
+                sensor.cutoff = settings.reach
                 sensor.intprm[0] = 1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST)
 
 
@@ -98,7 +91,7 @@ def _is_present(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> 
     names = sensor.of_scene()
     if not names or not all(name in existing for name in names):
         return False
-    for name, kind in zip(names, _PARTS[sensor.kind], strict=True):
+    for name, kind in zip(names, _PARTS[sensor.settings.kind], strict=True):
         if existing[name].type != kind:
             type_name = kind.name.removeprefix("mjSENS_").lower()
             raise PhysicsError(f"{path}: sensor {sensor.name}: {name} of the scene is not of type {type_name}")
@@ -120,7 +113,9 @@ class SensorReader:
         prefix: str = "",
     ) -> None:
         self._data, self._sensors = data, sensors
-        self._random = {sensor.name: random.Random(f"{seed} {sensor.seed} {sensor.name}") for sensor in sensors}
+        self._random = {
+            sensor.name: random.Random(f"{seed} {sensor.settings.seed} {sensor.name}") for sensor in sensors
+        }
         self._places: dict[str, list[tuple[int, int]]] = {}
         existing = {model.sensor(number).name for number in range(model.nsensor)}
         for sensor in sensors:
@@ -134,7 +129,7 @@ class SensorReader:
         for sensor in self._sensors:
             numbers: list[float] = []
             for start, end in self._places[sensor.name]:
-                noise = 0.0 if end - start == 4 else sensor.noise  # an orientation must keep a length of 1
+                noise = 0.0 if end - start == 4 else sensor.settings.noise  # an orientation must keep a length of 1
                 numbers += [
                     float(value) + _error(self._random[sensor.name], noise, float(value))
                     for value in self._data.sensordata[start:end]

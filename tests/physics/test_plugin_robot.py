@@ -254,7 +254,7 @@ def test_what_is_simulated_is_read_of_the_tag():
     moved = Moved("position")
     assert list(axes_of(moved.tag)) == ["swing"]
     (imu,) = sensors_of(moved.description, moved.tag)
-    assert (imu.name, imu.kind, imu.link) == ("imu", "imu", "rod")
+    assert (imu.name, imu.settings.kind, imu.settings.link) == ("imu", "imu", "rod")
     assert moved.engine.motor("nobody") is None
     assert moved.engine.sensed("other/voltage") is None
 

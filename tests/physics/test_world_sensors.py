@@ -1,7 +1,7 @@
 import mujoco
 import pytest
 
-from canopen_control.physics.physics_file import PhysicsError
+from canopen_control.physics.physics_file import PhysicsError, SensorSettings
 from canopen_control.physics.urdf_sensors import FORCE, IMU, INTERFACES, RANGE
 from canopen_control.physics.world_sensors import SensorReader, WorldSensor, add_sensors
 
@@ -22,7 +22,7 @@ def reader(*sensors, speed=0.0, steps=3, seed=0):
 
 
 def test_an_imu_feels_gravity_and_turning():
-    numbers = reader(WorldSensor("imu", IMU, "tip"), speed=2.0, steps=1).read()["imu"]
+    numbers = reader(WorldSensor("imu", SensorSettings(IMU, "tip")), speed=2.0, steps=1).read()["imu"]
     reported = dict(zip(INTERFACES[IMU], numbers, strict=True))
     assert reported["orientation.w"] == pytest.approx(1.0, abs=1e-3)
     assert reported["angular_velocity.z"] == pytest.approx(2.0, rel=1e-3)
@@ -30,7 +30,10 @@ def test_an_imu_feels_gravity_and_turning():
 
 
 def test_a_range_finder_looks_ahead_and_reports_when_there_is_nothing():
-    near, far = WorldSensor("near", RANGE, "tip", reach=5.0), WorldSensor("far", RANGE, "tip", reach=5.0)
+    near, far = (
+        WorldSensor("near", SensorSettings(RANGE, "tip", reach=5.0)),
+        WorldSensor("far", SensorSettings(RANGE, "tip", reach=5.0)),
+    )
     assert reader(near).read()["near"] == (pytest.approx(2.0, abs=1e-3),)
     spec = mujoco.MjSpec.from_string(ARM.replace('pos="3.1 0 0"', 'pos="-9 0 0"'))
     add_sensors(spec, [far], "robot.urdf")
@@ -41,17 +44,20 @@ def test_a_range_finder_looks_ahead_and_reports_when_there_is_nothing():
 
 
 def test_a_force_torque_sensor_carries_the_weight():
-    reported = dict(zip(INTERFACES[FORCE], reader(WorldSensor("wrist", FORCE, "tip")).read()["wrist"], strict=True))
+    reported = dict(
+        zip(INTERFACES[FORCE], reader(WorldSensor("wrist", SensorSettings(FORCE, "tip"))).read()["wrist"], strict=True)
+    )
     assert abs(reported["force.z"]) == pytest.approx(20.0, rel=1e-3)
     assert reported["torque.x"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_link_that_is_not_there_is_reported():
     with pytest.raises(PhysicsError, match=r"sensor imu: no link 'tap' \(did you mean 'tip'\?\)"):
-        reader(WorldSensor("imu", IMU, "tap"))
+        reader(WorldSensor("imu", SensorSettings(IMU, "tap")))
 
 
 GYRO = '<sensor><framequat name="my_quat" objtype="body" objname="tip"/><gyro name="my_gyro" site="here"/>{}</sensor>'
+VELOCIMETER = '<velocimeter name="my_accel" site="here"/>'
 ACCEL = '<accelerometer name="my_accel" site="here"/>'
 
 
@@ -67,7 +73,7 @@ def in_scene(parts, sensor):
 
 
 def test_sensors_that_a_scene_has_are_read_by_their_names_and_none_is_added():
-    imu = WorldSensor("imu", IMU, "nowhere", scene="my")
+    imu = WorldSensor("imu", SensorSettings(IMU, "nowhere", scene="my"))
     count, numbers = in_scene(ACCEL, imu)
     assert count == 3
     assert numbers[6] == pytest.approx(2.0, rel=1e-3)
@@ -75,11 +81,13 @@ def test_sensors_that_a_scene_has_are_read_by_their_names_and_none_is_added():
 
 
 def test_where_the_scene_has_not_all_of_them_the_link_measures():
-    assert in_scene("", WorldSensor("imu", IMU, "tip", scene="my"))[0] == 5
+    assert in_scene("", WorldSensor("imu", SensorSettings(IMU, "tip", scene="my")))[0] == 5
     with pytest.raises(PhysicsError, match="sensor imu: no link 'nowhere'"):
-        in_scene("", WorldSensor("imu", IMU, "nowhere", scene="my"))
+        in_scene("", WorldSensor("imu", SensorSettings(IMU, "nowhere", scene="my")))
 
 
 def test_another_sensor_of_that_name_is_reported():
     with pytest.raises(PhysicsError, match="sensor imu: my_accel of the scene is not of type accelerometer"):
-        in_scene('<velocimeter name="my_accel" site="here"/>', WorldSensor("imu", IMU, "tip", scene="my"))
+        in_scene(
+            '<velocimeter name="my_accel" site="here"/>', WorldSensor("imu", SensorSettings(IMU, "tip", scene="my"))
+        )
