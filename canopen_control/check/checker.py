@@ -13,7 +13,6 @@ from canopen_control.check import rules as rules
 from canopen_control.check.drive_rules import check_timing, cycle_ns
 from canopen_control.check.finding import Finding, sorted_findings
 from canopen_control.check.stop_times import axis_facts, stop_time
-from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.limiters import LONGEST_STOP_S
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.hardware.axis_parameters import add_plugin_interfaces
@@ -167,7 +166,7 @@ class _Checker:
     def _read_controllers(self) -> ControllersFile | None:
         path = self._files.controllers
         try:
-            return read_controllers(path, variables=self._files.variables)
+            return self._files.read_controllers()
         except ConfigError as error:
             self.findings += rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None
@@ -296,7 +295,9 @@ def _with_known_period(config: BusConfig, budget: Budget, control: ControllersFi
     kbits, shortest = config.master.baudrate, budget.shortest_period_ns / 1e6
     path, line, cure = config.path, config.period_line, "raise sync_period"
     if not config.master.sync_period and control is not None:
-        path, line, cure = control.path, control.manager_lines.get("update_rate", 0), "lower update_rate"
+        key = control.manager_keys.get("update_rate")
+        path, line = (control.path, 0) if key is None else (key.path, key.line)
+        cure = "lower update_rate"
     if not budget.fits:
         period = f"a cycle of {budget.period_ns / 1e6:g} ms"
         text = f"{period} is too short for its {budget.worst_bits} bits at {kbits} kbit/s"

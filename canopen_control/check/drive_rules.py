@@ -301,9 +301,9 @@ def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Findin
 
 def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[CyclicAxis]) -> Iterator[Finding]:
     """Find controllers that are slower than SYNC, so that each CSP set-point is sent several times."""
-    line = 0 if control is None else control.manager_lines.get("update_rate", 0)
+    place = None if control is None else control.manager_keys.get("update_rate")
     joints = [axis.joint for axis in axes if axis.mode is OperationMode.CSP]
-    if control is None or not line or not joints:
+    if control is None or place is None or not joints:
         return
     cycle = 1_000_000 / config.master.sync_period
     syncs = max(1, round(cycle / control.update_rate))
@@ -312,7 +312,7 @@ def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[Cyc
             f"controllers run at {control.update_rate} Hz, but the SYNC rate of {config.path} is {cycle:g} Hz: each "
             f"position of {', '.join(joints)} is sent {syncs} times, and in CSP the drive stops in between"
         )
-        yield Finding(control.path, line, Severity.WARNING, text, f"set update_rate: {cycle:g}")
+        yield Finding(place.path, place.line, Severity.WARNING, text, f"set update_rate: {cycle:g}")
 
 
 def _on_arrival(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:

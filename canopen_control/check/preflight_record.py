@@ -187,7 +187,7 @@ class SlowReason:
 
 def config_hash(setup: RobotSetup) -> str:
     """Return the SHA-256 of the files and arguments of a robot, in hexadecimal digits."""
-    paths = [*setup.files.buses.values(), setup.files.controllers, setup.files.description]
+    paths = list(setup.files.paths)
     paths += sorted({path for bus in setup.buses.values() for path in bus.eds_paths.values()})
     digest = hashlib.sha256()
     for path in paths:

@@ -323,7 +323,7 @@ def _shared_names(robot: CheckedRobot) -> Iterator[Finding]:
         close = difflib.get_close_matches(name, keys, 1, 0.8)
         if name not in keys and close:
             text = f"no controller has a parameter {name!r}"
-            yield Finding(control.path, key.line, Severity.WARNING, text, f"did you mean {close[0]!r}?")
+            yield Finding(key.path, key.line, Severity.WARNING, text, f"did you mean {close[0]!r}?")
 
 
 def _unknown_controllers(robot: CheckedRobot) -> Iterator[Finding]:
@@ -345,7 +345,7 @@ def _illegal_names(robot: CheckedRobot) -> Iterator[Finding]:
         if not LEGAL_NAME.fullmatch(name):
             better = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "controller"
             text = f"{name!r} is not a valid node name: letters, digits and _ only"
-            yield Finding(control.path, config.line, Severity.ERROR, text, f"call it {better!r}")
+            yield Finding(config.path, config.line, Severity.ERROR, text, f"call it {better!r}")
 
 
 def _namespaces(robot: CheckedRobot) -> Iterator[Finding]:
@@ -559,24 +559,27 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
     if bus is None or control is None:
         return
     sync, rate = bus.master.sync_period, control.update_rate
-    line = control.manager_lines.get("update_rate", 0)
-    if line and sync and rate * sync > 1_000_000:  # without SYNC the bus load rule reports it
+    place = control.manager_keys.get("update_rate")
+    if place is None:
+        return
+    if sync and rate * sync > 1_000_000:  # without SYNC the bus load rule reports it
         cycle = 1_000_000 / sync
         text = f"update_rate {rate} Hz is higher than the SYNC rate of {bus.path}, {cycle:g} Hz"
         fix = f"set update_rate: {cycle:g}, or sync_period: {1_000_000 // rate}"
-        yield Finding(control.path, line, Severity.WARNING, text, fix)
-    elif line and sync and abs(1_000_000 / (rate * sync) - _whole(1_000_000 / (rate * sync))) > UNEVEN:
+        yield Finding(place.path, place.line, Severity.WARNING, text, fix)
+    elif sync and abs(1_000_000 / (rate * sync) - _whole(1_000_000 / (rate * sync))) > UNEVEN:
         cycle, syncs = 1_000_000 / sync, _whole(1_000_000 / (rate * sync))
         text = (
             f"update_rate {rate} Hz is not an integer fraction of the SYNC rate of {bus.path} ({cycle:g} Hz): "
             f"controllers run {'on each SYNC' if syncs == 1 else f'on one of {syncs} SYNCs'}, at {cycle / syncs:g} Hz"
         )
         fix = f"set update_rate: {cycle / syncs:g}, or sync_period: {1_000_000 / rate / syncs:g}"
-        yield Finding(control.path, line, Severity.WARNING, text, fix)
-    elif line and 0 < rate * sync * 1.5 < 1_000_000:  # a rate closer to the cycle rate is rounded to it
+        yield Finding(place.path, place.line, Severity.WARNING, text, fix)
+    elif 0 < rate * sync * 1.5 < 1_000_000:  # a rate closer to the cycle rate is rounded to it
         cycle = 1_000_000 / sync
         text = f"controllers run at {rate} Hz, though the SYNC rate of {bus.path} is {cycle:g} Hz"
-        yield Finding(control.path, line, Severity.NOTE, text, f"set update_rate: {cycle:g} to run them in each cycle")
+        fix = f"set update_rate: {cycle:g} to run them in each cycle"
+        yield Finding(place.path, place.line, Severity.NOTE, text, fix)
 
 
 UNEVEN: Final = 0.01

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 from canopen_control.controllers.params import Params, flattened, like, scalar_node, warn_ineffective
 from canopen_control.errors import ControlError, RobotConfigError, nearest
 from canopen_control.rpc.messages.parameters import MANAGER
-from canopen_control.yamlfile.convert import convert, setting
-from canopen_control.yamlfile.node import LINE_END, Node, Problems
+from canopen_control.yamlfile.convert import convert, keys_of, setting
+from canopen_control.yamlfile.node import LINE_END, Node, Problems, raise_all
 from canopen_control.yamlfile.reader import read as read_tree
 from canopen_control.yamlfile.reader import read_text, tree
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from canopen_control.rpc.messages.parameters import ParameterValue
 
@@ -59,8 +59,8 @@ class ControllerConfig:
 class ControllersFile:
     """Contents of ros2_controllers.yaml: controllers in the order of the file, manager parameters, and warnings.
 
-    `update_rate` is in Hz. `line` and `namespace` are those of the manager's block, `manager_lines` the lines of its
-    parameters. `shared` are the keys of a block for all nodes (`/**`).
+    `update_rate` is in Hz. `line` and `namespace` are those of the manager's block, `manager_keys` the nodes of its
+    parameters' keys. `shared` are the keys of a block for all nodes (`/**`).
     """
 
     update_rate: int = 100
@@ -70,8 +70,20 @@ class ControllersFile:
     path: str = ""
     line: int = 0
     namespace: str = ""
-    manager_lines: dict[str, int] = field(default_factory=dict)
+    manager_keys: dict[str, Node] = field(default_factory=dict, repr=False)
     shared: dict[str, Node] = field(default_factory=dict, repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSource:
+    """Parameters that a launch file gives to the controller manager or, by a spawner, to some `controllers`.
+
+    They are in the file `path`, or else are `values` in the launch file `path` itself: name, text and line.
+    """
+
+    path: Path
+    controllers: tuple[str, ...] = ()
+    values: tuple[tuple[str, str, int], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -112,6 +124,9 @@ class ManagerParams:
     )
 
 
+MANAGER_PARAMETERS: Final = frozenset(keys_of(ManagerParams)) - {"robot_description"}
+"""Names of the controller manager's parameters; the description comes from the robot's file."""
+
 _IGNORED: Final = (
     "defaults.",
     "diagnostics.",
@@ -145,6 +160,18 @@ class _Block:
 
 
 @dataclass(frozen=True)
+class _Everywhere:
+    """Block for all nodes (`/**`): its values, and the names of the blocks that begin before it."""
+
+    values: Node
+    before: frozenset[str]
+
+    def merged(self, name: str, values: Node) -> Node:
+        """Return the values of the block `name` and of this block: of two, the later block's applies (rclcpp)."""
+        return self.values.merged_over(values) if name in self.before else values.merged_over(self.values)
+
+
+@dataclass(frozen=True)
 class _Declared:
     """Controller declared in the controller_manager block.
 
@@ -160,41 +187,46 @@ class _Declared:
 
 
 def read_controllers(
-    path: str | os.PathLike[str], *, strict: bool = False, variables: Mapping[str, str] | None = None
+    path: str | os.PathLike[str],
+    *,
+    strict: bool = False,
+    variables: Mapping[str, str] | None = None,
+    sources: Sequence[ParameterSource] = (),
 ) -> ControllersFile:
     """Read a ros2_controllers.yaml; raise RobotConfigError with all errors, each with file, line and column.
 
     The parameters of a controller are checked when it is configured. With `strict`, warnings are errors. `variables`
     are the arguments of a launch file: they replace `$(var NAME)` and `<namespace>`, as in launch_ros's ParameterFile
     and nav2's ReplaceString; a name that is not an identifier is replaced wherever it occurs. An undefined variable
-    stays unchanged, with a warning.
+    stays unchanged, with a warning. `sources` are all parameters of a launch file that names `path`, in its order: of
+    two values of a parameter the later applies (rcl), and those of a spawner have precedence for its controllers.
     """
-    text = read_text(path, RobotConfigError)
-    values = variables or {}
-    root = read_tree(_with_variables(text, values), str(path), error=RobotConfigError, strict=strict)
-    for name, line in _variables_in(_with_variables(text, values)):
-        at = Node("scalar", line, 1, "", root.problems)
-        root.problems.warning(at, f"{name} has no value; give it with --launch FILE NAME:=VALUE")
-    if root.kind != "mapping":
-        root.error("expected a mapping of controllers")
+    sources = sources or (ParameterSource(Path(path)),)
+    roots = _roots(sources, str(path), variables or {}, strict)
+    root = roots[str(path)]
     blocks: dict[str, _Block] = {}
-    _collect(root, blocks)
+    for source in sources:
+        if source.values:
+            _add(blocks, MANAGER_SECTION, _inline(source))
+        elif not source.controllers:
+            _collect(roots[str(source.path)], blocks)
     empty = _Block(root, like(root))
-    everywhere = blocks.pop(EVERYWHERE, empty).value
+    everywhere = _everywhere(blocks, root)
+    blocks.pop(EVERYWHERE, empty)
     manager_block = blocks.pop(MANAGER_SECTION, empty)
-    flat = flattened(manager_block.value.merged_over(_common(everywhere)))
+    common = dataclasses.replace(everywhere, values=_common(everywhere.values))
+    flat = common.merged(MANAGER_SECTION, manager_block.value)
     declared, manager = _manager(flat, root)
-    controllers = _controllers(declared, blocks, everywhere, manager_block.namespace)
+    spawned = _of_spawners([source for source in sources if source.controllers], roots)
+    controllers = _controllers(declared, blocks, everywhere, manager_block.namespace, spawned)
     if not controllers:
         manager_block.key.error("no controller has a type; give types under controller_manager: <name>: type: ...")
-    root.problems.raise_if_any(RobotConfigError)
-    read = {id(root.problems): [str(warning) for warning in root.problems.warnings]}
-    for controller in controllers.values():
-        read.update((id(one), [str(text) for text in one.warnings]) for one in controller.params.files)
-    warnings = [text for texts in read.values() for text in texts]
-    lines = {name: key.line for name, key in flat.keys().items()}
-    place = str(path), manager_block.key.line, manager_block.namespace, lines
-    return ControllersFile(manager.update_rate, controllers, warnings, manager, *place, flattened(everywhere).keys())
+    files = {id(node.problems): node.problems for node in (*roots.values(), *flat.keys().values())}
+    raise_all(files.values(), RobotConfigError)
+    files |= {id(problems): problems for config in controllers.values() for problems in config.params.files}
+    warnings = [str(warning) for problems in files.values() for warning in problems.warnings]
+    place = str(path), manager_block.key.line, manager_block.namespace, flat.keys()
+    return ControllersFile(manager.update_rate, controllers, warnings, manager, *place, everywhere.values.keys())
 
 
 _VARIABLE: Final = re.compile(r"\$\(var +([\w.-]+)\)|<((?:robot_)?namespace)>")
@@ -218,6 +250,69 @@ def _variables_in(text: str) -> list[tuple[str, int]]:
     lines = enumerate(LINE_END.split(text), 1)
     uses = [(match[0], number) for number, line in lines for match in _VARIABLE.finditer(line.partition("#")[0])]
     return list({name: (name, number) for name, number in reversed(uses)}.values())[::-1]
+
+
+def _roots(
+    sources: Iterable[ParameterSource], path: str, variables: Mapping[str, str], strict: bool
+) -> dict[str, Node]:
+    """Read the files of all sources, and `path`; raise RobotConfigError with the errors of all that are not YAML."""
+    roots: dict[str, Node] = {}
+    errors: list[str] = []
+    for name in dict.fromkeys([path, *(str(source.path) for source in sources if not source.values)]):
+        try:
+            text = _with_variables(read_text(name, RobotConfigError), variables)
+            roots[name] = root = read_tree(text, name, error=RobotConfigError, strict=strict)
+        except RobotConfigError as error:
+            errors.append(str(error))
+            continue
+        for variable, line in _variables_in(text):
+            at = Node("scalar", line, 1, "", root.problems)
+            root.problems.warning(at, f"{variable} has no value; give it with --launch FILE NAME:=VALUE")
+        if root.kind != "mapping":
+            root.error("expected a mapping of controllers")
+    if errors:
+        raise RobotConfigError("\n".join(errors))
+    return roots
+
+
+def _inline(source: ParameterSource) -> _Block:
+    """Return the parameters of the controller manager that are in the launch file itself (launch_ros: as in YAML)."""
+    problems = Problems(str(source.path), read_text(source.path, RobotConfigError))
+    pairs: dict[str, tuple[Node, Node]] = {}
+    for name, text, line in source.values:
+        value = read_tree(text, str(source.path), error=RobotConfigError)
+        place = Node("scalar", line, 1, name, problems)
+        node = Node.scalar(Node(value.kind, line, 1, name, problems), text, value.value, quoted=False)
+        pairs[name] = (scalar_node(name, place), node)
+    key = next(key for key, _ in pairs.values())
+    return _Block(key, Node.mapping(like(key), pairs))
+
+
+def _of_spawners(sources: Iterable[ParameterSource], roots: Mapping[str, Node]) -> dict[str, Node]:
+    """Return the parameters in the files of spawners (`--param-file`), by controller; a later file has precedence."""
+    spawned: dict[str, Node] = {}
+    for source in sources:
+        blocks: dict[str, _Block] = {}
+        _collect(roots[str(source.path)], blocks)
+        for name in source.controllers:
+            if (values := _block_of(blocks, name)) is not None:
+                spawned[name] = values.merged_over(spawned.get(name, like(values)))
+    return spawned
+
+
+def _block_of(blocks: Mapping[str, _Block], name: str) -> Node | None:
+    """Return the parameters of a controller in a file, including those for all nodes; None if it has none."""
+    block, everywhere = blocks.get(name), blocks.get(EVERYWHERE)
+    if block is None:
+        return None if everywhere is None else everywhere.value
+    return _everywhere(blocks, block.key).merged(name, block.value)
+
+
+def _everywhere(blocks: Mapping[str, _Block], place: Node) -> _Everywhere:
+    names = list(blocks)
+    if EVERYWHERE not in blocks:
+        return _Everywhere(like(place), frozenset())
+    return _Everywhere(blocks[EVERYWHERE].value, frozenset(names[: names.index(EVERYWHERE)]))
 
 
 def _common(everywhere: Node) -> Node:
@@ -273,8 +368,8 @@ def _is_namespace(name: str, value: Node) -> bool:
 
 
 def _add(blocks: dict[str, _Block], name: str, block: _Block) -> None:
-    previous = blocks.get(name)
-    blocks[name] = dataclasses.replace(block, value=block.value.merged_over(previous.value)) if previous else block
+    previous, values = blocks.get(name), flattened(block.value)
+    blocks[name] = dataclasses.replace(block, value=values.merged_over(previous.value) if previous else values)
 
 
 def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParams]:
@@ -338,24 +433,35 @@ def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
 
 
 def _controllers(
-    declared: dict[str, _Declared], blocks: dict[str, _Block], everywhere: Node, namespace: str
+    declared: dict[str, _Declared],
+    blocks: dict[str, _Block],
+    everywhere: _Everywhere,
+    namespace: str,
+    spawned: Mapping[str, Node],
 ) -> dict[str, ControllerConfig]:
-    """Combine the type and parameters of each controller; without a block, it is in the manager's `namespace`."""
-    shared = set(flattened(everywhere).keys())
+    """Combine the type and parameters of each controller; without a block, it is in the manager's `namespace`.
+
+    `spawned` are parameters in the files of spawners, which have precedence and may contain the type.
+    """
+    shared = set(everywhere.values.keys())
     controllers: dict[str, ControllerConfig] = {}
     for name, entry in declared.items():
         block = blocks.get(name, _Block(entry.key, like(entry.further), namespace))
-        values = block.value.merged_over(entry.further).merged_over(everywhere)
+        values = everywhere.merged(name, block.value.merged_over(entry.further))
         for place, text in entry.files:
             values = from_file(place, text, name).merged_over(values)
-        config = _config(name, entry.type, entry.key, Params(flattened(values), name, shared), block, entry.fallbacks)
+        values = spawned[name].merged_over(values) if name in spawned else values
+        config = _config(name, entry.type, entry.key, Params(values, name, shared), block, entry.fallbacks)
         controllers[name] = dataclasses.replace(config, node_options=entry.node_options)
-    for name, block in blocks.items():
-        type_node = block.value.get("type")
+    for name in dict.fromkeys([*blocks, *spawned]):
         if name in controllers:
             continue
+        own = spawned.get(name) or blocks[name].value
+        block = blocks.get(name) or _Block(next((key for key, _ in own.pairs()), own), own, namespace)
+        values = own.merged_over(block.value)
+        type_node = values.get("type")
         if type_node is not None:
-            params = Params(flattened(block.value.merged_over(everywhere)), name, shared)
+            params = Params(everywhere.merged(name, values), name, shared)
             controllers[name] = _config(name, convert(type_node, str, ""), block.key, params, block)
         else:
             hint = nearest(name, declared)
@@ -385,13 +491,10 @@ def from_file(place: Node, text: str, name: str) -> Node:
     except RobotConfigError as error:
         place.error(f"params_file: {error}")
         return like(place)
-    block, everywhere = (blocks.get(key) for key in (name, EVERYWHERE))
-    if block is None and everywhere is None:
+    values = _block_of(blocks, name)
+    if values is None:
         place.error(f"{path} has no parameters for {name}{nearest(name, blocks)}")
-        return like(place)
-    if block is None or everywhere is None:
-        return (block or everywhere or _Block(place, like(place))).value
-    return block.value.merged_over(everywhere.value)
+    return like(place) if values is None else values
 
 
 def _config(

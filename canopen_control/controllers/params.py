@@ -6,7 +6,6 @@ repeated or unknown key is a warning with its line and the nearest valid name, o
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 import typing
@@ -17,7 +16,7 @@ from canopen_control.controllers.pid import AntiWindup, Gains
 from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 from canopen_control.yamlfile.convert import convert, derived, keys_of, section, setting
-from canopen_control.yamlfile.node import Node, Problems
+from canopen_control.yamlfile.node import Node, Problems, raising
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -61,9 +60,7 @@ class Params:
         is a warning with the reason. `judge` returns contradictions as pairs of parameter and text; the name of the
         parameter is removed from the beginning of the text.
         """
-        with contextlib.ExitStack() as stack:
-            for file in self.files:
-                stack.enter_context(file.raising(RobotConfigError))
+        with raising(self.files, RobotConfigError):
             value = convert(_gathered(self._renamed(renames or {}), cls), cls, None, ignored=self.shared)
             warn_ineffective(self.flat, value)
             for name, text in () if value is None else judge(value):

@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.controllers.controllers_file import MANAGER_PARAMETERS, ParameterSource
 from canopen_control.data_files import read_utf8
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.runtime.launch_python import LaunchCondition, LaunchInclude, LaunchNode, LaunchText, read_python
@@ -22,7 +23,7 @@ from canopen_control.urdf.package_search import installed_file, package_folders
 from canopen_control.yamlfile.reader import read
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from canopen_control.yamlfile.node import Node
 
@@ -45,7 +46,9 @@ SPAWNER_VALUES: Final = frozenset(
     {"-c", "--controller-manager", "-p", "--param-file", "-n", "--namespace", "-t", "--controller-type",
      "--controller-manager-timeout", "--switch-timeout", "--service-call-timeout", "--controller-ros-args", "--timeout"}
 )  # fmt: skip
+_FILE_OPTIONS: Final = ("-p", "--param-file")
 _NOT_ACTIVE: Final = frozenset({"--inactive", "--load-only", "--stopped"})
+_TYPE: Final = re.compile(r"\btype['\"]?\s*:")
 _PAIR: Final = re.compile(r"([A-Za-z_]\w*):=(.*)", re.DOTALL)
 
 
@@ -140,8 +143,9 @@ class Launched:
     """Robot described by a launch file: files (keys bus, controllers, description) and xacro `arguments`.
 
     `spawned` are the controllers that the spawners activate, in order; `variables` are the values of all launch
-    arguments. `uncertainties` are the reasons why something may be missing. `known` are the arguments that the launch
-    file declares, `idle` the user's NAME:=VALUE that no evaluated text uses.
+    arguments; `parameters` are those of the controller manager and of the spawners. `uncertainties` are the reasons why
+    something may be missing. `known` are the arguments that the launch file declares, `idle` the user's NAME:=VALUE
+    that no evaluated text uses.
     """
 
     arguments: dict[str, str] = field(default_factory=dict)
@@ -151,6 +155,7 @@ class Launched:
     idle: tuple[str, ...] = ()
     spawned: tuple[str, ...] = ()
     variables: dict[str, str] = field(default_factory=dict)
+    parameters: tuple[ParameterSource, ...] = ()
 
 
 def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str] = ()) -> Launched:
@@ -165,6 +170,9 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
     reading = _Reading(path)
     used = reading.read(path, declared, 0)
     launched = reading.launched
+    launched.parameters = (*reading.of_manager, *reading.of_spawners)
+    if main := _main_file(launched.parameters):
+        launched.files["controllers"] = main
     if not launched.files and not reading.uncertainties:
         reading.uncertainties.append(f"{path}: it names no file of a robot")
     launched.arguments |= further
@@ -175,12 +183,21 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
     return launched
 
 
+def _main_file(parameters: Iterable[ParameterSource]) -> Path | None:
+    """Return the first parameter file that gives a controller its type; else the first, or None without a file."""
+    files = [source.path for source in parameters if not source.values]
+    typed = (path for path in files if _TYPE.search(path.read_text(encoding="utf-8", errors="replace")))
+    return next(typed, files[0] if files else None)
+
+
 @dataclass(slots=True)
 class _Reading:
     """Reader of a launch file and the files it includes; `launched` is the robot."""
 
     path: Path
     launched: Launched = field(default_factory=Launched)
+    of_manager: list[ParameterSource] = field(default_factory=list)
+    of_spawners: list[ParameterSource] = field(default_factory=list)
     uncertainties: list[str] = field(default_factory=list)
 
     def read(self, path: Path, passed: Mapping[str, str], depth: int) -> set[str]:
@@ -225,36 +242,42 @@ class _Reading:
         return (inner & launch.arguments.keys()) | passed
 
     def _read_nodes(self, launch: LaunchFile) -> set[str]:
-        """Collect parameter files and controllers of the controller manager and spawners; return the arguments used."""
+        """Collect the parameters and controllers of the controller manager and spawners; return the arguments used."""
         used = set[str]()
         for node in launch.nodes:
             if node.package != "controller_manager" or not launch.happens(node.condition):
                 continue
             if node.executable == _MANAGER:
-                files = [parameter.text for parameter in node.parameters if parameter.text]
+                for parameter in node.parameters:
+                    used |= self._add_parameter(launch, parameter, self.of_manager)
             elif node.executable in _SPAWNERS:
                 words = [argument.text for argument in node.arguments if argument.text]
-                files = [word for option, word in pairwise(words) if option in ("-p", "--param-file")]
-                files += [parameter.text for parameter in node.parameters if parameter.text]
-                names = [launch.resolved(word) for word in spawned_names(words)]
-                self.launched.spawned += tuple(name for name in names if name)
                 used |= {name for word in words for name in launch.arguments_in(word)}
-            else:
-                continue
-            for text in files:
-                name = launch.resolved(text)
-                if name is not None and (launch.path.parent / name).is_file():
-                    self._add_parameter_file(launch.path.parent / name, f"{launch.path}:{node.line}")
-                used |= launch.arguments_in(text)
+                words = _split(words)
+                names = tuple(name for word in _controllers_in(words) if (name := launch.resolved(word)))
+                self.launched.spawned += () if _NOT_ACTIVE & set(words) else names
+                files = [value for option, value in pairwise(words) if option in _FILE_OPTIONS]
+                files += [word.partition("=")[2] for word in words if word.startswith("--param-file=")]
+                for text in files:
+                    self._add_parameter(launch, LaunchText(text, node.line), self.of_spawners, names)
         return used
 
-    def _add_parameter_file(self, path: Path, place: str) -> None:
-        """Store the first parameter file; report any further file, which is ignored."""
-        first = self.launched.files.setdefault("controllers", path)
-        if first.resolve() != path.resolve():
-            self.uncertainties.append(
-                f"{place}: {path.name} is ignored, since {first.name} is read; move its parameters into {first.name}"
-            )
+    def _add_parameter(
+        self, launch: LaunchFile, parameter: LaunchText, sources: list[ParameterSource], names: tuple[str, ...] = ()
+    ) -> set[str]:
+        """Add a file of parameters, or a parameter of the manager in the launch file; return the arguments used."""
+        value = None if parameter.text is None else launch.resolved(parameter.text)
+        if parameter.text is None or value is None:
+            return set()
+        if not parameter.name and (launch.path.parent / value).is_file():
+            source = ParameterSource(launch.path.parent / value, names)
+        elif parameter.name in MANAGER_PARAMETERS:
+            source = ParameterSource(launch.path, values=((parameter.name, value, parameter.line),))
+        else:
+            return set()
+        if source not in sources:
+            sources.append(source)
+        return launch.arguments_in(parameter.text)
 
     def _report_unread(self, launch: LaunchFile) -> None:
         """Report computed values and missing packages that affect the robot's files."""
@@ -280,15 +303,26 @@ def _concerns_robot(what: str) -> bool:
 
 def spawned_names(words: Sequence[str]) -> list[str]:
     """Return the names of the controllers that a spawner with these command-line arguments activates."""
-    if _NOT_ACTIVE & set(words):
-        return []
+    words = _split(words)
+    return [] if _NOT_ACTIVE & set(words) else _controllers_in(words)
+
+
+def _split(words: Iterable[str]) -> list[str]:
+    """Return the words of a command line, of which a text may contain several; the value of an option is one word."""
+    parts = list[str]()
+    for word in words:
+        several = " " in word and "$(" not in word and not (parts and parts[-1] in SPAWNER_VALUES)
+        parts += words_of(word) if several else [word]
+    return parts
+
+
+def _controllers_in(words: Iterable[str]) -> list[str]:
+    """Return the names of the controllers in the words of a spawner's command line."""
     names = list[str]()
     remaining = iter(words)
     for word in remaining:
         if word in SPAWNER_VALUES:
             next(remaining, None)
-        elif " " in word and "$(" not in word:  # several arguments in one text
-            names += spawned_names(words_of(word))
         elif not word.startswith("-"):
             names.append(word)
     return names
@@ -398,7 +432,6 @@ def _read_xml(root: Element, path: Path) -> LaunchFile:
 
 def _xml_node(element: Element) -> LaunchNode:
     attributes, line = element.attributes, element.place.line
-    files = [child.attributes.get("from", "") for child in element.children if child.tag == "param"]
     return LaunchNode(
         attributes.get("pkg", ""),
         attributes.get("exec") or attributes.get("type", ""),
@@ -406,9 +439,23 @@ def _xml_node(element: Element) -> LaunchNode:
         attributes.get("namespace") or attributes.get("ns", ""),
         tuple(LaunchText(word, line) for word in words_of(attributes.get("args", ""))),
         line,
-        parameters=tuple(LaunchText(name, line) for name in files if name),
+        parameters=tuple(_xml_parameters(element)),
         condition=_xml_condition(element),
     )
+
+
+def _xml_parameters(element: Element, above: str = "") -> Iterator[LaunchText]:
+    """Yield the parameters of a node: files (`from`), values, and nested parameters with dotted names."""
+    for child in element.children:
+        if child.tag != "param":
+            continue
+        name, line = child.attributes.get("name", ""), child.place.line
+        if file := child.attributes.get("from", ""):
+            yield LaunchText(file, line)
+        elif name and "value" in child.attributes:
+            yield LaunchText(child.attributes["value"], line, f"{above}{name}")
+        elif name:
+            yield from _xml_parameters(child, f"{above}{name}.")
 
 
 def _xml_condition(element: Element) -> LaunchCondition | None:

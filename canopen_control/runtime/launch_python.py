@@ -38,10 +38,14 @@ _LONGEST: Final = 20_000  # maximum length of a text in characters
 
 @dataclass(frozen=True, slots=True)
 class LaunchText:
-    """Text in a launch file, with its line number; `text` is None if computed at run time."""
+    """Text in a launch file, with its line number; `text` is None if computed at run time.
+
+    `name` is that of a parameter with this value, "" for other texts.
+    """
 
     text: str | None
     line: int
+    name: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +70,8 @@ class LaunchInclude:
 class LaunchNode:
     """Node that a launch file starts; the name is None if computed at run time, "" if not given.
 
-    `plugin` is the plugin of a composable node, `parameters` are the node's parameter files.
+    `plugin` is the plugin of a composable node, `parameters` are the node's parameter files and, with a name, the
+    parameters in the launch file itself.
     """
 
     package: str | None
@@ -189,15 +194,27 @@ class _Reader:
                 words,
                 call.lineno,
                 text_of("plugin"),
-                tuple(self._parameter_files(_keyword(call, "parameters"))),
+                tuple(self._node_parameters(_keyword(call, "parameters"))),
                 self._condition(call),
             )
         )
 
-    def _parameter_files(self, node: ast.expr | None) -> Iterator[LaunchText]:
+    def _node_parameters(self, node: ast.expr | None) -> Iterator[LaunchText]:
         for item in self._list(node):
-            if not isinstance(item, ast.Dict):
+            named = self._names.get(item.id) if isinstance(item, ast.Name) else item
+            if isinstance(named, ast.Dict):
+                yield from self._parameters(named)
+            else:
                 yield LaunchText(self.text(item), item.lineno)
+
+    def _parameters(self, values: ast.Dict, above: str = "") -> Iterator[LaunchText]:
+        """Yield the parameters in a dict of launch_ros, with dotted names; lists are omitted."""
+        for key, value in zip(values.keys, values.values, strict=True):
+            name = None if key is None else self.text(key)
+            if name and isinstance(value, ast.Dict):
+                yield from self._parameters(value, f"{above}{name}.")
+            elif name and not isinstance(value, ast.List | ast.Tuple):
+                yield LaunchText(self.text(value), value.lineno, f"{above}{name}")
 
     def _condition(self, call: ast.Call) -> LaunchCondition | None:
         node = _keyword(call, "condition")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NoReturn
 
 from canopen_control.bus.channel import name_and_channel
+from canopen_control.controllers.controllers_file import ParameterSource, read_controllers
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import CanopenError, RobotConfigError, nearest
 from canopen_control.physics import SDF_SUFFIXES
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from collections.abc import Set as AbstractSet
 
+    from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.runtime.launch_file import Launched
 
 
@@ -143,8 +145,9 @@ class RobotFiles:
     `arguments` are the xacro arguments, `hardware` the hardware options in the user's arguments, `idle` the arguments
     without an effect on this robot. `spawned` are the controllers that the launch file starts, `variables` the values
     of the launch file's arguments. `world` is the Gazebo world file that an argument names. `not_launched` are the
-    files of the folder that are used although the launch file names another one, by option, as (used, named). For a bus
-    without controllers, `controllers` and `description` are the path of bus.yml, so that error messages refer to it.
+    files of the folder that are used although the launch file names another one, by option, as (used, named).
+    `parameters` are all parameters of a launch file that names `controllers`, empty otherwise. For a bus without
+    controllers, `controllers` and `description` are the path of bus.yml, so that error messages refer to it.
     """
 
     name: str
@@ -159,6 +162,7 @@ class RobotFiles:
     variables: dict[str, str] = field(default_factory=dict)
     world: Path | None = None
     not_launched: dict[str, tuple[Path, Path]] = field(default_factory=dict)
+    parameters: tuple[ParameterSource, ...] = ()
 
     def refuse_hardware(self, why: str) -> None:
         """Raise RobotConfigError if an argument requests a channel or real drives; `why` is the reason."""
@@ -168,8 +172,13 @@ class RobotFiles:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """Paths of the bus files, the controllers file and the description."""
-        return (*self.buses.values(), self.controllers, self.description)
+        """Paths of the bus files, the controllers file, further parameter files, and the description."""
+        more = (source.path for source in self.parameters)
+        return tuple(dict.fromkeys((*self.buses.values(), self.controllers, *more, self.description)))
+
+    def read_controllers(self, *, strict: bool = False) -> ControllersFile:
+        """Read the controllers file, and all parameters of the launch file; RobotConfigError with all errors."""
+        return read_controllers(self.controllers, strict=strict, variables=self.variables, sources=self.parameters)
 
     def mappings(self, *, mock: bool = False) -> dict[str, str]:
         """Return the xacro mappings; `mock` adds use_mock_hardware for descriptions that declare this argument."""
@@ -232,9 +241,36 @@ def find_robot(
         return robot
     options = {"bus": bus, "controllers": controllers, "description": description}
     unasked = {kind: path for kind, path in launched.files.items() if options[kind] is None}
+    if any(source.path.resolve() == control.resolve() for source in launched.parameters):
+        unasked.pop("controllers", None)
     instead = _used_instead({"bus": main, "controllers": control, "description": described}, unasked)
     spawned = () if alone else launched.spawned
-    return replace(robot, idle=launched.idle, spawned=spawned, variables=launched.variables, not_launched=instead)
+    parameters = () if alone else _parameters_with(control, launched)
+    return replace(
+        robot,
+        idle=launched.idle,
+        spawned=spawned,
+        variables=launched.variables,
+        not_launched=instead,
+        parameters=parameters,
+    )
+
+
+def _parameters_with(control: Path, launched: Launched) -> tuple[ParameterSource, ...]:
+    """Return the parameters of the launch file; empty if its files do not include `control`.
+
+    A file that only a spawner reads then counts for the manager too.
+    """
+    sources = [
+        replace(source, path=control) if source.path.resolve() == control.resolve() else source
+        for source in launched.parameters
+    ]
+    files = [source for source in sources if not source.values]
+    if files and not any(source.path == control for source in files):
+        return ()
+    if sources and all(source.controllers for source in files):
+        sources.insert(0, ParameterSource(control))
+    return tuple(sources)
 
 
 def _foreign_arguments(bus: Path, words: Iterable[str], hardware: AskedHardware) -> list[str]:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, may_host_virtual_drives, name_and_channel, parse_channel
 from canopen_control.cia402.objects import SI_UNIT_VELOCITY
-from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.types import is_broadcaster, moves_joints
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.hardware.axis_parameters import add_plugin_interfaces
@@ -168,7 +167,7 @@ class RobotSetup:
     def update_rate(self) -> int:
         """Update rate in Hz: the cycle rate, or update_rate of the controller manager if given and lower."""
         cycle = max(1, round(1e9 / self.cycle_ns))
-        return min(self.controllers.update_rate, cycle) if "update_rate" in self.controllers.manager_lines else cycle
+        return min(self.controllers.update_rate, cycle) if "update_rate" in self.controllers.manager_keys else cycle
 
 
 _IDLE = "is used neither by the description nor by a file of this robot, so it has no effect"
@@ -243,7 +242,7 @@ def _contents(
         return buses, description, control, (*started_controllers(files, control, description, names), *free)
     with reader or DescriptionReader(files.description, mappings=files.mappings(mock=mock)) as begun:
         buses = read()  # while xacro runs
-        control = read_controllers(files.controllers, strict=strict, variables=files.variables)
+        control = files.read_controllers(strict=strict)
         description = add_plugin_interfaces(begun.result(), plans_of(buses))
     complete, all_controllers, free = description, control, tuple[str, ...]()
     if not mock:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 from canopen_control.errors import BusConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterable, Iterator
 
     from canopen_control.errors import ConfigError
 
@@ -93,30 +93,42 @@ class Problems:
         """Remove the errors below a dotted path, since they result from another error."""
         self._errors = {error: None for error in self._errors if not error.where.startswith(f"{where}.")}
 
+    def take_errors(self, others: dict[Problem, None]) -> dict[Problem, None]:
+        """Exchange the errors for others, and return them."""
+        errors, self._errors = self._errors, others
+        return errors
+
     def file_error(self, line: int, column: int, message: str) -> None:
         """Add an error at a position without a node."""
         self._errors[self.at(line, column, "", message)] = None
 
-    @contextlib.contextmanager
-    def raising(self, error: type[ConfigError]) -> Iterator[None]:
-        """Raise `error` at the end of the context if errors were added in it."""
-        before, self._errors = self._errors, {}
-        try:
-            yield
-            self.raise_if_any(error)
-        finally:
-            self._errors = before
-
     def raise_if_any(self, error: type[ConfigError] = BusConfigError) -> None:
         """Raise `error` with the texts of all errors, if any."""
-        errors = self.errors
-        if not errors:
-            return
-        count = f"\n{len(errors)} errors" if len(errors) > 1 else ""
-        reason = "\n".join(str(problem) for problem in errors) + count
-        if issubclass(error, BusConfigError):
-            raise error(self.path, errors[0].line, errors[0].where, reason)
-        raise error(reason)
+        raise_all([self], error)
+
+
+def raise_all(files: Iterable[Problems], error: type[ConfigError]) -> None:
+    """Raise `error` with the texts of all errors in several files, if any."""
+    errors = [problem for file in files for problem in file.errors]
+    if not errors:
+        return
+    count = f"\n{len(errors)} errors" if len(errors) > 1 else ""
+    reason = "\n".join(str(problem) for problem in errors) + count
+    if issubclass(error, BusConfigError):
+        raise error(errors[0].path, errors[0].line, errors[0].where, reason)
+    raise error(reason)
+
+
+@contextlib.contextmanager
+def raising(files: Collection[Problems], error: type[ConfigError]) -> Iterator[None]:
+    """Raise `error` at the end of the context if errors were added to the files in it."""
+    before = [(file, file.take_errors({})) for file in files]
+    try:
+        yield
+        raise_all(files, error)
+    finally:
+        for file, errors in before:
+            file.take_errors(errors)
 
 
 class Node:

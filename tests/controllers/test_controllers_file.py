@@ -406,3 +406,15 @@ def test_a_list_of_one_mapping_is_that_mapping(tmp_path):
     )
     keys = read_controllers(path).controllers["gpio"].params.flat.keys()
     assert "command_interfaces.flange.interfaces" in keys
+
+
+@pytest.mark.parametrize(("first", "rate"), [("/**", 20), ("controller_manager", 10)])
+def test_of_the_blocks_for_one_node_and_for_all_the_later_has_precedence(file, first, rate):
+    blocks = {
+        "/**": "/**: {ros__parameters: {update_rate: 10, command_timeout: 1.0}}\n",
+        "controller_manager": "controller_manager: {ros__parameters: {update_rate: 20, c: {type: a/B}}}\n"
+        "c: {ros__parameters: {command_timeout: 2.0}}\n",
+    }
+    control = file("".join(blocks[name] for name in sorted(blocks, key=lambda name: name != first)))
+    assert control.update_rate == rate
+    assert control.controllers["c"].params.flat.value["command_timeout"] == rate / 10

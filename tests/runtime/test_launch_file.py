@@ -430,15 +430,90 @@ def test_an_included_file_that_is_not_there_is_a_doubt_with_its_line(sources):
     )
 
 
-def test_a_second_file_of_parameters_is_a_doubt_with_its_line(sources):
+def with_parameters(sources, parameters, spawner="", **files):
+    """Write parameter files, and name them in the launch file: of the manager, and of a spawner."""
     path = sources / "rrbot.launch.py"
-    second = path.parent / "more.yaml"
-    second.write_text("{}")
-    text = path.read_text()
-    path.write_text(text.replace("parameters=[", f"parameters=[{str(second)!r}, ", 1))
-    (doubt,) = launched_robot(path, {}).uncertainties
-    line = next(number for number, each in enumerate(path.read_text().splitlines(), 1) if "--param-file" in each) - 1
-    assert doubt.startswith(f"{path}:{line}: rrbot.yaml is ignored, since more.yaml is read; move its parameters into")
+    for name, content in files.items():
+        (path.parent / f"{name}.yaml").write_text(content)
+    text = path.read_text().replace('[{"update_rate": 10}]', parameters)
+    path.write_text(text.replace('"extra_controller"]', f'"forward_position_controller"{spawner}]'))
+    return find_robot(None, launch=str(path), arguments=["extra:=true"])
+
+
+RATE = "controller_manager: {ros__parameters: {update_rate: %s}}"
+INTERFACE = "forward_position_controller: {ros__parameters: {interface_name: %s}}"
+
+
+def test_of_several_parameter_files_the_later_has_precedence_for_each_parameter(sources):
+    parameters = '["a.yaml", share / "config" / "rrbot.yaml", {"update_rate": 30}, "b.yaml"]'
+    files = with_parameters(sources, parameters, a=RATE % 10 + "\n" + INTERFACE % "effort", b=RATE % 20)
+    control = files.read_controllers()
+    assert control.update_rate == 20
+    assert control.manager_keys["update_rate"].path == str(sources / "b.yaml")
+    values = control.controllers["forward_position_controller"].params.flat.value
+    assert values == {"interface_name": "position", "joints": ["joint1"]}
+    assert control.path.endswith("config/rrbot.yaml")  # it declares the controllers
+    assert {path.name for path in files.paths} == {
+        "a.yaml",
+        "b.yaml",
+        "rrbot.yaml",
+        "rrbot.launch.py",
+        "rrbot.urdf.xacro",
+    }
+
+
+def test_a_parameter_in_the_launch_file_has_its_place_among_the_files(sources):
+    files = with_parameters(sources, '[share / "config" / "rrbot.yaml", {"update_rate": 30}]')
+    control = files.read_controllers()
+    key = control.manager_keys["update_rate"]
+    assert (control.update_rate, key.path, key.line) == (30, str(sources / "rrbot.launch.py"), 7)
+
+
+def test_the_files_of_a_spawner_have_precedence_for_its_controllers_alone(sources):
+    rates = "/**: {ros__parameters: {interface_name: velocity}}\n" + RATE % 20
+    spawner = ', "--param-file", "a.yaml", "--param-file=b.yaml"'
+    parameters = '[share / "config" / "rrbot.yaml"]'
+    files = with_parameters(sources, parameters, spawner, a=rates, b=INTERFACE % "effort")
+    control = files.read_controllers()
+    assert control.update_rate == 100  # the manager does not read them
+    assert control.controllers["forward_position_controller"].params.flat.value["interface_name"] == "effort"
+    assert "interface_name" not in control.controllers["joint_state_broadcaster"].params.flat.value
+
+
+def test_errors_of_several_parameter_files_are_reported_together_with_their_places(sources):
+    files = with_parameters(
+        sources, '["a.yaml", share / "config" / "rrbot.yaml", "b.yaml"]', a=RATE % "fast", b="/**: [1"
+    )
+    with pytest.raises(RobotConfigError, match=r"b\.yaml:1:\d+: expected ','"):
+        files.read_controllers()
+    (sources / "b.yaml").write_text("controller_manager: {ros__parameters: {lock_memory: 3}}")
+    with pytest.raises(RobotConfigError, match=r"(?s)a\.yaml:1:\d+: .*update_rate.*b\.yaml:1:\d+: .*lock_memory"):
+        files.read_controllers()
+
+
+def test_a_parameter_file_other_than_that_of_the_launch_file_is_read_alone(sources):
+    files = with_parameters(sources, '[share / "config" / "rrbot.yaml", {"update_rate": 30}]', other=CONTROLLERS)
+    alone = find_robot(None, launch=str(sources / "rrbot.launch.py"), controllers=str(sources / "other.yaml"))
+    assert files.parameters
+    assert alone.parameters == ()
+    assert alone.read_controllers().update_rate == 100
+
+
+def test_parameters_in_xml_are_those_of_python(sources):
+    path = sources / "rates.launch.xml"
+    package = sources.parents[1]
+    path.write_text(f"""<launch><node pkg="controller_manager" exec="ros2_control_node">
+      <param from="{package}/bringup/config/rrbot.yaml"/>
+      <param name="update_rate" value="40"/>
+      <param name="hardware_components_initial_state"><param name="inactive" value="RRBot"/></param>
+      <param name="anything" value="else"/>
+    </node></launch>""")
+    found = launched_robot(path, {}).parameters
+    assert [source.values for source in found] == [
+        (),
+        (("update_rate", "40", 3),),
+        (("hardware_components_initial_state.inactive", "RRBot", 4),),
+    ]
 
 
 def test_a_launch_file_that_names_no_description_reports_this_and_not_that_a_folder_is_missing(sources):

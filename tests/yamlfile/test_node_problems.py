@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from canopen_control.errors import BusConfigError, RobotConfigError
-from canopen_control.yamlfile.node import Node, Problem, Problems
+from canopen_control.yamlfile.node import Node, Problem, Problems, raising
 
 
 def node(problems: Problems, line: int = 1, column: int = 1, where: str = "a") -> Node:
@@ -41,9 +41,9 @@ def test_what_is_suspicious_is_an_error_only_when_strict():
 def test_a_part_is_judged_apart_from_what_was_found_before():
     problems = Problems("f")
     problems.error(node(problems), "before")
-    with pytest.raises(RobotConfigError) as caught, problems.raising(RobotConfigError):
+    with pytest.raises(RobotConfigError) as caught, raising([problems], RobotConfigError):
         problems.error(node(problems), "inside")
     assert str(caught.value) == "f:1:1: a: inside"
-    with problems.raising(RobotConfigError):
+    with raising([problems], RobotConfigError):
         pass
     assert [item.message for item in problems.errors] == ["before"]
