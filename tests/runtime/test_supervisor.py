@@ -9,13 +9,14 @@ from functools import partial
 from types import SimpleNamespace
 
 import pytest
+from support.host import eventually
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError
 from canopen_control.host.environment import MODULE
 from canopen_control.host.files import state_dir
 from canopen_control.host.reactor import Reactor
-from canopen_control.host.spawn import spawn
+from canopen_control.host.spawn import Child, spawn
 from canopen_control.master.event_log import Level
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
@@ -31,10 +32,12 @@ from canopen_control.runtime.supervisor import (
 
 pytestmark = pytest.mark.process
 SECOND = 1_000_000_000
+RESTART_NS = SECOND // 50  # between the end of a client and its restart, instead of half a second
 
 
 @pytest.fixture
-def supervisor():
+def supervisor(monkeypatch):
+    monkeypatch.setattr("canopen_control.runtime.supervisor.DELAY_NS", RESTART_NS)
     reactor, events = Reactor(), []
     supervisor = Supervisor("test", reactor, events.append)
     supervisor.reactor, supervisor.events = reactor, events
@@ -67,7 +70,6 @@ def test_a_child_that_dies_is_reported_with_its_last_words(supervisor):
 
 
 def test_a_child_that_is_killed_is_reported_with_the_signal(supervisor):
-
     supervisor.start_client("sleeper", ["asyncio"])
     os.kill(supervisor.pids["sleeper"], signal.SIGKILL)
     assert supervisor.reactor.run_until(lambda: bool(supervisor.events), 20 * SECOND)
@@ -75,8 +77,6 @@ def test_a_child_that_is_killed_is_reported_with_the_signal(supervisor):
 
 
 def test_a_bridge_that_is_killed_is_started_again_three_times_a_minute(supervisor):
-    import os
-
     supervisor.start_client("ros", ["asyncio"], restarts=Restarts())
     pids = []
     for _ in range(4):
@@ -92,7 +92,7 @@ def test_a_bridge_that_is_killed_is_started_again_three_times_a_minute(superviso
     texts = [event.text for event in supervisor.events if event.kind == "restart"]
     assert texts[0] == "process ros: it is restarted (1 of 3 times a minute)"
     assert texts[3] == "process ros: it is not restarted, because it was restarted 3 times within a minute"
-    supervisor.reactor.run_for(SECOND)
+    supervisor.reactor.run_for(2 * RESTART_NS)
     assert "ros" not in supervisor.pids
 
 
@@ -110,13 +110,11 @@ def test_a_recorder_that_is_killed_is_started_again_and_missing_meanwhile(superv
 
 
 def test_nothing_is_started_again_while_everything_ends(supervisor):
-    import os
-
     supervisor.start_client("ros", ["asyncio"], restarts=Restarts())
     os.kill(supervisor.pids["ros"], signal.SIGKILL)
     assert supervisor.reactor.run_until(lambda: bool(supervisor.events), 20 * SECOND)
     supervisor.end()
-    supervisor.reactor.run_for(SECOND)
+    supervisor.reactor.run_for(2 * RESTART_NS)
     assert supervisor.pids == {}
 
 
@@ -188,7 +186,7 @@ def test_where_the_recorder_wrote_after_the_robots_end_is_reported(supervisor, m
     monkeypatch.setattr("canopen_control.runtime.supervisor._RECORDER", [sys.executable, "-c", script])
     supervisor.start_recorder({})
     child = supervisor._recorder
-    assert supervisor.reactor.run_until(lambda: len(child.last_lines()) == 2, 20 * SECOND)
+    assert eventually(lambda: len(child.last_lines()) == 2)
     assert "flight" in supervisor.pids
     supervisor.end()
     assert [(event.kind, event.text) for event in supervisor.events] == [("flight", "flight recording: x.zip")]
@@ -209,14 +207,18 @@ def drives_that(monkeypatch, code):
 
 
 def test_the_robot_begins_when_its_drives_are_ready_and_not_before(supervisor, monkeypatch, tmp_path):
-    wait = f"import os, time; [time.sleep(0.01) for _ in iter(lambda: os.path.exists({str(tmp_path / 'go')!r}), True)]"
+    os.mkfifo(tmp_path / "go")
+    go = os.open(tmp_path / "go", os.O_RDWR)  # each drive reads one byte
+    wait = f"import os; os.read(os.open({str(tmp_path / 'go')!r}, os.O_RDONLY), 1)"
     supervisor.start_drives(drives_that(monkeypatch, SAYS_READY.format(wait)))
     began = []
     supervisor.when_ready(SimpleNamespace(children_ready=lambda: began.append(True), child_failed=pytest.fail))
     assert supervisor.driven == ["left_drive", "right_drive"]
-    assert supervisor.reactor.run_for(SECOND // 2)
+    assert eventually(lambda: all(map(Child.last_lines, supervisor._drives)))
+    supervisor.reactor.serve()
     assert began == []
-    (tmp_path / "go").touch()
+    os.write(go, b"12")
+    os.close(go)
     assert supervisor.reactor.run_until(lambda: bool(began), 20 * SECOND)
     assert supervisor.events == []
 
@@ -264,15 +266,17 @@ def test_what_has_nothing_to_wait_for_begins_at_once(supervisor):
 
 
 def test_a_drive_that_is_not_ready_in_time_is_named_with_what_it_reported(supervisor, monkeypatch):
-    monkeypatch.setattr("canopen_control.runtime.supervisor._READY_NS", SECOND)
-    monkeypatch.setattr("canopen_control.runtime.supervisor._READY_EACH_NS", SECOND)
+    for name in ("_READY_NS", "_READY_EACH_NS"):
+        monkeypatch.setattr(f"canopen_control.runtime.supervisor.{name}", SECOND // 10)
     supervisor.start_drives(drives_that(monkeypatch, SAYS_READY.format("signal.pause()")))
+    assert eventually(lambda: all(map(Child.last_lines, supervisor._drives)))
     failed = []
     supervisor.when_ready(SimpleNamespace(children_ready=lambda: pytest.fail("it began"), child_failed=failed.append))
     assert supervisor.reactor.run_until(lambda: bool(failed), 20 * SECOND)
     (text,) = failed
-    assert re.match(r"process drive-\w+ \(pid \d+\) was not ready within 3 s; its last output: ", text)
-    assert "on my way" in text or "nothing yet" in text
+    assert re.match(
+        r"process drive-\w+ \(pid \d+\) was not ready within 0\.3 s; its last output: on my way; is the machine", text
+    )
 
 
 def test_a_drive_that_dies_before_it_is_ready_is_reported_and_not_waited_for(supervisor, monkeypatch):
@@ -306,14 +310,15 @@ BEATS = (
 
 
 def test_a_recorder_that_is_stopped_is_reported_and_so_is_that_it_continues(supervisor, monkeypatch):
-    for name, value in {"_RECORDER": [sys.executable, "-c", BEATS], "_CHECK_NS": SECOND // 20}.items():
+    check_ns = SECOND // 20
+    for name, value in {"_RECORDER": [sys.executable, "-c", BEATS], "_CHECK_NS": check_ns}.items():
         monkeypatch.setattr(f"canopen_control.runtime.supervisor.{name}", value)
     monkeypatch.setattr("canopen_control.runtime.supervisor._SILENCE_NS", SECOND // 2)
     supervisor.start_recorder({})
     began = []
     supervisor.when_ready(SimpleNamespace(children_ready=lambda: began.append(True), child_failed=pytest.fail))
     assert supervisor.reactor.run_until(lambda: bool(began), 20 * SECOND)
-    assert supervisor.reactor.run_for(SECOND // 5)
+    assert supervisor.reactor.run_for(4 * check_ns)
     assert supervisor.events == []
     pid = supervisor.pids["flight"]
     os.kill(pid, signal.SIGSTOP)
@@ -347,6 +352,7 @@ for _ in range(5):
 open(sys.argv[1], "a").write("answered\\n")
 {then}
 """
+ANSWER_NS = SECOND // 2
 HOLDS_THE_GIL = "ctypes.PyDLL(None).pause()"  # as a thread that waits inside a library for another one with the GIL
 
 
@@ -355,7 +361,7 @@ def answering(supervisor, monkeypatch, tmp_path):
     """Start a client that answers five times, and then does something else; returns its file, a line for each start."""
 
     def answering(then, **limits):
-        for name, value in {"_ANSWER_NS": SECOND // 2, "_ANSWER_CHECK_NS": SECOND // 20, **limits}.items():
+        for name, value in {"_ANSWER_NS": ANSWER_NS, "_ANSWER_CHECK_NS": SECOND // 20, **limits}.items():
             monkeypatch.setattr(f"canopen_control.runtime.supervisor.{name}", value)
         (tmp_path / "answering.py").write_text(ANSWERS.format(then=then))
         monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
@@ -384,7 +390,7 @@ def test_a_client_that_hangs_with_the_gil_is_killed_reported_and_started_again(s
 def test_a_client_that_is_stopped_is_killed_and_started_again(supervisor, answering):
     starts = answering("while True: pulse.beat(); time.sleep(0.05)")
     assert supervisor.reactor.run_until(starts.exists, 30 * SECOND)
-    assert supervisor.reactor.run_for(SECOND)
+    assert supervisor.reactor.run_for(3 * ANSWER_NS // 2)  # longer than a client may be silent
     assert supervisor.events == []
     os.kill(supervisor.pids["answering"], signal.SIGSTOP)
     assert supervisor.reactor.run_until(lambda: starts.read_text().count("answered") == 2, 30 * SECOND)
@@ -403,7 +409,7 @@ def test_a_client_that_has_much_to_do_has_more_time(supervisor, answering):
     assert supervisor.reactor.run_until(starts.exists, 30 * SECOND)
     begin = supervisor.reactor.now()
     assert supervisor.reactor.run_until(lambda: bool(supervisor.events), 60 * SECOND)
-    assert supervisor.reactor.now() - begin > 2 * SECOND * 0.8
+    assert supervisor.reactor.now() - begin > 4 * ANSWER_NS * 0.8
     assert kinds(supervisor)[0] == "client_silent"
 
 
