@@ -8,7 +8,7 @@ import time
 import pytest
 from support.host import eventually
 from support.localbus import hub_status
-from support.processes import GONE_S, seconds_until
+from support.processes import GONE_S, cycles_pass, seconds_until
 from support.robots import copy_robby
 
 from canopen_control.bus.channel import open_port
@@ -283,7 +283,8 @@ def test_a_runtime_that_was_stopped_for_a_moment_blames_no_drive(stage, turning,
     robot, probes = turning("paused", config=config)
     for _ in range(3):
         paused(robot.pid, 0.3)
-        time.sleep(0.7)
+        with RobotClient.connect("paused") as client:
+            cycles_pass(client, 35)
     with RobotClient.connect("paused") as client:
         kinds = {event.kind for event in client.ask(GetStatus()).events}
     assert kinds.isdisjoint({"pdo_stale", "heartbeat_lost", "duplicate_node", "stop", "node_lost"})

@@ -9,6 +9,7 @@ from support.channel import CHANNEL, channel_of, robby_of
 from support.guest import scaled
 from support.host import eventually
 from support.listener import SYNC, Witness, missing
+from support.processes import cycles_pass
 
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import GetStatus, SdoRead, SwitchControllers
@@ -99,8 +100,7 @@ def test_drives_are_enabled_only_once_the_controller_is_active_and_disabled_befo
     )
     robot.until("order runs")
     with RobotClient.connect("order") as client:
-        idle = client.ask(GetStatus()).cycle.count
-        assert eventually(lambda: client.ask(GetStatus()).cycle.count > idle + 25, scaled(10))
+        cycles_pass(client, 26)
         assert not any(enabled(word) for node in (LEFT, RIGHT) for _, word in statuswords(sees.frames, node))
         assert not any(word & 0x08 for node in (LEFT, RIGHT) for _, word in controlwords(sees.frames, node))
         client.ask(SwitchControllers(activate=("robby_forward_controller",)))

@@ -4,6 +4,7 @@ With `--spawn` the drives begin as interpreters, which takes long enough for a t
 hook in a `sitecustomize` of the test each drive stops itself at its birth.
 """
 
+import contextlib
 import os
 import signal
 import time
@@ -11,6 +12,9 @@ import time
 import pytest
 from support.channel import channel_of
 from support.host import eventually
+from support.localbus import hub_status
+
+from canopen_control.errors import BusError
 
 STOP_AT_BIRTH = """
 import os, signal, sys
@@ -96,16 +100,21 @@ def test_drives_that_need_seconds_to_start_are_waited_for_and_nothing_is_reporte
     assert not list(stage.place.glob("**/flight/*.zip"))
 
 
+def is_on_bus(pid, name):
+    with contextlib.suppress(BusError):  # no hub yet
+        return pid in [member.pid for member in hub_status(name).members]
+    return False
+
+
 @pytest.mark.embedded
 def test_ctrl_c_while_the_drives_start_ends_it(stopped_drives):
     robot, drives = stopped_drives("early")
-    time.sleep(1)
+    assert eventually(lambda: is_on_bus(robot.pid, "early"))
     robot.send(signal.SIGINT)
-    time.sleep(0.2)
+    robot.until("early was stopped before it started")
     for pid in drives:
         os.kill(pid, signal.SIGCONT)
     assert robot.wait() == 0
-    assert "early was stopped before it started" in robot.out
 
 
 @pytest.mark.rest

@@ -6,7 +6,7 @@ import signal
 import pytest
 from support.commander import Commander
 from support.host import eventually
-from support.processes import seconds_until
+from support.processes import cycles_pass, seconds_until
 
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import GetStatus
@@ -86,8 +86,7 @@ def test_stop_ramps_and_disables_and_enable_continues(stage, robot, commanding):
     assert all(probe.speed == 0 for probe in probes.values())  # it is answered when they stand, not before
     assert all(probe.power != "OPERATION_ENABLED" for probe in probes.values())
     assert client.ask(GetStatus()).state == "disabled"
-    count = client.ask(GetStatus()).cycle.count
-    assert eventually(lambda: client.ask(GetStatus()).cycle.count > count + 25)
+    cycles_pass(client, 26)
     assert all(probe.speed == 0 for probe in probes.values())  # although a client still commands
     assert stage.call("axis", "enable", "all").wait() == 0
     assert eventually(lambda: all(abs(probe.speed) > 0.99 * SPEED for probe in probes.values()))

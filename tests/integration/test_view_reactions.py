@@ -7,7 +7,10 @@ import time
 import pytest
 from support.browser import BASE, RobotPage
 from support.host import eventually
+from support.processes import cycles_pass
 from support.robotview import DIFF_DRIVE, FORWARD, LEFT, RIGHT, STANDING
+
+from canopen_control.client import RobotClient
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone]  # software rendering takes a processor
 
@@ -50,7 +53,8 @@ def test_closing_the_page_while_driving_stops_the_robot(show, keep):
     begin = time.time()
     page.page.close()
     assert show.stood_after(begin) < 1.5  # the closing of a browser tab itself takes its time
-    time.sleep(1.0)
+    with RobotClient.connect(show.name) as client:
+        cycles_pass(client, 50)
     assert max(abs(show.velocity(item)) for item in (LEFT, RIGHT)) <= STANDING
 
 
