@@ -368,7 +368,8 @@ A mode is active only when 0x6061 shows it; nothing moves before. The table is i
 
 def axis_power() -> str:
     """Return the page of the axis statecharts: power, enable request and mode."""
-    from canopen_control.cia402 import drive, drive_goal
+    from canopen_control.cia402 import drive_goal
+    from canopen_control.cia402.drive_request import ENABLE_TABLE, GOALS, EnableRequest, EnableTrigger
     from canopen_control.hardware.axis_statechart import LIMITS_NS, TABLE, AxisPhase, PhaseTrigger
 
     lasts = {state: f"{limit / 1e9:g} s" for state, limit in LIMITS_NS.items()}
@@ -378,10 +379,10 @@ def axis_power() -> str:
         for state, rows in TABLE.items()
         for trigger, row in rows.items()
     }
-    goals = {each: drive.GOALS[each].name for each in drive.EnableRequest}
+    goals = {each: GOALS[each].name for each in EnableRequest}
     requests = {
         (state, trigger): (after, "" if goals[state] == goals[after] else goals[after])
-        for state, rows in drive.ENABLE_TABLE.items()
+        for state, rows in ENABLE_TABLE.items()
         for trigger, after in rows.items()
     }
     modes = {
@@ -390,7 +391,7 @@ def axis_power() -> str:
         for trigger, after in rows.items()
     }
     parts = [_AXIS_POWER, *_chart(AxisPhase, PhaseTrigger, commands, lasts, ("may last", "command to the drive"))]
-    parts += [_DRIVE_INTENT, *_chart(drive.EnableRequest, drive.EnableTrigger, requests, goals, ("goal", "new goal"))]
+    parts += [_DRIVE_INTENT, *_chart(EnableRequest, EnableTrigger, requests, goals, ("goal", "new goal"))]
     confirmed = {state: "yes" if state in drive_goal.CONFIRMED else "no" for state in drive_goal.ModeState}
     heads = ("confirmed", "confirmed then")
     parts += [_MODE_REQUEST, *_chart(drive_goal.ModeState, drive_goal.ModeTrigger, modes, confirmed, heads)]

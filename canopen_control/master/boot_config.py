@@ -48,6 +48,7 @@ from canopen_control.od.indices import (
     COB_ID_EMCY,
     COB_ID_SYNC,
     CYCLE_PERIOD,
+    FIRST_OBJECT,
     HEARTBEAT_CONSUMER,
     RESTORE,
     STORE,
@@ -62,9 +63,6 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Value
 
 
-_FIRST_OBJECT = 0x1000  # smaller indexes are data types, mapped as dummy entries
-
-
 def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     """Read the initial values of RPDO objects into `transfers.presets`, except objects that move an axis.
 
@@ -75,7 +73,7 @@ def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
     outputs = {
         address: output
         for address, output in mapped.items()
-        if address not in transfers.presets and output.index not in motion and output.index >= _FIRST_OBJECT
+        if address not in transfers.presets and output.index not in motion and output.index >= FIRST_OBJECT
     }
     if outputs:
         yield NextStep("outputs")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+FIRST_OBJECT: Final = 0x1000  # smaller indices are data types, mapped as dummy entries (CiA 301, 7.4.1.2)
+
 # CiA 301, 7.5.2
 DEVICE_TYPE: Final = 0x1000
 COB_ID_SYNC: Final = 0x1005

@@ -12,7 +12,7 @@ from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS
 from canopen_control.master.event_log import Event
 from canopen_control.od.codec import decode, encode, fitted
 from canopen_control.od.eds_values import format_value
-from canopen_control.od.indices import GUARD_TIME, HEARTBEAT_CONSUMER, LIFE_FACTOR
+from canopen_control.od.indices import FIRST_OBJECT, GUARD_TIME, HEARTBEAT_CONSUMER, LIFE_FACTOR
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import (
     MAX_OBJECT,
@@ -117,9 +117,6 @@ class WriteLog:
 # CiA 402-2) are written only by controllers, which have limits and timeouts.
 
 
-_FIRST_OBJECT = 0x1000  # smaller indexes are data types, mapped as dummy entries
-
-
 class _Watched:
     """TPDO of a node, with the values last sent to subscribers."""
 
@@ -139,7 +136,7 @@ class _Watched:
         return [
             _object_value(mapped, value)
             for position, (mapped, value) in enumerate(zip(self.objects, pdo.values, strict=True))
-            if mapped.index >= _FIRST_OBJECT and not (is_complete and before[position] == value)
+            if mapped.index >= FIRST_OBJECT and not (is_complete and before[position] == value)
         ]
 
 
@@ -160,7 +157,7 @@ class ProcessDataFeed:
             if watched.pdo.stamp >= 0:
                 pairs = zip(watched.objects, watched.pdo.values, strict=True)
                 values.setdefault(watched.node, []).extend(
-                    _object_value(mapped, value) for mapped, value in pairs if mapped.index >= _FIRST_OBJECT
+                    _object_value(mapped, value) for mapped, value in pairs if mapped.index >= FIRST_OBJECT
                 )
         return values
 

@@ -17,7 +17,8 @@ from canopen_control.frame import CanFrame, pack_records
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
-from canopen_control.runtime.core import CAUGHT_UP, RobotCore, RobotState
+from canopen_control.runtime.core import RobotCore, RobotState
+from canopen_control.runtime.robot_cycle import CAUGHT_UP
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.virtual.device import make_device

@@ -6,8 +6,9 @@ from support.robots import LEFT, RIGHT, Bench
 
 from canopen_control.controllers.command_limits import CommandLimits
 from canopen_control.hardware.system import CanopenSystem
-from canopen_control.runtime.core import RAISED_CYCLES, RobotState
+from canopen_control.runtime.core import RobotState
 from canopen_control.runtime.robot_bus import RobotBus
+from canopen_control.runtime.robot_cycle import RAISED_CYCLES
 
 pytestmark = pytest.mark.sources
 

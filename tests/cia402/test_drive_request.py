@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.cia402.drive import ENABLE_TABLE as TABLE
-from canopen_control.cia402.drive import GOALS, SENT_FIRST, DriveRequest, EnableRequest, EnableTrigger
 from canopen_control.cia402.drive_goal import FAULT_STATES, DriveGoal, StepTimer
+from canopen_control.cia402.drive_request import ENABLE_TABLE as TABLE
+from canopen_control.cia402.drive_request import GOALS, SENT_FIRST, DriveRequest, EnableRequest, EnableTrigger
 from canopen_control.cia402.state import Command, State
 
 ENABLES = (EnableTrigger.ENABLE, EnableTrigger.OVERTAKE)
