@@ -19,13 +19,8 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
 from canopen_control.cli.support.arguments import number
-from canopen_control.cli.support.bus_description import (
-    add_network_arguments,
-    add_view_arguments,
-    open_frames,
-    report_gaps,
-    show_file,
-)
+from canopen_control.cli.support.bus_description import add_network_arguments, open_frames, report_gaps
+from canopen_control.cli.support.frame_output import add_view_arguments, show_file
 from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.errors import ConfigError, SdoTimeout
 from canopen_control.frame import Service, service_of

@@ -14,13 +14,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import add_duration
-from canopen_control.cli.support.bus_description import (
-    add_network_arguments,
-    add_view_arguments,
-    show,
-    show_file,
-    watched_bus,
-)
+from canopen_control.cli.support.bus_description import add_network_arguments, watched_bus
+from canopen_control.cli.support.frame_output import add_view_arguments, show, show_file
 
 if TYPE_CHECKING:
     import argparse

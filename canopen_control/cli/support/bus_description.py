@@ -1,4 +1,4 @@
-"""Bus for verbs that only listen: its description, from a robot or files, the frames of recordings, and their output.
+"""Bus for verbs that only listen: its description, from a robot or files, and the frames of recordings.
 
 The files of a robot take precedence over the running robot. Without any description, every frame is still shown, by
 the predefined connection set.
@@ -6,8 +6,6 @@ the predefined connection set.
 
 from __future__ import annotations
 
-import itertools
-import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,8 +13,6 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.bus.recordings import RecordedFrame, Recording
-from canopen_control.cli.support.arguments import Names, argument, whole_number
-from canopen_control.cli.support.output import json_line
 from canopen_control.cli.support.parsers import add_robot_name
 from canopen_control.cli.support.target import find_eds, robot_on
 from canopen_control.client import RobotClient, find_robots
@@ -27,12 +23,11 @@ from canopen_control.trace.network_description import NetworkDescription, networ
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
     from canopen_control.master.config import BusConfig
     from canopen_control.master.pdo_layout import LinearAxes
     from canopen_control.rpc.messages.layout import BusLayout
-    from canopen_control.trace.decoder import DecodedFrame
 
 
 T = TypeVar("T")
@@ -243,104 +238,3 @@ def network_for(args: argparse.Namespace, source: Source) -> NetworkDescription:
     recorded = source.network if isinstance(source, FlightSource) else None
     by_arguments = args.config is not None or args.name is not None or bool(args.eds)
     return described(args) if by_arguments or recorded is None else recorded
-
-
-# Decoded frames as lines or JSON, for the verbs that show them.
-
-
-_CHUNK = 256  # frames of a file that are printed at once
-
-
-def add_view_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that select frames, and the format in which frames are shown."""
-    from canopen_control.trace.frame_lines import parse_ids, parse_services
-
-    parser.add_argument(
-        "--node", action=Names, metavar="N[,N..]", help="show only these nodes, by node-ID or name (repeatable)"
-    )
-    parser.add_argument(
-        "--service",
-        type=argument(parse_services),
-        default=frozenset(),
-        metavar="S,...",
-        help="show only these services: pdo, sdo, emcy, nmt, hb, sync, time, lss, error, raw",
-    )
-    parser.add_argument(
-        "--id",
-        action="append",
-        default=[],
-        type=argument(parse_ids),
-        metavar="ID",
-        help="show only this identifier or range, in hex: 181, 180-1FF (repeatable)",
-    )
-    parser.add_argument("--changes", action="store_true", help="show cyclic frames only when their data change")
-    parser.add_argument(
-        "--events",
-        action="store_true",
-        help="show only events: changes of state, commands, modes, boot-ups, EMCY, aborts, errors",
-    )
-    parser.add_argument(
-        "--count",
-        type=whole_number("whole number above 0", range(1, sys.maxsize)),
-        metavar="N",
-        help="end after N lines",
-    )
-    parser.add_argument(
-        "--absolute", action="store_true", help="show times of day instead of seconds since the first frame"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object for each frame")
-
-
-def show_file(args: argparse.Namespace, path: str) -> int:
-    """Print a recording; return 1 if it could not be read to its end, else 0."""
-    recording = open_frames(path, args.bus)
-    show(args, network_for(args, recording), _chunks(recording))
-    report_gaps(recording)
-    return 1 if recording.problem else 0
-
-
-def _chunks(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]:
-    frames = iter(recording)
-    while chunk := list(itertools.islice(frames, _CHUNK)):
-        yield chunk
-
-
-def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable[list[RecordedFrame]]) -> int:
-    """Decode the frames of `source` and print the selected ones; return the number of lines."""
-    from canopen_control.trace.decoder import Decoder
-    from canopen_control.trace.frame_lines import Filter, node_ids_of
-
-    selected = node_ids_of(network, args.node)
-    decoder = Decoder(network)
-    selects = Filter(selected, args.service, tuple(args.id), args.changes, args.events)
-    line = _line_of(args, network)
-    shown = 0
-    for batch in source:
-        lines = []
-        for time_ns, frame in batch:
-            decoded = decoder.decode(frame, time_ns)
-            if selects.wants(decoded):
-                lines.append(line(decoded))
-            if args.count is not None and shown + len(lines) >= args.count:
-                break
-        _print(lines)
-        shown += len(lines)
-        if args.count is not None and shown >= args.count:
-            break
-    sys.stdout.flush()
-    return shown
-
-
-def _print(lines: list[str]) -> None:
-    if lines:
-        sys.stdout.write("\n".join(lines) + "\n")
-        sys.stdout.flush()
-
-
-def _line_of(args: argparse.Namespace, network: NetworkDescription) -> Callable[[DecodedFrame], str]:
-    from canopen_control.trace.frame_lines import LineWriter, document_of
-
-    if args.json:
-        return lambda decoded: json_line(document_of(decoded))
-    colour = sys.stdout.isatty() and "NO_COLOR" not in os.environ
-    return LineWriter(network, absolute=args.absolute, colour=colour).line
