@@ -216,6 +216,11 @@ class PositionUnwrapper:
             self.offset = self.count - raw
         return self.count
 
+    def discount(self, step: int) -> None:
+        """Remove the last step from the count, like a jump."""
+        self.count -= step
+        self.offset -= step
+
     def rebase(self) -> None:
         """Treat the next position as equal to the last position, because the drive has restarted."""
         self._pending = self._raw is not None

@@ -3,7 +3,9 @@
 A value changes only with a new frame, and is nan without a node. Positions are continuous: the 32-bit wrap-around is
 removed, a restarted drive continues at its position, and a step that no motor can make is a jump, which is reported and
 does not count as motion. A step is plausible if it is at most one revolution longer than the way at three times the
-present velocity, or the drive's maximum velocity if the present one is unknown.
+present velocity, or the drive's maximum velocity if the present one is unknown. An axis that has stood for half a
+second makes a step only if it moves: `unexplained` is a smaller step that no velocity explains, as after a new
+initialisation of the encoder.
 """
 
 from __future__ import annotations
@@ -123,6 +125,14 @@ MEASURED: Final = {
 """Object of axis 0 for each state interface."""
 _EXTRAS: Final = ("nmt_state", "statusword", "error_code", "age", "digital_inputs")
 _SLACK: Final = math.tau  # rad: motion between two samples that is possible without a reported velocity
+_RESTED_NS: Final = 500_000_000  # duration of a standstill after which a step needs a velocity
+REST_WAY: Final = 0.01  # rad (or m): a smaller step of a standing axis is noise
+_SAME_SYNC_NS: Final = 10_000_000  # a velocity that is older than its position says nothing about the step
+
+
+def _rest_way(axis: AxisProcessData) -> int:
+    """Return the counts by which the position of a standing axis may change, at least those of a coarse encoder."""
+    return max(_COARSE, round(abs(axis.scale.pos_to_dev) * REST_WAY))
 
 
 class Feedback:
@@ -161,7 +171,11 @@ class Feedback:
         self._velocity_values: tuple[Value, ...] | None = None
         self._position_state = self.states.get(POSITION, StateInterface(description.name, POSITION))
         self._velocity_state = self.states.get(VELOCITY, StateInterface(description.name, VELOCITY))
+        self.unexplained = 0
+        """Step in counts of an axis that stands, for which its velocity is too low; 0 for none since the last read."""
         self._slack = round(abs(axis.scale.pos_to_dev) * _SLACK) + 1
+        self._rest_way = _rest_way(axis)
+        self._rest_at = self._rested_since = 0  # position and beginning of a standstill
         self._stamp = self._moved_at = 0
         self._jumps = 0
         self._jump_speed = 0.0  # counts/s that would explain the last jump
@@ -192,6 +206,7 @@ class Feedback:
 
     def read(self, now: int) -> int:
         """Update the state interfaces from new frames; return a position jump in counts, or 0."""
+        self.unexplained = 0
         same = self._position_pdo.values is self._position_values
         if same and self._velocity_pdo.values is self._velocity_values and self._rests:
             self._sampled_before, self._sampled = self._sampled, self._position_pdo.stamp
@@ -236,6 +251,7 @@ class Feedback:
     def refresh_scale(self) -> None:
         """Convert the latest values again after a scale change."""
         self._slack = round(abs(self._axis.scale.pos_to_dev) * _SLACK) + 1
+        self._rest_way = _rest_way(self._axis)
         self._position_values = self._velocity_values = None
         self._raw_position = self._raw_velocity = self._raw_effort = None
         self._position_count = self._velocity_count = self._effort_count = -1
@@ -246,8 +262,13 @@ class Feedback:
         # a step within a revolution is always plausible, so that the largest step need not be computed
         if last is None or not -slack <= raw - last <= slack:
             unwrap.max_step = self._largest_step(stamp - self._stamp)
+        before, since = unwrap.count, self._stamp
         count = unwrap.update(raw)
         self._raw_position, self._stamp = raw, stamp
+        if last is None or not -self._rest_way <= raw - self._rest_at <= self._rest_way:
+            if last is not None and stamp - self._rested_since >= _RESTED_NS:
+                self._check_step(count - before, stamp, since)
+            self._rest_at, self._rested_since = raw, stamp
         self._position_state.value = count * scale.pos_from_dev + scale.offset_pos_from_dev
         if self._velocity is None:
             self.at_standstill, self._moved_at = False, stamp
@@ -256,6 +277,24 @@ class Feedback:
         self._jumps = unwrap.jumps
         self._jump_speed = unwrap.last_jump * 1e9 / max(stamp - self._sampled_before, 1)
         return unwrap.last_jump
+
+    def _check_step(self, step: int, stamp: int, since: int) -> None:
+        """Set `unexplained` to a step of an axis that stood until `since`, unless its velocity may explain it."""
+        velocity, least = self._velocity, float(self._rest_way)
+        if velocity is None:
+            pace = self._axis.limits.pace
+            least = least + 1.5 * pace * (stamp - since) / 1e9 if pace < INT32_MAX else math.inf
+        elif not self.at_standstill or stamp - velocity.pdo.stamp > _SAME_SYNC_NS:
+            return
+        if abs(step) > least:
+            self.unexplained = step
+
+    def discount(self, step: int) -> None:
+        """Take the last step for a change of the drive's coordinates instead of a motion."""
+        axis = self._axis
+        axis.unwrap.discount(step)
+        self._position_state.value = axis.unwrap.count * axis.scale.pos_from_dev + axis.scale.offset_pos_from_dev
+        self._derived_at = -_DERIVE_NS
 
     def _without_velocity(self, stamp: int, now: int) -> None:
         """Detect standstill from positions, and compute the velocity if the description has that interface."""

@@ -81,6 +81,7 @@ class JointStatus:
         self._measured = {name: self.states.get(name, unknown) for name in (POSITION, VELOCITY)}
         self._mode_when_off: int | None = None  # mode to request when the drive has no power
         self._blind_stop_ns = BLIND_STOP_NS
+        self._steady_from = 0  # before this time a standstill may be the turning point of an oscillation
         self._events: list[JointEvent] = []
         self.faults = FaultWatch(self.axis, self._events)
 
@@ -167,7 +168,8 @@ class JointStatus:
             return True
         if self.axis.is_stale:
             return now - self.statechart.since > self._blind_stop_ns
-        return self.statechart.state is AxisPhase.AWAITING_STANDSTILL and self.feedback.at_standstill
+        stands = self.feedback.at_standstill and now >= self._steady_from
+        return stands and self.statechart.state is AxisPhase.AWAITING_STANDSTILL
 
     def events(self) -> list[JointEvent]:
         events = self._events.copy()
@@ -204,19 +206,8 @@ _OVERDUE_TEXTS: Final = {
     AxisPhase.STOP_FAILED: "no stop command had a visible effect, so it may have power; switch its supply off if it "
     "moves",
 }
-_LATE_TEXT: Final = (
-    "it is enabled but does not follow its set-points, and would jump to them; set `enable_settle_ms` "
-    "in bus.yml, longer than its brake needs to release, or check its power and the source of its set-points"
-)
-_STUCK_TEXT: Final = (
-    "it does not follow its set-points any more, and would jump to them; check its power (STO), its brake and whether "
-    "something blocks it"
-)
-_STANDSTILL_TEXT: Final = (
-    "it is enabled but does not follow its set-points; check its brake, its power and the source of its set-points "
-    "(for a brake that releases late, set `enable_settle_ms` in bus.yml)"
-)
 _LONGEST_REST_NS: Final = 5_000_000_000
+_REST_AFTER_JUMP_NS: Final = 300_000_000
 _REST_NS: Final = 100_000_000  # a motor below the speed of a standstill still needs this time to stop
 _BOOTING: Final = "; booting it again"  # the end of a text that the node has reported already
 _LOST: Final = FeedbackStatus.LOST  # faster than the enum member
@@ -245,7 +236,7 @@ class JointDrive(JointStatus):
         self.stopped_by = ""
         """Cause of the last stop since the joint was enabled, or "" if a user requested the stop."""
         self._watch = StatusWatch(self.axis, node.config.motion.following_error_action)
-        self._motion = MotionWatch(self.axis, self.machine)
+        self._motion = MotionWatch(self.axis, self.machine, node.config.motion.following_error_action)
         self._settle_ns = node.config.motion.enable_settle_ms * 1_000_000
         self._settled_at = 0  # a newly enabled drive may lose set-points before this time
         self._status = AxisStatus(self.axis, self.machine, holds_load=self.statechart.holds_load)
@@ -337,16 +328,10 @@ class JointDrive(JointStatus):
         if status is not self._feedback_status:
             self._change_feedback_status(status, now)
         if status is not _LOST:
-            jump = self.feedback.read(now)
+            jump = self.feedback.read(now) or self.feedback.unexplained
             homing = self.homing is not None and self.homing.phase is HomingPhase.RUN  # it changes the zero
             if jump and not homing:
-                self.home_position.forget()
-                text = f"its position jumped by {jump} counts; home it again"
-                command = self.targets.tracked
-                sent = command.value if command is not None and command.quantity == VELOCITY else 0.0
-                unit = self.feedback.unit_mismatch_of_jump(sent)
-                event = ("position_jump", text) if unit is None else ("velocity_unit", unit.text)
-                self._events.append(JointEvent(*event, stops=True))
+                self._take_jump(jump)
 
     def step(self, now: int) -> bool:
         """Run one cycle of the drive's state machine; return whether `events` has entries."""
@@ -461,14 +446,8 @@ class JointDrive(JointStatus):
         if self._watch.leaves_limit():
             self._events.append(JointEvent("limit_left", "the axis has left its limit", Level.INFO))
         self._motion.check(self.targets.current, self.enabled)
-        if self._watch.turns_the_wrong_way(self.enabled) or self._motion.moves_away:
-            text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
-            self._events.append(JointEvent("direction", text, stops=True))
-        if self._motion.late or self._motion.stuck:
-            text = _LATE_TEXT if self._motion.late else _STUCK_TEXT
-            self._events.append(JointEvent("late", text, Level.ERROR, stops=True))
-        if self._motion.lacks_motion:
-            self._events.append(JointEvent("standing", _STANDSTILL_TEXT))
+        wrong_way = self._watch.turns_the_wrong_way(self.enabled)
+        self._events += self._motion.events(wrong_way=wrong_way, in_base=self.base is not None)
         if (unit := self.feedback.velocity_unit_mismatch(self._now)) is not None:
             self._events.append(JointEvent("velocity_unit", unit.text, stops=unit.faster))
         if self.enabled:
@@ -482,6 +461,25 @@ class JointDrive(JointStatus):
         self._events += [JointEvent(kind, text) for kind, text in warnings if text is not None]
 
     # ------------------------------------------------------------------------------------------- internals
+
+    def _take_jump(self, jump: int) -> None:
+        """Report a jump, which stops the group; the drive gets its target in its new coordinates at once."""
+        if jump == self.feedback.unexplained:
+            if not self.targets.rests_at(self.axis.raw_position - jump):
+                return  # an axis that is free to move, or begins a commanded motion
+            self.feedback.discount(jump)
+        self.home_position.forget()
+        self.targets.shift()
+        self._steady_from = self._now + _REST_AFTER_JUMP_NS
+        text = (
+            f"its position (0x{self.axis.index(POSITION_ACTUAL):04X}) jumped by {jump} counts; home it again, or if "
+            "its encoder is absolute start the robot again"
+        )
+        command = self.targets.tracked
+        sent = command.value if command is not None and command.quantity == VELOCITY else 0.0
+        unit = self.feedback.unit_mismatch_of_jump(sent)
+        event = ("position_jump", text) if unit is None else ("velocity_unit", unit.text)
+        self._events.append(JointEvent(*event, stops=True))
 
     @property
     def _stops_at_limits(self) -> bool:

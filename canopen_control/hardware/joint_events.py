@@ -236,7 +236,8 @@ class FaultWatch:
 # limit (statusword bit 11), or a halted axis, is at standstill for a reason that is reported elsewhere. If the
 # set-points of a cyclic position mode continue while the axis has not moved since it was enabled, the axis is late: it
 # would jump to the set-points when its brake has released. The same applies to an axis that has moved and then stands
-# for half a second while its set-points continue (STO without a change of state): it is stuck.
+# for half a second while its set-points continue (STO without a change of state): it is stuck. An axis that stands for
+# 1.5 s in another mode is reported; a wheel or steering axis of a base stops the base, which would leave its path.
 
 
 STANDING_CHECKS: Final = 15  # checks, one every 0.1 s
@@ -244,18 +245,41 @@ _LATE_CHECKS: Final = 2
 _STUCK_CHECKS: Final = 5
 _WAY: Final = 0.02  # rad or m: a smaller distance to the target commands no motion
 _STEP: Final = STANDSTILL / 10  # rad or m in one check
+_CHECK_S: Final = 0.1
+_SURE_COUNTS: Final = 3.0  # a shorter way may not be seen by a coarse encoder
+_LATE_TEXT: Final = (
+    "it is enabled but does not follow its set-points, and would jump to them; set `enable_settle_ms` "
+    "in bus.yml, longer than its brake needs to release, or check its power and the source of its set-points"
+)
+_STUCK_TEXT: Final = (
+    "it does not follow its set-points any more, and would jump to them; check its power (STO), its brake and whether "
+    "something blocks it"
+)
+_STANDSTILL_TEXT: Final = (
+    "it is enabled but does not follow its set-points; check its brake, its power and the source of its set-points "
+    "(for a brake that releases late, set `enable_settle_ms` in bus.yml)"
+)
+_BASE_TEXT: Final = (
+    "it has stood for 1.5 s although a motion is commanded, so the base would leave its path; check its power (STO), "
+    "its brake, the source of its set-points and whether something blocks it (`following_error_action: warn` in "
+    "bus.yml does not stop the base)"
+)
+_WRONG_WAY_TEXT: Final = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
 
 
 class MotionWatch:
     """Motion check of one axis; `lacks_motion`, `late`, `stuck` and `moves_away` are results of the last `check`.
 
-    `unmoved` is True if the axis has not followed its set-points since it was enabled.
+    `unmoved` is True if the axis has not followed its set-points since it was enabled. `action` on an axis of a base
+    that stands is stop, warn or ignore.
     """
 
-    def __init__(self, axis: AxisProcessData, machine: DriveMachine) -> None:
-        self._axis, self._machine = axis, machine
+    def __init__(self, axis: AxisProcessData, machine: DriveMachine, action: str = "stop") -> None:
+        self._axis, self._machine, self._action = axis, machine, action
         self.lacks_motion = self.late = self.stuck = self.moves_away = False
         self._standing = self._away = 0
+        self._owed = 0.0  # counts that a velocity has commanded during the standstill
+        self._named = False  # the standstill has been reported
         self._stood_at = 0  # target when the axis began to stand
         self._moved = False  # True if the axis has moved since it was enabled
         self._still: int | None = None  # position at the last check with motion
@@ -295,6 +319,20 @@ class MotionWatch:
         self._idle = target if at_standstill and not self._commands_motion(target, scale) else None
         self._idle_at = target.output.value
 
+    def events(self, *, wrong_way: bool, in_base: bool) -> list[JointEvent]:
+        """Return the events of the last check; `wrong_way` is the result of `StatusWatch.turns_the_wrong_way`."""
+        events = []
+        if wrong_way or self.moves_away:
+            events.append(JointEvent("direction", _WRONG_WAY_TEXT, stops=True))
+        if self.late or self.stuck:
+            text = _LATE_TEXT if self.late else _STUCK_TEXT
+            events.append(JointEvent("late", text, Level.ERROR, stops=True))
+        if self.lacks_motion and in_base and self._action == "stop":
+            events.append(JointEvent("standing", _BASE_TEXT, Level.ERROR, stops=True))
+        elif self.lacks_motion:
+            events.append(JointEvent("standing", _STANDSTILL_TEXT))
+        return events
+
     @property
     def unmoved(self) -> bool:
         """Whether the axis has not moved although its target commands motion: since it was enabled, or for long."""
@@ -318,7 +356,14 @@ class MotionWatch:
             self._moved = self._moved or self._still is not None
             self._still = here
         self._standing = 0 if moved or limited or not self._commands_motion(target, scale) else self._standing + 1
-        self.lacks_motion = self._standing == STANDING_CHECKS
+        if not self._standing:
+            self._owed, self._named = 0.0, False
+        elif isinstance(target, VelocityTarget):
+            self._owed += abs(target.output.value / target.factor()) * scale * _CHECK_S
+        else:
+            self._owed = math.inf
+        self.lacks_motion = self._standing >= STANDING_CHECKS and self._owed > _SURE_COUNTS and not self._named
+        self._named = self._named or self.lacks_motion
         cyclic = target.tracks and target.interface == POSITION
         self.late = cyclic and not self._moved and self._standing == _LATE_CHECKS
         if self._standing <= 1:

@@ -342,6 +342,12 @@ class PositionTarget(_PositionTarget):
         self._speed = speed
         return remaining == 0.0
 
+    def shift(self) -> None:
+        """Send the present target in the drive's new coordinates, so that the axis does not move by the jump."""
+        if self._count is not None:
+            axis = self._axis
+            self.output.set(axis.limits.of_position(wrap_int32(self._count - axis.unwrap.offset)))
+
     def _start(self) -> int:
         return super()._start() if self._count is None else self._count
 

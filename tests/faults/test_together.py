@@ -9,6 +9,7 @@ from support.robots import copy_robby
 from canopen_control.errors import ControlError, NotEnabled
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.plant import LoadedPlant
 
 BASE = "robby_base_controller"
 
@@ -194,3 +195,22 @@ def test_a_base_is_one_group_whatever_the_description_specifies(rolling, tmp_pat
     assert bench.axis(Action.FAULT_RESET) is not None, "its cause lasts"
     bench.robot.switch([], [BASE], strict=True)
     assert bench.joint(LEFT).group is not bench.joint(RIGHT).group
+
+
+def _block(bench, node):
+    """Block the shaft of a drive, which shows no limit."""
+    mover = bench.drives[node].drives[0].mover
+    mover.plant = LoadedPlant(position=mover.plant.position, stalled=True)
+
+
+@pytest.mark.parametrize(("action", "stops"), [("stop", True), ("warn", False)])
+def test_a_wheel_that_is_blocked_stops_its_base_within_two_seconds(rolling, tmp_path, action, stops):
+    config = copy_robby(tmp_path, bus={"  position_mode": f"  following_error_action: {action}\n  position_mode"})
+    bench = rolling(config=config)
+    _block(bench, RIGHT)
+    bench.hold_on(2500)
+    (event,) = bench.found("standing")
+    assert (event.time - bench.began) / 1e6 < 1800
+    assert bench.standing(LEFT) is stops
+    assert ("so the base would leave its path" in event.text) is stops
+    assert all(bench.powered(node) is not stops for node in (LEFT, RIGHT))

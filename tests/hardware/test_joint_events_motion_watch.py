@@ -2,15 +2,21 @@
 
 import itertools
 import re
+from types import SimpleNamespace
 
 import pytest
 from support.makers import drive, folder, sentences
 
 from canopen_control.cia402.state import State
+from canopen_control.cia402.units import PositionUnwrapper, Scale
 from canopen_control.errors import BusConfigError
+from canopen_control.hardware.axis import AxisObjectLimits
+from canopen_control.hardware.joint_events import MotionWatch
+from canopen_control.hardware.mode_targets import VelocityTarget
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.testing.tested_robot import TestedRobot
+from canopen_control.virtual.plant import LoadedPlant
 from canopen_control.virtual.profile_modes import ProfilePosition
 from canopen_control.virtual.virtual_drive import Statusword, VirtualDrive
 
@@ -209,7 +215,7 @@ def test_an_axis_whose_position_is_sent_on_one_of_many_syncs_is_not_a_standing_o
 def _lead(made, mode, cycles):
     """Command a motion at 0.5 rad/s; return whether it was possible."""
     for _ in range(cycles):
-        if mode == "csp":
+        if mode in ("csp", "ip"):
             made.goal = getattr(made, "goal", 0.0) + 0.01
             made.command("pos", made.goal, made.goal)
         elif mode == "pp":
@@ -285,3 +291,60 @@ def test_event_driven_feedback_that_is_lost_stops_the_robot_by_its_event_timer(t
         assert any("0.15 s, three times its event timer" in sentence for sentence in sentences(tested_robot))
     finally:
         tested_robot.close()
+
+
+@pytest.mark.parametrize(("seconds", "named"), [(3.0, False), (9.0, True)])
+def test_a_coarse_encoder_has_time_for_its_next_count(seconds, named):
+    """An encoder with 4 counts per rad, at 0.1 rad/s: a count takes 2.5 s."""
+    pdo = SimpleNamespace(every=1, count=0, stamp=0)
+    axis = SimpleNamespace(
+        position=SimpleNamespace(pdo=pdo, fresh=True),
+        raw_position=0,
+        unwrap=PositionUnwrapper(),
+        scale=Scale(4.0, 0.25, 1000.0, 0.001),
+        limits=AxisObjectLimits(),
+    )
+    machine = SimpleNamespace(halted=False, statusword=0x0637)
+    target = VelocityTarget(axis, SimpleNamespace(value=100), machine)
+    watch, events = MotionWatch(axis, machine), []
+    for _ in range(round(seconds / 0.1)):
+        watch.check(target, enabled=True)
+        events += watch.events(wrong_way=False, in_base=True)
+    assert [event.stops for event in events] == [True] * named
+
+
+@pytest.mark.parametrize("mode", ["csp", "ip", "pp"])
+@pytest.mark.parametrize("way", [50_000, pytest.param(4_000_000, marks=pytest.mark.rest)])
+def test_a_standing_axis_whose_encoder_is_corrected_stops_instead_of_moving_by_the_correction(robot, mode, way):
+    """0.1 rad, or more than a turn of the joint."""
+    created = robot(mode)
+    mover = drive(created, 2).mover
+    mover.plant = LoadedPlant(position=mover.plant.position, acceleration=10e6)
+    _lead(created, mode, 20)
+    if mode == "pp":
+        created.command("pos", 0.2, 0.2)
+    created.run(3.5)
+    before = mover.plant.position
+    drive(created, 2).objects.units.lose_counts(way)
+    farthest = 0.0
+    for _ in range(100):
+        created.run(0.01)
+        farthest = max(farthest, abs(mover.plant.position - before))
+    assert farthest < 3000, "0.006 rad"
+    assert any("pan_drive" in sentence and f"(0x6064) jumped by {way}" in sentence for sentence in sentences(created))
+    assert created.state == "disabled"
+
+
+def test_a_standing_axis_that_is_pushed_has_not_jumped(robot):
+    """Its velocity shows the motion."""
+    created = robot("csp")
+    mover = drive(created, 2).mover
+    mover.plant = LoadedPlant(position=mover.plant.position, acceleration=1e6, position_gain=5.0)
+    created.run(1.0)
+    mover.plant.external = 1500.0
+    for _ in range(30):
+        created.run(0.01)
+    mover.plant.external = 0.0
+    created.run(1.0)
+    assert not any("jumped" in sentence for sentence in sentences(created))
+    assert created.state == "running"
