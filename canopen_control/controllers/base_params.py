@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.controllers.limiters import VelocityLimits
-from canopen_control.controllers.params import CommonParams, refuse
+from canopen_control.controllers.params import CommonParams, refuse, repeated
 from canopen_control.yamlfile.convert import section, setting
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 NAN: Final = math.nan
 Six = tuple[float, float, float, float, float, float]
+TWIST_TIMEOUT_HELP: Final = "time in s after which a twist command expires; 0: a command is used for one update"
 
 
 @dataclass(frozen=True)
@@ -133,20 +134,12 @@ def read_checked(params: Params, cls: type[P], renames: Mapping[str, str] | None
     return settings
 
 
-def with_dimensions(
-    params: P, report: Callable[[str], object], names: Mapping[str, str] | None = None, **described: float | None
-) -> P:
-    """Return the parameters with missing dimensions (0) taken from `described`; `report` is called for each.
-
-    `names` maps fields to their names in the file, where the two differ.
-    """
-    inferred: dict[str, Any] = {
-        field: value for field, value in described.items() if value and getattr(params, field) <= 0.0
-    }
-    for field, value in inferred.items():
-        name = (names or {}).get(field, field)
-        report(f"{name} is not given; the value of the description is used: {value:g} m")
-    return replace(params, **inferred)
+def dimension(name: str, given: float, described: float | None, report: Callable[[str], object]) -> float:
+    """Return a dimension in m, or if it is missing (0), that of the description; `report` is called for the latter."""
+    if given > 0.0 or not described:
+        return given
+    report(f"{name} is not given; the value of the description is used: {described:g} m")
+    return described
 
 
 def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:
@@ -193,19 +186,13 @@ class OmniParams(PrefixedParams):
     position_feedback: bool = setting(
         True, help="true: compute the odometry from wheel positions; false: from wheel velocities"
     )
-    cmd_vel_timeout: float = setting(
-        0.5,
-        low=0.0,
-        high=1e9,
-        help="time in s after which a twist command expires; 0: a command is used for one update",
-    )
+    cmd_vel_timeout: float = setting(0.5, low=0.0, high=1e9, help=TWIST_TIMEOUT_HELP)
 
     def mistakes(self) -> Iterator[str]:
         names = self.wheel_names
         if len(names) < MIN_WHEELS:
             yield f"wheel_names has {len(names)} joints; give {MIN_WHEELS} or more, counterclockwise around the base"
-        if both := sorted({name for name in names if names.count(name) > 1}):
-            yield f"wheel_names contains a name twice: {', '.join(both)}; list each name once"
+        yield from repeated("wheel_names", names)
         if self.wheel_offset is None:
             yield "wheel_offset is missing; give the angle in rad of the first wheel, seen from the centre"
         if self.robot_radius <= 0.0:
@@ -228,12 +215,7 @@ class MecanumParams(PrefixedParams):
 
     pose_covariance_diagonal: Six = _COVARIANCE
     twist_covariance_diagonal: Six = _COVARIANCE
-    reference_timeout: float = setting(
-        0.0,
-        low=0.0,
-        high=1e9,
-        help="time in s after which a twist command expires; 0: a command is used for one update",
-    )
+    reference_timeout: float = setting(0.0, low=0.0, high=1e9, help=TWIST_TIMEOUT_HELP)
     front_left_wheel_command_joint_name: str = setting("", help="command joint of the front left wheel")
     front_right_wheel_command_joint_name: str = setting("", help="command joint of the front right wheel")
     rear_right_wheel_command_joint_name: str = setting("", help="command joint of the rear right wheel")
@@ -453,4 +435,8 @@ def _completed(
     if geometry is None:
         return params
     separation, radius = geometry.separation(params.left, params.right), geometry.radius((*params.left, *params.right))
-    return with_dimensions(params, report, wheel_separation=separation, wheel_radius=radius)
+    return replace(
+        params,
+        wheel_separation=dimension("wheel_separation", params.wheel_separation, separation, report),
+        wheel_radius=dimension("wheel_radius", params.wheel_radius, radius, report),
+    )

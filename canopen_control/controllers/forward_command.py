@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, zero_targets
 from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, timeout_warning
-from canopen_control.controllers.params import ForwardParams, GroupParams, MultiParams, SingleParams
+from canopen_control.controllers.params import ForwardParams, GroupParams, MultiParams, SingleParams, refuse, repeated
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import OK, TARGET, ReturnType
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
@@ -112,10 +112,7 @@ class ForwardCommandController(Controller):
     ) -> None:
         if not joints:
             raise RobotConfigError(_missing(self.name, parameter, "[left_wheel_joint, right_wheel_joint]"))
-        if len(set(joints)) != len(joints):
-            raise RobotConfigError(
-                f"{self.name}: {parameter} contains a name twice: {', '.join(joints)}; list each name once"
-            )
+        refuse(self.name, repeated(parameter, joints))
         self.joints, self.interface, self.update_rate = joints, interface, common.update_rate
         self._names = tuple(f"{joint}/{interface}" for joint in joints)
         self._set_timeout(timeout, (interface,))

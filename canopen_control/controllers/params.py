@@ -230,10 +230,10 @@ def refuse(name: str, mistakes: Iterable[str]) -> None:
         raise RobotConfigError("\n".join(f"{name}: {text}" for text in texts))
 
 
-def repeated(key: str, names: Collection[str]) -> Iterator[str]:
+def repeated(key: str, names: Sequence[str]) -> Iterator[str]:
     """Yield the error text for a parameter that contains a name twice, if it does."""
-    if len(set(names)) != len(names):
-        yield f"{key} contains a name twice: {', '.join(names)}; list each name once"
+    if twice := dict.fromkeys(name for name in names if names.count(name) > 1):
+        yield f"{key} contains a name twice: {', '.join(twice)}; list each name once"
 
 
 # Parameters of the forward command controllers and the joint state broadcaster, and gains of PID loops.

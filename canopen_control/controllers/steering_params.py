@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base_params import (
+    TWIST_TIMEOUT_HELP,
     BaseParams,
     Six,
     SwitchedLimits,
     TwistAxisLimits,
+    dimension,
     read_checked,
-    with_dimensions,
 )
 from canopen_control.controllers.params import repeated
 from canopen_control.controllers.steering_kinematics import (
@@ -45,12 +46,7 @@ class SteeringParams(BaseParams):
 
     pose_covariance_diagonal: Six = _COVARIANCE
     twist_covariance_diagonal: Six = _COVARIANCE
-    reference_timeout: float = setting(
-        1.0,
-        low=0.0,
-        high=1e9,
-        help="time in s after which a twist command expires; 0: a command is used for one update",
-    )
+    reference_timeout: float = setting(1.0, low=0.0, high=1e9, help=TWIST_TIMEOUT_HELP)
     traction_joints_names: tuple[str, ...] = setting((), help="joints of the driven wheels, from right to left")
     steering_joints_names: tuple[str, ...] = setting((), help="joints of the steered wheels, from right to left")
     traction_joints_state_names: tuple[str, ...] = setting(
@@ -270,9 +266,6 @@ _RENAMES: Final = {
 }
 
 
-_FILE_NAMES: Final = {"wheelbase": "wheel_separation_h", "traction_wheel_radius": "wheel_radius"}
-
-
 def is_ros1(params: Params) -> bool:
     """Whether the parameters are those of ROS 1's Ackermann steering controller."""
     return any(params.flat.get(key) is not None for key in _OWN)
@@ -299,4 +292,8 @@ def _completed(
         return params
     wheel = (params.rear_wheel,)
     base, radius = geometry.separation(wheel, (params.front_steer,)), geometry.radius(wheel)
-    return with_dimensions(params, report, _FILE_NAMES, wheelbase=base, traction_wheel_radius=radius)
+    return replace(
+        params,
+        wheelbase=dimension("wheel_separation_h", params.wheelbase, base, report),
+        traction_wheel_radius=dimension("wheel_radius", params.traction_wheel_radius, radius, report),
+    )

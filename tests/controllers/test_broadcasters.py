@@ -160,7 +160,7 @@ def test_the_older_spellings_are_taken():
     [
         ({}, "no 'batteries'; give only batteries under"),
         ({"batteries": ["a"], "sensor_name": "b"}, "both 'sensor_name' and 'batteries'"),
-        ({"batteries": ["a", "a"]}, "batteries contains a name twice: a, a"),
+        ({"batteries": ["a", "a"]}, "batteries contains a name twice: a; list"),
         ({"batteries": ["a"], "interfaces": {"a": {"battery_curent": True}}}, "interfaces.a.battery_curent (did you"),
         ({"batteries": ["a"], "interfaces": {"b": {"battery_current": True}}}, "interfaces.b.battery_current"),
         ({"batteries": ["a"], "a": {"minimum_voltage": 9.0, "maximum_voltage": 9.0}}, "a: minimum_voltage is 9"),

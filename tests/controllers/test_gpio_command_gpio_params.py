@@ -42,7 +42,7 @@ def test_an_output_is_safe_at_zero_unless_another_value_is_written_or_it_is_kept
             "command_interfaces.i.interfaces is not NAME.interfaces",
         ),
         ({"state_interfaces": {"io": {"lamp": ["lamp"]}}}, "state_interfaces.io.lamp is not NAME.interfaces"),
-        ({"command_interfaces": {"io": {"interfaces": ["lamp", "lamp"]}}}, "contains a name twice: lamp, lamp"),
+        ({"command_interfaces": {"io": {"interfaces": ["lamp", "lamp"]}}}, "contains a name twice: lamp; list"),
         ({"safe_values": {"io": {"lmp": 1.0}}}, "safe_values.io.lmp is not in command_interfaces"),
         ({"safe_values": {"io": {"lamp": math.inf}}}, "safe_values.io.lamp is inf; give a finite number"),
         ({"kept_outputs": ["lamp"]}, "kept_outputs: 'lamp' is not in command_interfaces"),

@@ -76,7 +76,7 @@ def test_every_mistake_is_reported_with_the_controller():
 
 def test_a_repeated_name_is_a_mistake():
     assert not list(repeated("joints", ("a", "b")))
-    assert list(repeated("joints", ("a", "a"))) == ["joints contains a name twice: a, a; list each name once"]
+    assert list(repeated("joints", ("a", "b", "a"))) == ["joints contains a name twice: a; list each name once"]
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ def test_it_reports_all_that_is_missing_at_once(kind):
     ("changes", "text"),
     [
         ({"traction_joints_names": ["r"]}, "traction_joints_names has 1 joints; give 2, from right to left"),
-        ({"traction_joints_names": ["r", "r"]}, "contains a name twice: r, r"),
+        ({"traction_joints_names": ["r", "r"]}, "contains a name twice: r; list"),
         ({"traction_joints_state_names": ["r"]}, "give 2 or none"),
         ({"wheelbase": -1.0}, "out of range"),
         ({"reference_timeout": -1.0}, "out of range"),

@@ -82,8 +82,8 @@ def wrong_joints(joints: Sequence[str], command_joints: Sequence[str]) -> str | 
 def _wrong_list(key: str, names: Sequence[str], allowed: Sequence[str]) -> str | None:
     if not names:
         return f"{key} is empty; give one or more of {', '.join(allowed)}"
-    if len(set(names)) != len(names):
-        return f"{key} contains a name twice: {', '.join(names)}; list each name once"
+    if twice := next(repeated(key, names), None):
+        return twice
     unknown = [name for name in names if name not in allowed]
     if unknown:
         return f"{key}: {', '.join(unknown)} is not among {', '.join(allowed)}"
