@@ -37,10 +37,7 @@ MESSAGES = [
         "node 3 (left): 0x1000:00: no answer within 1.5 s; its",
     ),
     (errors.SdoStopped(errors.SdoTimeout(3, 0x1000, 0, 1.5)), "`nmt preop`"),
-    (
-        errors.SdoRestarted(3, 0x1F50, 1, "left"),
-        "node 3 (left): 0x1F50:01: the node restarted during the transfer",
-    ),
+    (errors.SdoRestarted(3, 0x1F50, 1, "left"), "node 3 (left): 0x1F50:01: the node restarted during the transfer"),
     (errors.SdoCancelled(3, 0x2000, 0, "left"), "node 3 (left): 0x2000:00: the transfer was cancelled"),
     (
         errors.SdoLengthError(3, 0x6041, 0, b"\x50", "UNSIGNED16 has 2", "Statusword", "left"),

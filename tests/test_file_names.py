@@ -13,9 +13,7 @@ NAMED_BY_A_RULE = {
     "rpc/messages": "NAME.py is what goes over the socket of NAME, or a part of that",
 }
 #: file -> why it may stand in several subpackages
-SHARED = {
-    "params.py": "of all controllers, and those of a trajectory in its folder",
-}
+SHARED = {"params.py": "of all controllers, and those of a trajectory in its folder"}
 
 
 def shared_names(package):

@@ -51,12 +51,7 @@ def test_the_formulas_are_the_vectors(name):
 
 @pytest.mark.parametrize(("node_id", "expected"), [(int(n), ids) for n, ids in COB_IDS["per_node"].items()])
 def test_the_identifiers_of_a_node_are_the_vectors(node_id, expected):
-    single = {
-        "emcy": Service.EMCY,
-        "sdo_tx": Service.SDO_SERVER,
-        "sdo_rx": Service.SDO_CLIENT,
-        "hb": Service.HEARTBEAT,
-    }
+    single = {"emcy": Service.EMCY, "sdo_tx": Service.SDO_SERVER, "sdo_rx": Service.SDO_CLIENT, "hb": Service.HEARTBEAT}
     for key, service in single.items():
         identifier = int(expected[key], 16)
         assert cob_id(service, node_id) == identifier

@@ -42,10 +42,7 @@ MAY_IMPORT = {
         STDLIB | {"numpy"},
     ),
     "physics": ({"virtual", "urdf", "yamlfile", "rpc", "data_files"}, STDLIB | {"mujoco", "numpy"}),
-    "hardware": (
-        {"od", "cia301", "cia402", "profiles", "master", "yamlfile", "urdf"},
-        STDLIB | MARKS,
-    ),
+    "hardware": ({"od", "cia301", "cia402", "profiles", "master", "yamlfile", "urdf"}, STDLIB | MARKS),
     "controllers": ({"cia301", "cia402", "hardware.interfaces", "urdf", "yamlfile"}, STDLIB | MARKS | {"numpy"}),
     "runtime": (
         {

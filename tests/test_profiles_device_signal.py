@@ -82,13 +82,7 @@ def test_bits_are_taken_for_another_type_of_their_width():
 
 @pytest.mark.parametrize(
     ("code", "unit", "factor"),
-    [
-        (0x002D0000, "degC", 1.0),
-        (0xFD260000, "V", 0.001),
-        (0x03010000, "m", 1000.0),
-        (0, "", 1.0),
-        (0xFF0000, "", 1.0),
-    ],
+    [(0x002D0000, "degC", 1.0), (0xFD260000, "V", 0.001), (0x03010000, "m", 1000.0), (0, "", 1.0), (0xFF0000, "", 1.0)],
 )
 def test_units_are_coded_with_their_prefix(code, unit, factor):
     assert unit_of_code(code) == unit

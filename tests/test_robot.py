@@ -10,14 +10,7 @@ from support.mockrobot import running
 
 from canopen_control import JointReading, Robot
 from canopen_control.client import RobotClient, find_robots
-from canopen_control.errors import (
-    BusError,
-    CanopenError,
-    ConfigError,
-    ControlError,
-    RemoteProtocolError,
-    UnknownName,
-)
+from canopen_control.errors import BusError, CanopenError, ConfigError, ControlError, RemoteProtocolError, UnknownName
 from canopen_control.rpc.messages.robot import PublishEvent
 
 FORWARD = "robby_forward_controller"

@@ -56,13 +56,7 @@ def test_arbitration_is_decided_bit_by_bit():
     assert len({priority(can_id) for can_id in order}) == len(order)
 
 
-@given(
-    st.lists(
-        st.tuples(st.integers(0, 3), st.integers(0, 0x7FF), st.integers(0, 300_000)),
-        min_size=1,
-        max_size=40,
-    )
-)
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 0x7FF), st.integers(0, 300_000)), min_size=1, max_size=40))
 def test_nothing_is_lost_each_sender_keeps_its_order_and_time_is_filled_without_gaps(steps):
     wire, now, out, put = PacedWire(1_000_000), 0, [], []
     for number, (sender, can_id, wait) in enumerate(steps):

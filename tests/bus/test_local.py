@@ -187,10 +187,7 @@ def test_the_first_opener_starts_a_hub_that_is_not_its_child(runtime):
     a = open_local("one", "a")
     b = open_local("one", "b")
     status = hub_status("one")
-    assert [(member.label, member.pid) for member in status.members] == [
-        ("a", os.getpid()),
-        ("b", os.getpid()),
-    ]
+    assert [(member.label, member.pid) for member in status.members] == [("a", os.getpid()), ("b", os.getpid())]
     parent = Path(f"/proc/{status.pid}/stat").read_text().rpartition(")")[2].split()[1]
     assert int(parent) != os.getpid()
     a.send(pack_records([frame(1), frame(2)]))

@@ -17,13 +17,7 @@ from support.scripted_can import ScriptedBus
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.port import BusEventKind
 from canopen_control.bus.port_abilities import Arrivals
-from canopen_control.bus.pythoncan import (
-    AdapterClock,
-    PythonCanPort,
-    known_interfaces,
-    message_of,
-    record_of,
-)
+from canopen_control.bus.pythoncan import AdapterClock, PythonCanPort, known_interfaces, message_of, record_of
 from canopen_control.errors import BusClosed, BusError, ConfigError, InterfaceNotFound
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, pack_records
 

@@ -160,9 +160,7 @@ def test_a_cycle_that_cannot_fit_is_refused_with_the_shortest_period(tmp_path):
 
 def test_without_sync_it_is_the_update_rate_that_the_bus_cannot_carry(tmp_path):
     config = copy_robby(
-        tmp_path,
-        bus={"sync_period: 20000": "sync_period: 0"},
-        controllers={"update_rate: 50": "update_rate: 2000"},
+        tmp_path, bus={"sync_period: 20000": "sync_period: 0"}, controllers={"update_rate: 50": "update_rate: 2000"}
     )
     (error,) = [item for item in texts_of(config, Severity.ERROR) if "is too short for" in item]
     line = line_of(config / "ros2_controllers.yaml", "update_rate")

@@ -86,9 +86,7 @@ def test_a_namespace_that_only_one_side_has(tmp_path):
     option = GOOD.replace("--shutdown-timeout 3", "--namespace=/robot")
     assert collected(tmp_path, option) == texts
     files = changed(
-        tmp_path,
-        "mobile_base_ros1",
-        controllers={"\nmobile_base_controller:": "\n/robot/mobile_base_controller:"},
+        tmp_path, "mobile_base_ros1", controllers={"\nmobile_base_controller:": "\n/robot/mobile_base_controller:"}
     )
     grouped = GOOD.replace("joint_state_controller ", "")
     grouped = grouped.replace("<launch>", '<launch><group ns="robot">').replace("</launch>", "</group></launch>")

@@ -17,11 +17,7 @@ from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import CanFrame
 
 KIND = HeartbeatEventKind
-STATES = {
-    "pre-operational": NmtState.PRE_OPERATIONAL,
-    "operational": NmtState.OPERATIONAL,
-    "stopped": NmtState.STOPPED,
-}
+STATES = {"pre-operational": NmtState.PRE_OPERATIONAL, "operational": NmtState.OPERATIONAL, "stopped": NmtState.STOPPED}
 
 
 def kinds(consumer: HeartbeatConsumer) -> list[HeartbeatEventKind]:

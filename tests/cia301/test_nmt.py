@@ -25,12 +25,7 @@ from canopen_control.cia301.nmt import (
 )
 from canopen_control.errors import LocalProtocolError
 
-PRE, OP, STOPPED, INIT = (
-    NmtState.PRE_OPERATIONAL,
-    NmtState.OPERATIONAL,
-    NmtState.STOPPED,
-    NmtState.INITIALISING,
-)
+PRE, OP, STOPPED, INIT = (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL, NmtState.STOPPED, NmtState.INITIALISING)
 
 
 @pytest.mark.parametrize(
@@ -140,10 +135,7 @@ def test_an_initialising_node_receives_nothing():
 def test_a_reset_asks_the_owner_and_boots_again(command):
     slave = slave_in(NmtState.OPERATIONAL)
     slave.receive(nmt_frame(command, 3), 0)
-    assert slave.events() == [
-        NmtStateChanged(NmtState.OPERATIONAL, NmtState.INITIALISING),
-        NmtResetRequested(command),
-    ]
+    assert slave.events() == [NmtStateChanged(NmtState.OPERATIONAL, NmtState.INITIALISING), NmtResetRequested(command)]
     assert slave.frames() == []
     slave.boot()
     assert slave.frames() == [frame("703#00")]

@@ -244,10 +244,7 @@ def test_short_data_are_dropped_and_reported():
 def test_of_long_data_the_mapped_part_counts_and_the_rest_is_reported():
     rpdo = running()
     rpdo.receive(frame("203#0F00030405"), 0)
-    assert rpdo.events() == [
-        RpdoEvent(KIND.TOO_LONG, length=5),
-        RpdoEvent(KIND.APPLY, bytes.fromhex("0F0003"), 5),
-    ]
+    assert rpdo.events() == [RpdoEvent(KIND.TOO_LONG, length=5), RpdoEvent(KIND.APPLY, bytes.fromhex("0F0003"), 5)]
     assert (rpdo.long, EMCY_OF[KIND.TOO_LONG]) == (1, 0x8220)
 
 

@@ -130,8 +130,7 @@ def test_the_first_frame(length, block, first):
 
 
 @pytest.mark.parametrize(
-    ("length", "block", "first"),
-    [(1, False, "22"), (5, False, "20"), (5, True, "C0"), (None, True, "A0")],
+    ("length", "block", "first"), [(1, False, "22"), (5, False, "20"), (5, True, "C0"), (None, True, "A0")]
 )
 def test_the_first_frame_of_a_client_that_offers_nothing(length, block, first):
     options = SdoOptions(announce_size=False, crc=False)

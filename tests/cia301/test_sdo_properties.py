@@ -30,8 +30,7 @@ FRAMES = st.one_of(
 )
 STEPS = st.lists(
     st.one_of(
-        FRAMES,
-        st.sampled_from(("read", "write", "read block", "write block", "frames", "events", "tick", "cancel")),
+        FRAMES, st.sampled_from(("read", "write", "read block", "write block", "frames", "events", "tick", "cancel"))
     ),
     max_size=60,
 )

@@ -59,10 +59,7 @@ def _start_nodes(ended):
         (("--master",), "--master needs --node-id"),
         (("--master", "--node-id", "6", "--motion"), "--motion is for the check of a device"),
         (("--master", "--node-id", "5", "--for", "1"), "node-ID 5 already answers"),
-        (
-            ("--master", "--node-id", "6", "--for", "0.1"),
-            "no master on memory:judged sent anything to node 6 in 0.1 s",
-        ),
+        (("--master", "--node-id", "6", "--for", "0.1"), "no master on memory:judged sent anything to node 6 in 0.1 s"),
     ],
 )
 def test_what_is_wrong_with_a_check_of_a_master_is_one_sentence(bus, capsys, arguments, sentence):

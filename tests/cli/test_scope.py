@@ -121,16 +121,7 @@ def test_process_data_of_a_running_robot_come_with_every_cycle(bench, tmp_path, 
     )
     path = tmp_path / "robot.csv"
     with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, RobotObserver()) as drive:
-        words = [
-            f"{drive.node}:0x606C",
-            f"{drive.node}:0x6083",
-            "--name",
-            drive.robot,
-            "--for",
-            "0.5",
-            "-o",
-            str(path),
-        ]
+        words = [f"{drive.node}:0x606C", f"{drive.node}:0x6083", "--name", drive.robot, "--for", "0.5", "-o", str(path)]
         assert main(["scope", *words]) == 0
         capsys.readouterr()
         assert main(["scope", f"{drive.node}:0x606C", "--name", drive.robot, "--for", "0.1", "--json"]) == 0

@@ -60,8 +60,7 @@ def test_a_step_is_measured_and_leaves_the_drive_off(bench, no_terminal, capsys,
 
 
 @pytest.mark.parametrize(
-    ("number", "why"),
-    [(signal.SIGINT, "interrupted by a signal"), (signal.SIGCONT, "this program was suspended")],
+    ("number", "why"), [(signal.SIGINT, "interrupted by a signal"), (signal.SIGCONT, "this program was suspended")]
 )
 def test_a_signal_ends_the_run_without_a_result(bench, no_terminal, monkeypatch, capsys, number, why):
     suspend_after(monkeypatch, CommandController, 3, 0.2, number)

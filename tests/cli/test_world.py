@@ -10,14 +10,7 @@ from support.virtualbench import served, servo
 
 from canopen_control.cli.main import main
 from canopen_control.errors import ConfigError
-from canopen_control.rpc.messages.drive import (
-    AddPayload,
-    BasePose,
-    BlockJoint,
-    PushRobot,
-    SetGrip,
-    WorldState,
-)
+from canopen_control.rpc.messages.drive import AddPayload, BasePose, BlockJoint, PushRobot, SetGrip, WorldState
 from canopen_control.virtual.plant import IndependentPlants
 
 CAN = "memory:cli-world"

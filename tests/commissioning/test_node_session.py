@@ -8,12 +8,7 @@ from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia402.state import State
 from canopen_control.commissioning import node_session
 from canopen_control.commissioning.identity import DeviceIdentity
-from canopen_control.commissioning.node_session import (
-    NodeSession,
-    RobotTransfers,
-    dictionary_of,
-    session_with,
-)
+from canopen_control.commissioning.node_session import NodeSession, RobotTransfers, dictionary_of, session_with
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, ControlError, SdoLengthError, SdoTimeout
 from canopen_control.od.codec import decode

@@ -245,13 +245,7 @@ def rows(*addresses):
 def test_a_value_comes_with_its_unit_its_meaning_and_whether_it_is_the_default():
     status, speed, mapped = rows((0x6041, 0), (0x1017, 0), (0x1A00, 1))
     assert (status.value, status.meaning, status.changed) == ("0x0250", "SWITCH ON DISABLED", False)
-    assert (speed.value, speed.unit, speed.default, speed.changed, speed.meaning) == (
-        "1600",
-        "ms",
-        "0",
-        True,
-        None,
-    )
+    assert (speed.value, speed.unit, speed.default, speed.changed, speed.meaning) == ("1600", "ms", "0", True, None)
     assert mapped.meaning == "0x6041:00 Statusword, 16 bits"
 
 

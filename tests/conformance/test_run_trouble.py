@@ -30,9 +30,7 @@ def reasons(report):
 def test_a_device_that_answers_late_is_named_with_its_time(bench):
     node = bench()
     report = run_with(node, lambda: switches_of(node.device).set("sdo_late=0.8", True, node.reactor.now()))
-    assert reasons(report) == {
-        "not run: the device answers after 0.8 s, later than 0.5 s; give --timeout 1.6",
-    }
+    assert reasons(report) == {"not run: the device answers after 0.8 s, later than 0.5 s; give --timeout 1.6"}
     assert report.failed
 
 
@@ -74,7 +72,7 @@ def test_a_device_that_dies_while_it_floods_is_both(bench):
         port.send(pack_records([CanFrame(0x85, bytes(8))] * 3000))
 
     assert reasons(run_with(node, die)) == {
-        "not run: the device stopped answering; 0x085 was received 3000 times in a second",
+        "not run: the device stopped answering; 0x085 was received 3000 times in a second"
     }
 
 

@@ -82,11 +82,7 @@ def test_fallbacks_are_controllers_that_are_known(control):
     [
         (texts("new.params_file", "absent.yaml"), RobotConfigError, r"params_file: .*absent\.yaml"),
         (texts("other.params_file", "new.yaml"), RobotConfigError, r"new\.yaml has no parameters for other"),
-        (
-            ParameterValue(name="new.type", kind="integer", value=3),
-            ControlError,
-            "is of type string, setting it",
-        ),
+        (ParameterValue(name="new.type", kind="integer", value=3), ControlError, "is of type string, setting it"),
         (texts("new.node_options_args", "-p", "a:=1"), ControlError, "'-p' is not a remapping; give -r FROM:=TO here"),
         (texts("new.node_options_args", "-r"), ControlError, "'' after -r is not a remapping"),
         (texts("new.colour", "red"), ControlError, "a controller has the parameters: type, params_file"),

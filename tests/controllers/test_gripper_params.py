@@ -2,11 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from canopen_control.controllers.gripper import (
-    EffortGripperParams,
-    GripperParams,
-    read_params,
-)
+from canopen_control.controllers.gripper import EffortGripperParams, GripperParams, read_params
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 

@@ -11,13 +11,7 @@ from support.control import BROADCASTER, FORWARD, Hardware, S, Scripted, add, ma
 from canopen_control.controllers.base import Controller, ControllerState
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.controllers.params import Params
-from canopen_control.errors import (
-    ControlError,
-    InterfaceConflict,
-    NotEnabled,
-    RobotConfigError,
-    UnknownInterface,
-)
+from canopen_control.errors import ControlError, InterfaceConflict, NotEnabled, RobotConfigError, UnknownInterface
 from canopen_control.hardware.interfaces import InterfaceRegistry, LifecycleState, ReturnType
 from canopen_control.rpc.messages.samples import GpioSample, OdometrySample
 from canopen_control.rpc.wire import plain

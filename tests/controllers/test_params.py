@@ -4,14 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from canopen_control.controllers.params import (
-    RENAMES,
-    BroadcasterParams,
-    LoopGains,
-    Params,
-    refuse,
-    repeated,
-)
+from canopen_control.controllers.params import RENAMES, BroadcasterParams, LoopGains, Params, refuse, repeated
 from canopen_control.errors import RobotConfigError
 from canopen_control.yamlfile.convert import derived, setting
 

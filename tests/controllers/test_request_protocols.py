@@ -48,11 +48,7 @@ GOAL = TrajectoryGoal(JointTrajectory(("l",), [Point([1.0], time=1)]))
     [
         (lambda control: control.command("states", [1.0], 0), "accepts no commands; it only reads states", 1),
         (lambda control: control.command("left", {"l/velocity": 1.0}, 0), "accepts no values by interface name", 1),
-        (
-            lambda control: control.send_goal("left", GOAL, 0),
-            "is not a joint trajectory",
-            1,
-        ),
+        (lambda control: control.send_goal("left", GOAL, 0), "is not a joint trajectory", 1),
         (lambda control: control.send_goal("left", GripperGoal(0.0), 0), "is not a gripper action controller", 1),
         (lambda control: control.follower("left"), "left is not a joint trajectory", 0),
         (lambda control: control.base("left"), "left has no odometry; it is not a base controller", 0),

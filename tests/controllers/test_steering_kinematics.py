@@ -8,11 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.bases import cases, differences
 
-from canopen_control.controllers.steering_kinematics import (
-    AckermannKinematics,
-    SteeringKinematics,
-    TricycleKinematics,
-)
+from canopen_control.controllers.steering_kinematics import AckermannKinematics, SteeringKinematics, TricycleKinematics
 
 KINDS = {"bicycle": SteeringKinematics, "tricycle": TricycleKinematics, "ackermann": AckermannKinematics}
 
@@ -56,10 +52,7 @@ def test_it_steers_and_follows_as_upstream_does(case):
 
 
 @pytest.mark.parametrize("kind", list(KINDS.values()))
-@given(
-    linear=st.floats(0.05, 3.0) | st.floats(-3.0, -0.05),
-    curvature=st.floats(-0.4, 0.4),
-)
+@given(linear=st.floats(0.05, 3.0) | st.floats(-3.0, -0.05), curvature=st.floats(-0.4, 0.4))
 def test_wheels_that_do_what_they_are_reported_drive_the_twist(kind, linear, curvature):
     base = kind(0.1, 1.2, 0.8, 0.7)
     angular = linear * curvature
@@ -78,10 +71,7 @@ def test_the_first_position_is_where_it_starts_from_once_that_is_reported():
 
 
 @pytest.mark.parametrize("kind", [TricycleKinematics, AckermannKinematics])
-@given(
-    linear=st.floats(-3.0, 3.0),
-    curvature=st.floats(-4.0, 4.0),
-)
+@given(linear=st.floats(-3.0, 3.0), curvature=st.floats(-4.0, 4.0))
 def test_the_fit_agrees_where_the_wheels_agree(kind, linear, curvature):
     base = kind(0.1, 1.2, 0.8, 0.7)
     base.fits = True
@@ -91,11 +81,7 @@ def test_the_fit_agrees_where_the_wheels_agree(kind, linear, curvature):
     assert base.angular == pytest.approx(linear * curvature, rel=1e-6, abs=1e-4)
 
 
-@given(
-    angle=st.floats(-math.pi / 2, math.pi / 2),
-    right=st.floats(-10.0, 10.0),
-    left=st.floats(-10.0, 10.0),
-)
+@given(angle=st.floats(-math.pi / 2, math.pi / 2), right=st.floats(-10.0, 10.0), left=st.floats(-10.0, 10.0))
 def test_the_fit_has_no_pole_wherever_the_steering_stands(angle, right, left):
     base = TricycleKinematics(0.1, 1.2, 0.8)
     base.fits = True

@@ -53,10 +53,7 @@ def one(line, **how):
         ("[1] _lss_fastscan 20", LssOrder("_lss_fastscan", (20,))),
         ("[1] lss_allnodes", LssOrder("lss_allnodes", ())),
         ("[1] lss_allnodes 20 5 0", LssOrder("lss_allnodes", (20, 5, 0))),
-        (
-            "[1] lss_allnodes 0 5 1 2 1 0 0 1 0 2 9",
-            LssOrder("lss_allnodes", (0, 5, 1, 2, 1, 0, 0, 1, 0, 2, 9)),
-        ),
+        ("[1] lss_allnodes 0 5 1 2 1 0 0 1 0 2 9", LssOrder("lss_allnodes", (0, 5, 1, 2, 1, 0, 0, 1, 0, 2, 9))),
         ("[1] log", LogOrder()),
     ],
 )

@@ -15,10 +15,7 @@ from support.host import eventually, runs
 from canopen_control.host import fork as fork_module
 from canopen_control.host.fork import can_fork
 
-pytestmark = [
-    pytest.mark.process,
-    pytest.mark.skipif(sys.platform != "linux", reason="forks are for Linux"),
-]
+pytestmark = [pytest.mark.process, pytest.mark.skipif(sys.platform != "linux", reason="forks are for Linux")]
 
 #: what a child is: its parent imports it before the fork, with LOADED
 CHILD = """

@@ -44,8 +44,7 @@ def test_reporting_to_a_client_that_has_left_does_nothing(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("report", "line"),
-    [(report_ready, b"ready\n"), (lambda: report_failure("the bus\nis busy"), b"the bus is busy\n")],
+    ("report", "line"), [(report_ready, b"ready\n"), (lambda: report_failure("the bus\nis busy"), b"the bus is busy\n")]
 )
 def test_a_report_is_one_line_and_the_last_word(monkeypatch, report, line):
     ours, theirs = os.pipe()

@@ -49,11 +49,7 @@ def installed(tmp_path_factory):
 @pytest.fixture(scope="module")
 def both(installed):
     """A ROS program with the compiled packages, and one with those made at run time."""
-    with (
-        ros.domain() as number,
-        ros.Peer(number, **installed) as compiled,
-        ros.Peer(number, "--interfaces") as created,
-    ):
+    with ros.domain() as number, ros.Peer(number, **installed) as compiled, ros.Peer(number, "--interfaces") as created:
         yield {"compiled": compiled, "made": created}
 
 

@@ -303,11 +303,7 @@ def test_keep_alive_for_a_node_in_an_unknown_state_is_error_letter_e_or_f(guard,
 
 @pytest.mark.parametrize(
     ("held", "changes", "letter"),
-    [
-        (None, {}, "G"),
-        (b"\x02\0\0\0", {}, "H"),
-        (b"\x02\0\0\0", {"software_file": "firmware.bin"}, "I"),
-    ],
+    [(None, {}, "G"), (b"\x02\0\0\0", {}, "H"), (b"\x02\0\0\0", {"software_file": "firmware.bin"}, "I")],
 )
 def test_another_firmware_is_letter_g_h_or_i(held, changes, letter):
     device = Device({} if held is None else {(0x1F56, 1): held})

@@ -43,12 +43,7 @@ PDO = [
     write(0x1600, 0, 1, 1),
     write(0x1400, 1, 0x40000203),
 ]
-HELD = {
-    (0x1400, 1): number(0x40000203),
-    (0x1400, 2): b"\x01",
-    (0x1600, 0): b"\x01",
-    (0x1600, 1): number(0x60400010),
-}
+HELD = {(0x1400, 1): number(0x40000203), (0x1400, 2): b"\x01", (0x1600, 0): b"\x01", (0x1600, 1): number(0x60400010)}
 
 
 def test_the_writes_of_one_pdo_belong_together_and_others_stand_alone():

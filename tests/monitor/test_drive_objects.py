@@ -129,7 +129,7 @@ def test_the_whole_dictionary_is_there_in_the_words_of_the_verb(objects):
     assert len(rows) == len(OD.entries)
     assert all(len(cells) == len(OBJECT_COLUMNS) for cells in rows.values())
     assert [str(row) for row in rows["0x6081:00"]] == [
-        *("0x6081:00", "Profile velocity", "-", "", "", "-", "UNSIGNED32", "rww"),
+        *("0x6081:00", "Profile velocity", "-", "", "", "-", "UNSIGNED32", "rww")
     ]
     assert objects.title == "left_drive, node 3"
 

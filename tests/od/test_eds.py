@@ -188,8 +188,7 @@ def test_the_structure_subindex_is_not_counted():
 
 
 @pytest.mark.parametrize(
-    ("default", "code"),
-    [("4", ["value-limit"]), ("5", []), ("10", []), ("11", ["value-limit"]), (None, [])],
+    ("default", "code"), [("4", ["value-limit"]), ("5", []), ("10", []), ("11", ["value-limit"]), (None, [])]
 )
 def test_defaults_are_within_the_limits(default, code):
     assert codes(parse(eds(DefaultValue=default, LowLimit=5, HighLimit=10))) == code

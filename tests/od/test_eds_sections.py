@@ -344,13 +344,7 @@ def test_messages_quote_no_more_than_fits():
 
 @pytest.mark.parametrize(
     "body",
-    [
-        "x=1\ny=2\n\n",
-        "x=1\n; x=3\n\ny=2",
-        "  x =1\n\n\t y =\t2 \n",
-        "no equals\nx=1\n\ny=2\n",
-        "X=1\n # a\ny=2\ny=2",
-    ],
+    ["x=1\ny=2\n\n", "x=1\n; x=3\n\ny=2", "  x =1\n\n\t y =\t2 \n", "no equals\nx=1\n\ny=2\n", "X=1\n # a\ny=2\ny=2"],
 )
 def test_keys_have_their_lines_for_every_way_of_reading(body):
     sections, _ = split(f"\n[A]\n{body}\n[B]\nz=3")

@@ -51,11 +51,7 @@ def test_what_stands_on_the_floor_has_its_sizes(tmp_path):
         ("size: [0.3, 0.3, 0.3]", "size: [0.3, 0, 0.3]", "size: the three lengths of a box must be above 0"),
         ("to: [4, 2]", "to: [0, 2]", "a wall needs two different points"),
         ("at: 10s", "at: soon", "'soon' is not a time"),
-        (
-            "friction: 0.2}",
-            "friction: 0.2, block: x}",
-            "a step needs exactly one of payload, push, block and friction",
-        ),
+        ("friction: 0.2}", "friction: 0.2, block: x}", "a step needs exactly one of payload, push, block and friction"),
         ("friction: 0.2}", "friction: 0.2, for: 1s}", "for: is possible only with block"),
     ],
 )

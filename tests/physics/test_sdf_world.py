@@ -151,10 +151,7 @@ def test_a_mesh_is_its_convex_parts_and_what_differs_from_gazebo_is_reported(tmp
         ("<include><uri>model://t</uri></include>", "model://t: no such model next to this file, in GZ_SIM_"),
         ("<include><uri>t</uri></include>", "t: no such model at "),
         ("<include/>", "<include> has no <uri>"),
-        (
-            model(link(SHAPE.format("<heightmap/>"))),
-            "<heightmap> is not a supported shape; use one of box, sphere, ",
-        ),
+        (model(link(SHAPE.format("<heightmap/>"))), "<heightmap> is not a supported shape; use one of box, sphere, "),
         (model(link(SHAPE.format("<mesh><uri>no.stl</uri></mesh>"))), "mesh no.stl: file "),
         (model(link(SHAPE.format("<mesh/>"))), "<mesh> has no <uri>"),
         (
@@ -196,10 +193,7 @@ def test_what_cannot_stand_is_one_sentence_with_its_line(tmp_path, inside, messa
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (
-            sdf(model(link(BOX))),
-            "hall.sdf:2:1: no <world> in this file; give the file of a world, not of a model",
-        ),
+        (sdf(model(link(BOX))), "hall.sdf:2:1: no <world> in this file; give the file of a world, not of a model"),
         ("<robot/>", "hall.sdf:1:1: <robot> is not SDF"),
         ("text", "hall.sdf:1:1: not valid XML"),
         (sdf('<world name="a"/><world name="b"/>'), "hall.sdf:3:18: a second <world>"),

@@ -11,11 +11,7 @@ pytest.importorskip("std_msgs")
 from support.endpoints import Ros, interface, publisher_of
 
 from canopen_control.ros import base_topics, controller_endpoints, sample_publisher
-from canopen_control.ros.base_topics import (
-    OdometrySetting,
-    TfOdometry,
-    TwistCommands,
-)
+from canopen_control.ros.base_topics import OdometrySetting, TfOdometry, TwistCommands
 from canopen_control.ros.rcl import SYSTEM_DEFAULT
 from canopen_control.rpc.messages.samples import MecanumSample, SteeringSample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample

@@ -8,14 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.host.lineclient import MAX_REQUEST, MAX_VALUES
-from canopen_control.ros.command_topics import (
-    goal_refusal,
-    is_one_piece,
-    pieces_of,
-    point_of,
-    stamp_of,
-    tolerances_of,
-)
+from canopen_control.ros.command_topics import goal_refusal, is_one_piece, pieces_of, point_of, stamp_of, tolerances_of
 from canopen_control.ros.sample_topics import TRAJECTORY_FEEDBACK, fill
 from canopen_control.rpc.messages.samples import TrajectorySample
 from canopen_control.rpc.messages.trajectory import MAX_POINTS, TrajectoryData

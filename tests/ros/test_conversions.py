@@ -22,10 +22,7 @@ from canopen_control.ros.conversions import (
 from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample, PoseSample
 from canopen_control.rpc.messages.state import JointReading, StateSample
 
-JOINTS = {
-    "right": JointReading("right", 2.0, 20.0, None, 1.0),
-    "left": JointReading("left", 1.0, None),
-}
+JOINTS = {"right": JointReading("right", 2.0, 20.0, None, 1.0), "left": JointReading("left", 1.0, None)}
 VIEWS = {each.name: each for each in controllers_of(CONTROLLERS)}
 
 
@@ -130,7 +127,4 @@ def test_a_transform_is_reported_alone():
     assert moved.pose.rotation == (0.9, 0.1, 0.2, 0.3)
     assert [transform_of(item) for item in (lost, silent, off, nowhere)] == [None] * 4
     samples = dict(enumerate((odometry, pose, lost, silent, off, nowhere)))
-    assert located_frames(StateSample(samples={str(key): each for key, each in samples.items()})) == {
-        "base",
-        "gps",
-    }
+    assert located_frames(StateSample(samples={str(key): each for key, each in samples.items()})) == {"base", "gps"}

@@ -74,10 +74,7 @@ def test_recover_resets_the_fault_and_does_not_enable(fresh, call):
 def test_a_trigger_that_was_done_to_the_whole_base_reports_this(fresh, call):
     together = "base moves left_drive and right_drive together: halt applies to all of them"
     fresh.robot.answers["axis"] = {"text": together}
-    assert call("/left_drive/halt") == {
-        "success": True,
-        "message": together,
-    }
+    assert call("/left_drive/halt") == {"success": True, "message": together}
 
 
 def test_namespace_and_remappings_of_a_node_are_followed(fresh, call):

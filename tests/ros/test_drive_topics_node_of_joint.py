@@ -111,10 +111,7 @@ def test_a_trigger_is_for_its_joint_alone_and_answers_with_an_empty_message(ros,
     assert (response.success, response.message) == (False, "node 3 (left_drive) is not operational")
 
 
-@pytest.mark.parametrize(
-    ("service", "command"),
-    [("nmt_reset_node", RESET), ("nmt_start_node", {"command": "start"})],
-)
+@pytest.mark.parametrize(("service", "command"), [("nmt_reset_node", RESET), ("nmt_start_node", {"command": "start"})])
 def test_nmt_is_of_the_whole_node(ros, service, command):
     made(ros, "Device", "mirror")
     request, response = call(ros, service)

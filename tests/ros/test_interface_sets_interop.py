@@ -70,10 +70,7 @@ LACKING = {
         "trajectory": {"control_msgs/msg/SpeedScalingFactor"},
         "batteries": {"control_msgs/msg/BatteryStateArray"},
     },
-    "jazzy_4_20": {
-        "odometry": {"control_msgs/srv/SetOdometry"},
-        "batteries": {"control_msgs/msg/BatteryStateArray"},
-    },
+    "jazzy_4_20": {"odometry": {"control_msgs/srv/SetOdometry"}, "batteries": {"control_msgs/msg/BatteryStateArray"}},
     "rolling": {},
 }
 
@@ -106,11 +103,7 @@ def host(request, tmp_path_factory):
         for name, value in own.items():
             patch.setenv(name, value)
         own["PYTHONPATH"] = f"{folder}:{ros.ROOT}"
-        with (
-            ros.FakeRobot() as robot,
-            ros.bridge(number, **own),
-            ros.Peer(number, "--interfaces", **own) as peer,
-        ):
+        with ros.FakeRobot() as robot, ros.bridge(number, **own), ros.Peer(number, "--interfaces", **own) as peer:
             robot.answers = {"hardware": HARDWARE}
             yield request.param.stem, robot, peer
 

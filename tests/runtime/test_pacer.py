@@ -271,12 +271,7 @@ def test_a_late_cycle_is_of_its_edge_and_after_skipped_ones_of_the_newest(make):
     clock, reactor, pacer = make(work)
     pacer.start()
     reactor.run_for(200 * MS)
-    assert observed[:4] == [
-        (20 * MS, 0, 0),
-        (40 * MS, 0, 5 * MS),
-        (100 * MS, 2, 10 * MS),
-        (120 * MS, 0, 0),
-    ]
+    assert observed[:4] == [(20 * MS, 0, 0), (40 * MS, 0, 5 * MS), (100 * MS, 2, 10 * MS), (120 * MS, 0, 0)]
 
 
 def test_a_pacer_that_is_not_running_is_not_led(make):

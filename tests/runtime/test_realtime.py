@@ -142,10 +142,7 @@ def test_a_limit_of_locked_memory_is_refused_before_it_can_make_an_allocation_fa
 @allowed
 @pytest.mark.parametrize(
     ("reason", "text"),
-    [
-        ("", "processors kept awake"),
-        ("/dev/x: Permission denied", "processors may sleep (/dev/x: Permission denied)"),
-    ],
+    [("", "processors kept awake"), ("/dev/x: Permission denied", "processors may sleep (/dev/x: Permission denied)")],
 )
 def test_processors_are_kept_awake_or_it_is_reported_with_why_they_may_sleep(
     monkeypatch: pytest.MonkeyPatch, reason: str, text: str

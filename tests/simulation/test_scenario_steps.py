@@ -185,10 +185,7 @@ def test_what_happens_in_the_world_is_written_and_read(tmp_path):
 @pytest.mark.parametrize(
     ("step", "text"),
     [
-        (
-            "{at: 1s, payload: {mass: 8, on: base_lnk}}",
-            "on: the robot has no link 'base_lnk' (did you mean",
-        ),
+        ("{at: 1s, payload: {mass: 8, on: base_lnk}}", "on: the robot has no link 'base_lnk' (did you mean"),
         ("{at: 1s, block: left_wheel}", "block: no drive moves a joint 'left_wheel' (did you mean 'left_wheel_joint'"),
         ("{at: 1s, push: {force: [0, 9, 0]}, for: 1s}", "for: is not possible with payload, push and friction"),
         ("{at: 1s, friction: 1, block: left_wheel_joint}", "a step can have one of payload, push, block and friction"),

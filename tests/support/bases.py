@@ -16,12 +16,7 @@ OMNI = "omni_wheel_drive_controller/OmniWheelDriveController"
 STEERED = {"wheelbase": 1.2, "reference_timeout": 0.5}
 TWO_WHEELS = {"traction_joints_names": ["r", "l"], "traction_wheels_radius": 0.1, "traction_track_width": 0.8}
 PARAMS: dict[str, dict[str, Any]] = {
-    BICYCLE: {
-        **STEERED,
-        "traction_joints_names": ["w"],
-        "steering_joints_names": ["s"],
-        "traction_wheel_radius": 0.1,
-    },
+    BICYCLE: {**STEERED, "traction_joints_names": ["w"], "steering_joints_names": ["s"], "traction_wheel_radius": 0.1},
     TRICYCLE: {**STEERED, **TWO_WHEELS, "steering_joints_names": ["s"]},
     ACKERMANN: {**STEERED, **TWO_WHEELS, "steering_joints_names": ["sr", "sl"]},
     MECANUM: {

@@ -39,11 +39,7 @@ LINES = [
     (EXTENDED_FLAG | 0x183, "00", "raw", "", "29-bit identifier of no known PDO", Mark.PLAIN),
     (REMOTE_FLAG | 0x703, "00", "hb", "left_drive", "guarding request", Mark.PLAIN),
     (REMOTE_FLAG | 0x183, "", "pdo", "left_drive", "request for TPDO1", Mark.PLAIN),
-    (
-        *(ERROR_FLAG | 0x40, "", "error", ""),
-        "bus-off; check the cable, the terminators and the bit rate",
-        Mark.ERROR,
-    ),
+    (*(ERROR_FLAG | 0x40, "", "error", ""), "bus-off; check the cable, the terminators and the bit rate", Mark.ERROR),
     (ERROR_FLAG | 0x08, "", "error", "", "bus error: a frame was disturbed", Mark.WARNING),
 ]
 
@@ -135,10 +131,7 @@ def test_heartbeats_that_were_read_late_together_are_not_silence():
 
 
 def test_a_pdo_may_lie_on_any_identifier_even_one_of_29_bits():
-    objects = (
-        MappedEntry(0x2000, 0, 4, "INTEGER8", "nibble"),
-        MappedEntry(0x2001, 0, 12, "UNSIGNED16", "rest"),
-    )
+    objects = (MappedEntry(0x2000, 0, 4, "INTEGER8", "nibble"), MappedEntry(0x2001, 0, 12, "UNSIGNED16", "rest"))
     node = NodeDescription("io", 9, None, (PdoLayout(EXTENDED_FLAG | 0x12345, "tpdo", 1, objects=objects),))
     got = Decoder(NetworkDescription(nodes={9: node})).decode(frame(EXTENDED_FLAG | 0x12345, "1F00"))
     assert (got.node, got.text) == ("io", "nibble -1; rest 1")
@@ -154,11 +147,7 @@ def test_a_mapping_that_cannot_be_is_reported_with_the_bytes():
 
 frames = st.builds(
     CanFrame,
-    st.one_of(
-        st.integers(0, 0x7FF),
-        st.sampled_from([0x603, 0x583, 0x183, 0x703, 0x000]),
-        st.integers(0, 0xFFFFFFFF),
-    ),
+    st.one_of(st.integers(0, 0x7FF), st.sampled_from([0x603, 0x583, 0x183, 0x703, 0x000]), st.integers(0, 0xFFFFFFFF)),
     st.binary(max_size=8),
 )
 

@@ -7,14 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.rpc.messages.state import RobotEvent
-from canopen_control.trace.flight_file import (
-    AFTER_NS,
-    GAP_NS,
-    WIDEST_GAP_NS,
-    RecordingTrigger,
-    is_fault,
-    is_sum,
-)
+from canopen_control.trace.flight_file import AFTER_NS, GAP_NS, WIDEST_GAP_NS, RecordingTrigger, is_fault, is_sum
 
 S = 1_000_000_000
 KEEP = 50 * S

@@ -116,11 +116,7 @@ def test_an_object_the_eds_lacks_is_still_read_by_its_width():
         (0x1A00, 1, "map", DataType.UNSIGNED32, 0x20050018),
     )
     (pdo,) = pdos_by_default(od)
-    assert (pdo.objects[0].data_type, pdo.objects[0].name, pdo.transmission_type) == (
-        "UNSIGNED24",
-        "0x2005:00",
-        255,
-    )
+    assert (pdo.objects[0].data_type, pdo.objects[0].name, pdo.transmission_type) == ("UNSIGNED24", "0x2005:00", 255)
 
 
 def test_a_part_is_named_with_its_object():

@@ -122,11 +122,7 @@ def test_a_state_lasts_until_another_is_seen():
     spans = Spans()
     for time, state in ((0.0, "A"), (1.0, "A"), (2.0, "B"), (3.0, None)):
         spans.see(time, state)
-    assert spans.end(5.0) == [
-        Span(0.0, 2.0, "A"),
-        Span(2.0, 3.0, "B"),
-        Span(3.0, 5.0, None),
-    ]
+    assert spans.end(5.0) == [Span(0.0, 2.0, "A"), Span(2.0, 3.0, "B"), Span(3.0, 5.0, None)]
     assert Spans().end(1.0) == []
 
 

@@ -4,13 +4,7 @@ from support.tracing import robby_network
 from canopen_control.cia402.state import State
 from canopen_control.od.model import DataType
 from canopen_control.trace.network_description import NodeDescription
-from canopen_control.trace.values import (
-    NodeWords,
-    controlword_text,
-    decoded,
-    is_faulty,
-    statusword_text,
-)
+from canopen_control.trace.values import NodeWords, controlword_text, decoded, is_faulty, statusword_text
 
 
 @pytest.mark.parametrize(

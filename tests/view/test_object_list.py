@@ -52,13 +52,7 @@ def test_only_news_are_reported_and_in_words():
     assert objects.news(known) == {}
     known[0x1017, 0] = 3, LiveObject(OD[0x1017, 0], None, "abort 0x06020000")
     assert objects.news(known) == {
-        "0x1017:00": {
-            "value": None,
-            "meaning": None,
-            "changed": False,
-            "error": "abort 0x06020000",
-            "bits": [],
-        }
+        "0x1017:00": {"value": None, "meaning": None, "changed": False, "error": "abort 0x06020000", "bits": []}
     }
 
 

@@ -130,12 +130,7 @@ def test_without_its_token_the_page_answers_no_client_even_on_loopback(which, po
     result = (port, open_port)[which]
     own = f"http://127.0.0.1:{result}"
     assert (ask(result)[0].status, knock(result, origin=own)) == (200, True)
-    files = (
-        "/",
-        f"/?token={TOKEN}",
-        "/_nicegui/x/nicegui.js",
-        "/_nicegui_ws/socket.io/?EIO=4&transport=polling",
-    )
+    files = ("/", f"/?token={TOKEN}", "/_nicegui/x/nicegui.js", "/_nicegui_ws/socket.io/?EIO=4&transport=polling")
     for token in ("", "wrong", f"{TOKEN}x"):
         for path in files:
             assert ask(result, path, token=token)[0].status == 403

@@ -4,14 +4,7 @@ from hypothesis import strategies as st
 from support.pages import TARGET, drive_state, state
 from support.samples import controllers_of
 
-from canopen_control.view.sampling import (
-    History,
-    Sampler,
-    Stillness,
-    charts,
-    commanded_interfaces,
-    names,
-)
+from canopen_control.view.sampling import History, Sampler, Stillness, charts, commanded_interfaces, names
 
 
 def test_news_are_reported_once_and_when_they_are_finished():

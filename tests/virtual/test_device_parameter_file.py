@@ -98,12 +98,7 @@ def test_what_does_not_fit_is_ignored_and_reported_and_another_device_refused(tm
     path.write_text(json.dumps({"format": "canopen_control store 1", "nodes": {"5": record}}))
     b = bench(path)
     assert b.number(0x6083) == 4321
-    assert [line.split(": ")[1].split()[0] for line in b.said] == [
-        "6084:00",
-        "9999:00",
-        "nonsense",
-        "6085:00",
-    ]
+    assert [line.split(": ")[1].split()[0] for line in b.said] == ["6084:00", "9999:00", "nonsense", "6085:00"]
     record["device"] = [1, 2]
     path.write_text(json.dumps({"format": "canopen_control store 1", "nodes": {"5": record}}))
     with pytest.raises(ConfigError, match="use another --store file"):

@@ -3,13 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from support.quirk_probes import (
-    INVALID,
-    absent,
-    check_from_power_on,
-    check_switched,
-    refused,
-)
+from support.quirk_probes import INVALID, absent, check_from_power_on, check_switched, refused
 from support.virtualbench import generic, servo
 
 from canopen_control.virtual.power_quirks import POWER_QUIRKS

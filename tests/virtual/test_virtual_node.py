@@ -199,8 +199,7 @@ def test_a_file_without_the_device_type_makes_a_device_that_has_it():
 
 
 @pytest.mark.parametrize(
-    ("command", "state"),
-    [(NmtCommand.START, 5), (NmtCommand.STOP, 4), (NmtCommand.ENTER_PRE_OPERATIONAL, 0x7F)],
+    ("command", "state"), [(NmtCommand.START, 5), (NmtCommand.STOP, 4), (NmtCommand.ENTER_PRE_OPERATIONAL, 0x7F)]
 )
 def test_it_obeys_nmt_and_shows_it_in_its_heartbeat(command, state):
     bench = Bench(tmcm())

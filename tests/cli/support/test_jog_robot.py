@@ -14,10 +14,7 @@ from canopen_control.client import RobotClient
 from canopen_control.commissioning.driven_axis import choose_mode
 from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
-from canopen_control.rpc.messages.robot import (
-    AxisRequest,
-    CommandController,
-)
+from canopen_control.rpc.messages.robot import AxisRequest, CommandController
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.drive_choice import Supervision

@@ -4,15 +4,7 @@ import math
 
 import pytest
 
-from canopen_control.cli.support.output import (
-    PLAIN_S,
-    REDRAW_S,
-    SOON_S,
-    Progress,
-    Table,
-    json_line,
-    json_text,
-)
+from canopen_control.cli.support.output import PLAIN_S, REDRAW_S, SOON_S, Progress, Table, json_line, json_text
 from canopen_control.rpc.messages.state import JointReading
 
 

@@ -6,12 +6,7 @@ from hypothesis import strategies as st
 from support.control import same
 from support.trajectories import cases, close, differences, message
 
-from canopen_control.controllers.trajectory.point import (
-    Arrangement,
-    Point,
-    shortest_angular_distance,
-    whole_turns,
-)
+from canopen_control.controllers.trajectory.point import Arrangement, Point, shortest_angular_distance, whole_turns
 
 #: upstream appends nothing then, and commands every joint what was meant for another one
 UNKNOWN = "missing command value is NaN: nothing appended, rows not remapped"

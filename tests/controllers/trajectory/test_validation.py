@@ -118,9 +118,7 @@ def naive(message: JointTrajectory, *, integration: bool, effort: bool) -> Rule 
 @given(POINTS, st.lists(st.integers(0, 20), max_size=4), st.booleans(), st.booleans())
 def test_the_first_broken_rule_is_the_one_that_a_walk_through_all_points_finds(points, cuts, integration, effort):
     params = TrajectoryParams(
-        joints=JOINTS,
-        allow_nonzero_velocity_at_trajectory_end=True,
-        allow_integration_in_goal_trajectories=integration,
+        joints=JOINTS, allow_nonzero_velocity_at_trajectory_end=True, allow_integration_in_goal_trajectories=integration
     )
     message = JointTrajectory(JOINTS, points)
     refused = broken_rule(message, survey(*split(points, cuts)), params, 0, effort=effort)
@@ -268,8 +266,7 @@ def test_limits_bear_the_rounding_of_a_planner_and_turns_without_end():
 
 
 @pytest.mark.parametrize(
-    ("position", "time", "far"),
-    [(0.05, 0.0, False), (0.2, 0.0, True), (0.9, 0.5, False), (0.9, 0.3, True)],
+    ("position", "time", "far"), [(0.05, 0.0, False), (0.2, 0.0, True), (0.9, 0.5, False), (0.9, 0.3, True)]
 )
 def test_a_start_is_far_that_the_joint_cannot_reach_by_then(position, time, far):
     text = far_start(to(position, time=time), {"a": 0.0}, LIMITS, 0.1)

@@ -1,10 +1,6 @@
 import pytest
 
-from canopen_control.rpc.messages.gripper import (
-    GRIPPER_METHODS,
-    MoveGripper,
-    SendGripper,
-)
+from canopen_control.rpc.messages.gripper import GRIPPER_METHODS, MoveGripper, SendGripper
 from canopen_control.rpc.messages.robot import ROBOT
 from canopen_control.rpc.wire import convert
 

@@ -100,8 +100,7 @@ async def test_a_preview_that_is_closed_is_drawn_no_more():
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
-    [(b"joint_name: [a]", "joint_name"), (b" " * (MAX_BYTES + 1), f"at most {MAX_BYTES} bytes")],
+    ("data", "words"), [(b"joint_name: [a]", "joint_name"), (b" " * (MAX_BYTES + 1), f"at most {MAX_BYTES} bytes")]
 )
 async def test_a_file_that_cannot_be_read_is_reported(data, words):
     async with played() as (user, _panel, context):
