@@ -11,7 +11,8 @@ Rules:
   they have left this state.
 - The new zero may reach the master after "attained": the position has another TPDO, and some drives update it later. A
   success counts only when the position has not changed for `_SETTLED_NS` and `_SETTLED_FRAMES` TPDOs, since a set-point
-  in the old coordinates would make the axis jump.
+  in the old coordinates would make the axis jump. A position that is not near the home offset (0x607C) is probably the
+  old one, and has `_ZERO_NS` to change.
 - Every exit returns bit 4 to 0: success, error, interruption, abort and timeout. Only success sets `homed`.
 """
 
@@ -93,6 +94,7 @@ _STANDING = _SECOND  # standstill after which "attained" without bit 10 (target 
 _SETTLED_NS = _SECOND // 5
 _SETTLED_FRAMES = 2
 _LONGEST_SETTLING = 5 * _SECOND
+_ZERO_NS = 2 * _SECOND
 _LATE = "not done in time; `homing_timeout_seconds` in bus.yml allows more time"
 _UNSEEN = (
     "the drive did not start it in time; check in its manual that it supports this method and sets bit 12 (homing "
@@ -161,7 +163,8 @@ class HomingSequence:
     The caller sets 0x6098, the speeds and the mode, and restores the previous mode. `homed` is False from `start` until
     success, and after `forget`. `start_timeout_ns` limits the time until homing is seen in progress, `timeout_ns` the
     whole homing; `settle_updates` is the number of updates for which ambiguous bits must be stable. Changes of the
-    position by at most `tolerance` counts are ignored.
+    position by at most `tolerance` counts are ignored. `home_offset` is 0x607C, in counts; a position is near it within
+    `near` counts, because the drive may need a way to stop.
     """
 
     def __init__(
@@ -171,12 +174,13 @@ class HomingSequence:
         start_timeout_ns: int = _SECOND,
         settle_updates: int = 3,
         tolerance: int = 0,
+        near: int = 1 << 32,
     ) -> None:
-        self.method = 0
+        self.method = self.home_offset = 0
         self.homed = False
         self._timeout, self._start_timeout = timeout_ns, start_timeout_ns
         self._settle_updates = settle_updates
-        self._tolerance = tolerance
+        self._tolerance, self._near = tolerance, near
         self._settled_from: HomingPosition | None = None  # the last changed position, received at `_settled_since`
         self._settled_since = 0
         self._phase = _Phase.IDLE
@@ -184,7 +188,7 @@ class HomingSequence:
         self._updates = 0
         self._stopped_updates = 0
         self._attained_absent = self._error_absent = self._ran = False
-        self._deadline = self._start_deadline = _NEVER
+        self._deadline = self._start_deadline = self._zero_by = _NEVER
         self._standing_since: int | None = None  # time since "homing attained" is set while bit 10 is 0
         self._events: list[HomingEvent] = []
 
@@ -297,6 +301,7 @@ class HomingSequence:
     def _begin_settling(self, position: HomingPosition | None, now: int) -> int:
         self._phase = _Phase.SETTLE
         self._start_deadline, self._deadline = _NEVER, now + _LONGEST_SETTLING
+        self._zero_by = now + _ZERO_NS
         return self._settle(position, now)
 
     def _settle(self, position: HomingPosition | None, now: int) -> int:
@@ -309,7 +314,10 @@ class HomingSequence:
         if before is None or abs(wrap_int32(position.counts - before.counts)) > self._tolerance:
             self._settled_from, self._settled_since = position, now
         elif now - self._settled_since >= _SETTLED_NS and position.received - before.received >= _SETTLED_FRAMES:
-            return self._finish(now)
+            # CiA 402-2, 0x607C: after homing the position is the home offset; in older drives its negative
+            ways = (abs(wrap_int32(position.counts - home)) for home in (self.home_offset, -self.home_offset))
+            if now >= self._zero_by or min(ways) <= self._near:
+                return self._finish(now)
         return _START
 
     def _finish(self, now: int) -> int:

@@ -401,6 +401,7 @@ class MotionWatch:
 
 
 _SETTLED: Final = 0.01  # rad or m: a position that changes less after homing has settled
+_NEAR: Final = 0.1  # rad or m: the way of a drive that stops after it has found its home position
 
 
 class HomingPhase(enum.Enum):
@@ -441,8 +442,10 @@ class JointHoming:
         self._machine = machine
         self._method, self._bound = method, bound
         self._ended_at: int | None = None
+        self._axis = axis
+        counts = abs(axis.scale.pos_to_dev)
         self._sequence = HomingSequence(
-            timeout_ns=timeout_ns, tolerance=max(1, round(_SETTLED * abs(axis.scale.pos_to_dev)))
+            timeout_ns=timeout_ns, tolerance=max(1, round(_SETTLED * counts)), near=max(1, round(_NEAR * counts))
         )
         index = axis.index(objects.HOMING_METHOD)
         if method is None:
@@ -504,6 +507,19 @@ class JointHoming:
             return
         if self._method is None:
             self._method = int.from_bytes(request.data[:1], "little", signed=True)
+        if self._axis.has(objects.HOME_OFFSET):
+            self._axis.node.read(self._axis.index(objects.HOME_OFFSET), 0, self._offset_known)
+        else:
+            self._bound_speeds()
+
+    def _offset_known(self, request: SdoRequest) -> None:
+        if self.phase is not HomingPhase.METHOD:
+            return
+        if request.error is None:
+            self._sequence.home_offset = int.from_bytes(request.data[:4], "little", signed=True)
+        self._bound_speeds()
+
+    def _bound_speeds(self) -> None:
         # CiA 402-2, 0x6098: methods 35 and 37 use the present position, so the speeds have no effect
         if self._method in METHODS_WITHOUT_MOTION:
             self.phase = HomingPhase.KNOWN

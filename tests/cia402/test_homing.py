@@ -191,9 +191,10 @@ def test_a_drive_without_bit_10_has_homed_when_it_has_stood_still_for_a_second(w
         assert machine.homed is (done and standing)
 
 
-def settling(positions, *, step=50_000_000, tolerance=10):
+def settling(positions, *, step=50_000_000, tolerance=10, offset=None):
     """Show a homing that is done, and then positions; return the number of updates until it has ended."""
-    machine = HomingSequence(tolerance=tolerance)
+    machine = HomingSequence(tolerance=tolerance) if offset is None else HomingSequence(tolerance=tolerance, near=50)
+    machine.home_offset = offset or 0
     machine.start(37)
     for turn, word in enumerate([STOPPED, STOPPED, STOPPED, STOPPED, DONE]):
         assert not machine.homed
@@ -215,6 +216,16 @@ def test_a_homing_ends_when_the_new_zero_has_arrived():
     assert settling([HomingPosition(1000, 1)] * 20) is None, "no new position: it waits for frames"
     assert settling([HomingPosition(1000, 1 + turn // 10) for turn in range(40)]) == 21
     assert settling([None]) == 1, "no position is received"
+
+
+@pytest.mark.parametrize(("offset", "updates"), [(1000, 5), (-1030, 5), (0, 41)])
+def test_a_position_that_is_not_near_the_home_offset_has_two_seconds_to_change(offset, updates):
+    assert settling([HomingPosition(1000, turn) for turn in range(60)], offset=offset) == updates
+
+
+def test_a_new_zero_that_arrives_after_a_second_ends_the_homing():
+    positions = [HomingPosition(1000 if turn < 20 else 0, turn) for turn in range(60)]
+    assert settling(positions, offset=0) == 25
 
 
 def test_a_position_that_never_settles_is_not_waited_for():

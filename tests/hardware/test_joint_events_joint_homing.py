@@ -142,7 +142,7 @@ def _home(made, method=37):
     return answers[0]
 
 
-@pytest.mark.parametrize(("syncs", "quirks"), [(10, []), (1, ["homing_zero_late"])])
+@pytest.mark.parametrize(("syncs", "quirks"), [(10, []), (1, ["homing_zero_late"]), (1, ["homing_zero_late=1"])])
 def test_an_axis_in_csp_stays_where_it_was_homed_when_the_new_zero_arrives_late(tmp_path, syncs, quirks):
     """With transmission type 10, or in a drive that updates 0x6064 after bit 12."""
     bus = folder(tmp_path, "csp") / "bus.yml"
