@@ -59,8 +59,7 @@ class Desk:
 
 
 @pytest.fixture
-def desk(tmp_path, monkeypatch):
-    use_private_folders(monkeypatch, tmp_path)
+def desk():
     desk = Desk()
     yield desk
     desk.close()

@@ -1,6 +1,10 @@
+import os
+import sys
+
 import pytest
 from support.mockrobot import running
 from support.processes import Stage
+from support.terminal import typed
 
 
 @pytest.fixture
@@ -14,3 +18,16 @@ def stage(private_folders):
     stage = Stage(private_folders, private_folders)
     yield stage
     stage.end()
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    with typed(monkeypatch) as master:
+        yield master
+
+
+@pytest.fixture
+def no_terminal(monkeypatch):
+    with open(os.devnull) as nothing:
+        monkeypatch.setattr(sys, "stdin", nothing)
+        yield

@@ -6,7 +6,6 @@ import json
 from functools import partial
 
 import pytest
-from support.host import use_private_folders
 from support.onbus import TMCM, OnBus
 
 from canopen_control.cli import device, drive
@@ -17,8 +16,7 @@ CAN = "memory:cli-device"
 
 
 @pytest.fixture
-def node(tmp_path, monkeypatch):
-    use_private_folders(monkeypatch, tmp_path)
+def node():
     with OnBus(CAN, {5: "generic_cia401.eds", 6: TMCM}) as devices:
         controls = [devices.call(partial(NodeControl, devices._host, item)) for item in devices.nodes.values()]
         yield devices.nodes[5]

@@ -33,13 +33,6 @@ def bench(private_folders):
         yield bench
 
 
-@pytest.fixture
-def no_terminal(monkeypatch):
-    with open(os.devnull) as nothing:
-        monkeypatch.setattr(sys, "stdin", nothing)
-        yield
-
-
 # -- it turns
 
 

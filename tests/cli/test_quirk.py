@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 
 import pytest
-from support.host import use_private_folders
 from support.virtualbench import served, servo
 
 from canopen_control.cli.main import main
@@ -15,8 +14,7 @@ CAN = "memory:cli-quirk"
 
 
 @pytest.fixture
-def node(tmp_path, monkeypatch):
-    use_private_folders(monkeypatch, tmp_path)
+def node():
     device = servo(5)
     with served(CAN, device):
         yield device

@@ -3,7 +3,6 @@ import threading
 from types import SimpleNamespace
 
 import pytest
-from support.host import use_private_folders
 
 from canopen_control.cli import status
 from canopen_control.cli.status import request_plain
@@ -15,9 +14,8 @@ HELLO = {"hello": {"protocol": PROTOCOL, "robot": "fake"}}
 
 
 @pytest.fixture
-def answer(tmp_path, monkeypatch):
+def answer():
     """Make a robot that greets with the first line and answers a request with the others; None closes."""
-    use_private_folders(monkeypatch, tmp_path)
     listener = listen(socket_path("robot", "fake"))
     listener.setblocking(True)
     requests, threads = [], []

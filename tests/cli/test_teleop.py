@@ -6,7 +6,7 @@ import pytest
 from support.host import eventually
 from support.mockrobot import running
 from support.suspension import suspend_after
-from support.terminal import in_background, typed
+from support.terminal import in_background
 
 from canopen_control.cli.main import main
 from canopen_control.cli.teleop import ZEROS, Sender, choose, sides
@@ -17,12 +17,6 @@ from canopen_control.rpc.messages.state import ControllerReading
 
 BASE, FORWARD = "robby_base_controller", "robby_forward_controller"
 MS = 1_000_000
-
-
-@pytest.fixture
-def terminal(monkeypatch):
-    with typed(monkeypatch) as master:
-        yield master
 
 
 def commands(robot):

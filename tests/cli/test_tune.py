@@ -1,9 +1,7 @@
 import cmath
 import json
 import math
-import os
 import signal
-import sys
 
 import pytest
 from support.jogbench import jog_bench
@@ -24,13 +22,6 @@ TRUE_PLANT = PlantModel(INERTIA, VISCOUS, COULOMB, 0.0, 0.0, 1.0)  # of the moto
 def bench(private_folders):
     with jog_bench(channel="memory:tune", plant=lambda _axis: loaded()) as bench:
         yield bench
-
-
-@pytest.fixture
-def no_terminal(monkeypatch):
-    with open(os.devnull) as nothing:
-        monkeypatch.setattr(sys, "stdin", nothing)
-        yield
 
 
 def gains_in(bench):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 
 import pytest
-from support.host import use_private_folders
 from support.virtualbench import served, servo
 
 from canopen_control.cli.main import main
@@ -31,8 +30,7 @@ class Noting(IndependentPlants):
 
 
 @pytest.fixture
-def world(tmp_path, monkeypatch, request):
-    use_private_folders(monkeypatch, tmp_path)
+def world(request):
     created = getattr(request, "param", Noting)()
     with served(CAN, servo(5), created):
         yield created
@@ -89,7 +87,6 @@ def test_without_physics_it_suggests_what_to_do(world, capsys):
     assert "start the robot with --physics" in capsys.readouterr().err
 
 
-def test_without_drives_it_suggests_how_to_start_them(tmp_path, monkeypatch, capsys):
-    use_private_folders(monkeypatch, tmp_path)
+def test_without_drives_it_suggests_how_to_start_them(capsys):
     assert main(["world"]) == 1
     assert "canopen-control run ROBOT --physics" in capsys.readouterr().err

@@ -18,11 +18,6 @@ OD = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 SPEED = (0x6081, 0)
 
 
-@pytest.fixture(autouse=True)
-def _folders(private_folders):
-    """Keep the journals out of the user's folder."""
-
-
 def taken_out(**how):
     session = session_with(OD, robot="robby", **how)
     session.transfers.command(NmtCommand.ENTER_PRE_OPERATIONAL)

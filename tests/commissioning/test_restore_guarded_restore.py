@@ -15,11 +15,6 @@ TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 PRE_OPERATIONAL, START = NmtCommand.ENTER_PRE_OPERATIONAL, NmtCommand.START
 
 
-@pytest.fixture(autouse=True)
-def _folders(private_folders):
-    """Keep the journals out of the user's folder."""
-
-
 def restored(session, file, **options):
     notes = []
     return guarded_restore(session, file, RestoreOptions(**options), note=notes.append), notes

@@ -23,11 +23,6 @@ TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 WANTED = {(0x6081, 0): 91, (0x6083, 0): 92, (0x6084, 0): 93}
 
 
-@pytest.fixture(autouse=True)
-def _folders(private_folders):
-    """Keep the journals out of the user's folder."""
-
-
 def arguments(**changes):
     plain = {"protect": [], "include_protected": False, "keep": False, "store": False}
     plain |= {"any_node": True, "json": False, "can": "can0"}

@@ -1,11 +1,6 @@
 """Checks of NMT, error control and LSS, at our own drive and at one that errs."""
 
-from canopen_control.conformance.run import CHECKS, run_checks
-
-
-def verdict(node, check_id):
-    report = run_checks(node, [check for check in CHECKS if check.id == check_id])
-    return report.results[0].verdict
+from support.verdicts import verdict
 
 
 def test_a_drive_that_keeps_the_clause_passes(bench):

@@ -1,12 +1,8 @@
 """Checks of block transfers, at our own drive and at one that errs."""
 
-from canopen_control.conformance.run import CHECKS, run_checks
+from support.verdicts import verdict
+
 from canopen_control.virtual.quirks import switches_of
-
-
-def verdict(node, check_id):
-    report = run_checks(node, [check for check in CHECKS if check.id == check_id])
-    return report.results[0].verdict
 
 
 def test_a_drive_that_keeps_the_clause_passes(bench):

@@ -6,7 +6,9 @@ import statistics
 from pathlib import Path
 
 import pytest
-from support.guest import LEFT, RIGHT, SYNC, eventually, ip, plant_speed, scaled, seconds_until
+from support.guest import LEFT, RIGHT, SYNC, ip, plant_speed, scaled
+from support.host import eventually
+from support.processes import seconds_until
 
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import GetStatus
@@ -37,10 +39,6 @@ def up(stage, *names):
 def link(name):
     (link,) = json.loads(ip("-json", "-details", "link", "show", name))
     return link["linkinfo"]["info_data"]
-
-
-def at(listener, speed):
-    return all(listener.speed(node_id) == pytest.approx(speed, rel=0.01, abs=0.02) for node_id in NODES)
 
 
 class Robot:
@@ -110,13 +108,13 @@ def test_up_sets_the_bit_rate_and_reports_what_a_card_cannot_do(stage):
 def test_the_wheels_turn_on_real_cards_at_one_megabit(stage, robby, drives, listen):
     hears = listen("can1", 0x280 + LEFT, 0x280 + RIGHT)
     robby = Robot(stage, robby, "swap", "--full-speed")
-    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(10.0), TIMEOUT_S)
     assert robby.status().state == "running"
     taken = stage.call("drive", "--node-id", LEFT, "--eds", "TMCM-1270.eds", "--can", "can0", seconds=60)
     assert taken.wait() == 1
     assert f"node-ID {LEFT} already answers on can0" in taken.err
     assert stage.call("stop", "--name", "swap", seconds=60).wait() == 0
-    assert eventually(lambda: at(hears, 0.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(0.0), TIMEOUT_S)
     robby.end()
     assert link("can0")["bittiming"]["bitrate"] == link("can1")["bittiming"]["bitrate"] == 1_000_000
 
@@ -125,7 +123,7 @@ def test_the_wheels_turn_on_real_cards_at_one_megabit(stage, robby, drives, list
 def test_an_unplugged_card_is_named_stops_the_robot_and_is_found_again(stage, robby, drives, listen, card, mine):
     hears = listen("can1", 0x280 + LEFT, 0x280 + RIGHT)
     robby = Robot(stage, robby, f"pulled-{card}", "--full-speed")
-    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(10.0), TIMEOUT_S)
     device = Path(f"/sys/class/net/{card}/device").resolve().name
     (DRIVER / "unbind").write_text(device)
     if mine:
@@ -145,9 +143,9 @@ def test_an_unplugged_card_is_named_stops_the_robot_and_is_found_again(stage, ro
     up(stage, card)
     assert eventually(lambda: all(robby.ready()), TIMEOUT_S), robby.status()
     hears = listen("can1", 0x280 + LEFT, 0x280 + RIGHT)
-    assert at(hears, 0.0)
+    assert hears.is_at(0.0)
     robby.enable_again()
-    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(10.0), TIMEOUT_S)
     assert robby.commander.running
     robby.end()
 
@@ -155,7 +153,7 @@ def test_an_unplugged_card_is_named_stops_the_robot_and_is_found_again(stage, ro
 def test_the_kernels_sync_goes_over_the_wire_returns_and_leads_the_cycle(stage, robby, drives, listen):
     hears = listen("can1", SYNC, 0x280 + LEFT, 0x280 + RIGHT)
     robby = Robot(stage, robby, "led", "--full-speed", "--kernel-sync")
-    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(10.0), TIMEOUT_S)
     since = len(hears.of(SYNC))
     assert eventually(lambda: len(hears.of(SYNC)) > since + 20, TIMEOUT_S)
     times = [when for when, _ in hears.of(SYNC)][since:]

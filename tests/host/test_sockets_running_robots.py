@@ -1,13 +1,7 @@
 import pytest
-from support.host import use_private_folders
 
 from canopen_control.errors import ConfigError
 from canopen_control.host.sockets import close_listener, find_robots, listen, select_robot, socket_path
-
-
-@pytest.fixture(autouse=True)
-def folders(monkeypatch, tmp_path):
-    use_private_folders(monkeypatch, tmp_path)
 
 
 def test_several_robots_are_named_and_one_must_be_chosen():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 
 import pytest
-from support.host import use_private_folders
 from support.jsonserver import json_server, say
 from support.store import STORE, Changed, Get, Hello, Put, Value
 
@@ -50,8 +49,7 @@ class Scene:
 
 
 @pytest.fixture
-def scene(tmp_path, monkeypatch):
-    use_private_folders(monkeypatch, tmp_path)
+def scene():
     created = Scene()
     yield created
     created.client.close()

@@ -4,7 +4,6 @@ import json
 from types import SimpleNamespace
 
 import pytest
-from support.host import use_private_folders
 from support.store import STORE, Changed, Get, Hello, Put, Value
 
 from canopen_control.errors import ControlError
@@ -57,8 +56,7 @@ class Store:
 
 
 @pytest.fixture
-def store(tmp_path, monkeypatch):
-    use_private_folders(monkeypatch, tmp_path)
+def store():
     created = Store()
     yield created
     created.peer.close()

@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.guest import eventually, ip
+from support.guest import ip
+from support.host import eventually
 
 from canopen_control.bus.can_interfaces import count_hearing
 from canopen_control.bus.channel import open_port

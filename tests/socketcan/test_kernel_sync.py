@@ -10,7 +10,8 @@ import time
 from pathlib import Path
 
 import pytest
-from support.guest import LEFT, RIGHT, SYNC, eventually, ip, plant_speed, scaled
+from support.guest import LEFT, RIGHT, SYNC, ip, plant_speed, scaled
+from support.host import eventually
 
 from canopen_control.bus.kernel_sync import KernelSync
 from canopen_control.client import RobotClient
@@ -113,10 +114,6 @@ def test_it_ends_with_its_process_however_that_ends(vcan, listen, how):
     assert silent(hears, 0.3)
 
 
-def at(listener, speed):
-    return all(listener.speed(node_id) == pytest.approx(speed, rel=0.01, abs=0.02) for node_id in NODES)
-
-
 def phase(hears):
     """How far behind SYNC RPDOs go out, in periods: the middle of the last ones, for a SYNC may come late itself."""
     syncs = [when for when, _ in hears.of(SYNC)]
@@ -129,7 +126,7 @@ def test_a_robot_follows_the_kernels_sync_and_stops_it_at_the_end(stage, robby, 
     robot = stage.start("run", robby, "--as", "led", "--can", vcan, "--kernel-sync")
     robot.until("led runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "led")
-    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(10.0), TIMEOUT_S)
     since = time.time()
     assert eventually(lambda: len(gaps(hears, since)) > 40, TIMEOUT_S)
     assert statistics.median(gaps(hears, since)) == pytest.approx(scaled(0.02), rel=0.02)
@@ -144,7 +141,7 @@ def test_a_robot_follows_the_kernels_sync_and_stops_it_at_the_end(stage, robby, 
         assert status.state == "running"
     assert robot.end() == 0, robot
     assert silent(hears, 0.3)
-    assert at(hears, 0.0)
+    assert hears.is_at(0.0)
 
 
 def test_a_master_that_is_stopped_appears_dead_although_sync_continues_and_one_that_is_killed_stops_it(
@@ -156,7 +153,7 @@ def test_a_master_that_is_stopped_appears_dead_although_sync_continues_and_one_t
     robot = stage.start("run", robby, "--as", "hung", "--can", vcan, "--no-drives", "--kernel-sync")
     robot.until("hung runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "hung")
-    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(10.0), TIMEOUT_S)
     robot.send(signal.SIGSTOP)
     assert eventually(lambda: Path(f"/proc/{robot.pid}/stat").read_text().rpartition(")")[2].split()[0] == "T")
     syncs, beats = len(hears.of(SYNC)), len(hears.of(0x701))

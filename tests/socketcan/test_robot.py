@@ -3,7 +3,9 @@
 import itertools
 
 import pytest
-from support.guest import LEFT, NMT, RIGHT, SYNC, CandumpLine, eventually, ip, scaled, seconds_until
+from support.guest import LEFT, NMT, RIGHT, SYNC, CandumpLine, ip, scaled
+from support.host import eventually
+from support.processes import seconds_until
 
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import GetStatus
@@ -11,10 +13,6 @@ from canopen_control.rpc.messages.robot import GetStatus
 pytestmark = pytest.mark.socketcan
 NODES = (LEFT, RIGHT)
 TIMEOUT_S = scaled(10)
-
-
-def at(listener, speed):
-    return all(listener.speed(node_id) == pytest.approx(speed, rel=0.01, abs=0.02) for node_id in NODES)
 
 
 def steady(listener, node_id, seconds):
@@ -30,9 +28,9 @@ def test_two_drives_and_the_robot_turn_both_wheels_at_ten_rad_per_second(stage, 
     robot = stage.start("run", robby, "--as", "wheels", "--can", vcan, "--for", 8)
     robot.until("wheels runs")
     command = stage.start("command", "robby_forward_controller", 10, 10, "--for", 4, "--name", "wheels")
-    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(10.0), TIMEOUT_S)
     assert command.wait() == 0, command
-    assert eventually(lambda: at(hears, 0.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(0.0), TIMEOUT_S)
     assert robot.wait() == 0, robot
     assert robot.err == ""
     for node_id in NODES:
@@ -51,7 +49,7 @@ def test_the_base_controller_turns_the_wheels_by_a_twist(stage, robby, vcan, lis
     robot = stage.start("run", robby, "--as", "base", "--can", vcan, "--controller", "robby_base_controller")
     robot.until("base runs")
     stage.start("twist", "robby_base_controller", 0.35, 0, "--name", "base")
-    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S), "0.35 m/s on wheels of 0.035 m"
+    assert eventually(lambda: hears.is_at(10.0), TIMEOUT_S), "0.35 m/s on wheels of 0.035 m"
     assert robot.end() == 0, robot
     assert hears.speeds(LEFT)[-1][1] == hears.speeds(RIGHT)[-1][1] == 0.0
 
@@ -64,9 +62,9 @@ def test_the_drives_are_processes_independent_of_the_master(stage, robby, vcan, 
     robot = stage.start("run", robby, "--as", "apart", "--can", vcan, "--no-drives")
     robot.until("apart runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "apart")
-    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(10.0), TIMEOUT_S)
     assert stage.call("stop", "--name", "apart").wait() == 0
-    assert at(hears, 0.0)
+    assert hears.is_at(0.0)
     again = stage.call("drive", "--node-id", LEFT, "--eds", "TMCM-1270.eds", "--can", vcan)
     assert again.wait() == 1
     assert f"node-ID {LEFT} already answers on {vcan}" in again.err
@@ -91,14 +89,14 @@ def test_noise_at_full_rate_does_no_harm(stage, robby, vcan, listen, tool):
     robot = stage.start("run", robby, "--as", "noise", "--can", vcan)
     robot.until("noise runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "noise")
-    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(10.0), TIMEOUT_S)
     before = received(vcan)
     noises = [
         tool("cangen", vcan, "-g", "0", "-i", "-e"),  # any 29-bit identifier, any length
         tool("cangen", vcan, "-g", "0", "-i", "-I", "7AA", "-L", "8"),
     ]
     since = len(hears.frames)
-    assert not eventually(lambda: not at(hears, 10.0), scaled(1.0)), "the wheels do not notice"
+    assert not eventually(lambda: not hears.is_at(10.0), scaled(1.0)), "the wheels do not notice"
     assert all(noise.poll() is None for noise in noises)
     assert received(vcan) - before > 2000  # whatever the speed of the machine: 33 times the robot's own frames
     assert len(hears.frames) - since > 0.5 * 3 * scaled(1.0) / scaled(0.02)
@@ -135,12 +133,12 @@ class Watch:
 
 def moves_again(stage, name, hears):
     """The drives missed the master's heartbeat and stopped by themselves: a fault, which is reset, then enabled."""
-    assert at(hears, 0.0), "although somebody commands 10 rad/s"
+    assert hears.is_at(0.0), "although somebody commands 10 rad/s"
     for action in ("fault-reset", "enable"):
         assert stage.call("axis", action, "all", "--name", name).wait() == 0
-    assert at(hears, 0.0), "a command from before is forgotten"
+    assert hears.is_at(0.0), "a command from before is forgotten"
     stage.start("command", "robby_forward_controller", 10, 10, "--name", name)
-    return eventually(lambda: at(hears, 10.0), TIMEOUT_S)
+    return eventually(lambda: hears.is_at(10.0), TIMEOUT_S)
 
 
 def test_an_interface_that_goes_down_stops_the_robot_and_up_brings_it_back(stage, robby, vcan, listen):
@@ -148,7 +146,7 @@ def test_an_interface_that_goes_down_stops_the_robot_and_up_brings_it_back(stage
     robot = stage.start("run", robby, "--as", "downs", "--can", vcan)
     robot.until("downs runs")
     command = stage.start("command", "robby_forward_controller", 10, 10, "--name", "downs")
-    assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
+    assert eventually(lambda: hears.is_at(10.0), TIMEOUT_S)
     with RobotClient.connect("downs") as client:
         watch = Watch(client)
         ip("link", "set", vcan, "down")

@@ -11,18 +11,12 @@ import subprocess
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from support.host import TIME_SCALE
 from support.robots import copy_robby
 
 from canopen_control.client.drive_client import DriveClient
 from canopen_control.rpc.messages.drive import GetDriveState
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-TIME_SCALE = float(os.environ.get("CANOPEN_CONTROL_TIME_SCALE", "1"))
-"""By how much the times of robby's files and of the tests are longer than on a fast machine."""
 
 GUEST = os.environ.get("CANOPEN_CONTROL_GUEST", "")
 """Which guest this is, empty outside of any."""
@@ -42,23 +36,6 @@ _TIMESPEC = struct.Struct("@ll")
 def scaled(seconds: float) -> float:
     """Return a time of a fast machine as it is here."""
     return seconds * TIME_SCALE
-
-
-def eventually(condition: Callable[[], bool], seconds: float = 10.0) -> bool:
-    """Wait for another process; looks rarely, since looking itself is work for a slow machine's only processor."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(scaled(0.01))
-    return True
-
-
-def seconds_until(condition: Callable[[], bool], limit: float) -> float:
-    """Wait until `condition` and return how long it took; fail after `limit` seconds."""
-    begin = time.monotonic()
-    assert eventually(condition, limit), f"not within {limit} s"
-    return time.monotonic() - begin
 
 
 def scaled_robby(folder: Path, scale: float = TIME_SCALE) -> Path:
@@ -141,6 +118,10 @@ class RawListener:
     def speeds(self, node_id: int) -> list[tuple[float, float]]:
         """Return (seconds, rad/s at the wheel) as received in robby's second TPDO: position, velocity."""
         return [(when, RAD[node_id] * struct.unpack_from("<i", data, 4)[0]) for when, data in self.of(0x280 + node_id)]
+
+    def is_at(self, speed: float) -> bool:
+        """Whether both wheels turn at a speed in rad/s, by the newest of them."""
+        return all(abs(self.speed(node_id) - speed) <= max(0.02, 0.01 * abs(speed)) for node_id in (LEFT, RIGHT))
 
     def speed(self, node_id: int) -> float:
         """Return the newest of them, 0 before any."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 
-from support.guest import TIME_SCALE, scaled_robby
+from support.guest import scaled_robby
+from support.host import TIME_SCALE
 from support.observers import Observer
 from support.robots import LEFT, MS, RIGHT, Bench
 

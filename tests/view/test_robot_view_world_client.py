@@ -1,6 +1,5 @@
 import pytest
 from support.fake_client import FakeClient
-from support.host import use_private_folders
 from support.virtualbench import served, servo
 
 from canopen_control.errors import ConfigError, RemoteError
@@ -26,15 +25,9 @@ class Noting(IndependentPlants):
         self.acts.append(what)
 
 
-@pytest.fixture
-def served_in(tmp_path, monkeypatch):
-    use_private_folders(monkeypatch, tmp_path)
-    return lambda world: served(CAN, servo(5), world)
-
-
-def test_what_is_asked_for_happens_in_the_world_of_the_drives(served_in):
+def test_what_is_asked_for_happens_in_the_world_of_the_drives():
     world = Noting()
-    with served_in(world):
+    with served(CAN, servo(5), world):
         client = WorldClient("robby", VirtualDrives(NODES))
         assert client.changeable()
         client.act(AddPayload(mass=3.0))
@@ -43,8 +36,8 @@ def test_what_is_asked_for_happens_in_the_world_of_the_drives(served_in):
     assert world.acts == [AddPayload(mass=3.0)]
 
 
-def test_without_physics_nothing_can_be_asked_for(served_in):
-    with served_in(IndependentPlants()):
+def test_without_physics_nothing_can_be_asked_for():
+    with served(CAN, servo(5), IndependentPlants()):
         assert not WorldClient("robby", VirtualDrives(NODES)).changeable()
         with pytest.raises(RemoteError, match="not in a physics simulation"):
             WorldClient("robby", VirtualDrives(NODES)).act(AddPayload(mass=3.0))
@@ -62,6 +55,5 @@ def test_a_robot_without_drives_is_asked_itself_and_reports_of_it(monkeypatch, c
     assert [item for item in robot.asked if not isinstance(item, GetSimulation)] == [AddPayload(mass=3.0)]
 
 
-def test_a_robot_that_is_gone_is_in_no_world(tmp_path, monkeypatch):
-    use_private_folders(monkeypatch, tmp_path)
+def test_a_robot_that_is_gone_is_in_no_world():
     assert not WorldClient("diffbot", VirtualDrives(())).changeable()

@@ -15,11 +15,6 @@ from canopen_control.od.eds import read_eds
 TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 
 
-@pytest.fixture(autouse=True)
-def _folders(private_folders):
-    """Keep the journals out of the user's folder."""
-
-
 def arguments(*words):
     return parser_of("restore").parse_args(["5", "left.dcf", *words])
 

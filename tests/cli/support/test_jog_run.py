@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import pytest
 from support.fake_client import FakeClient
-from support.terminal import typed
 
 from canopen_control.cli.support import jog_run
 from canopen_control.cli.support.jog_run import JogRun, Keyboard, reset_fault
@@ -16,12 +15,6 @@ from canopen_control.commissioning.quantity import JogScale
 from canopen_control.errors import ControlError, RemoteError
 from canopen_control.rpc.messages.robot import CommandController, GetStatus
 from canopen_control.rpc.messages.state import AxisReading
-
-
-@pytest.fixture
-def terminal(monkeypatch):
-    with typed(monkeypatch) as master:
-        yield master
 
 
 def modes():

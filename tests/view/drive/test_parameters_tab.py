@@ -21,11 +21,6 @@ OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 SPEED = (0x6081, 0)
 
 
-@pytest.fixture(autouse=True)
-def _folders(private_folders):
-    """Keep the journals out of the user's folder."""
-
-
 def desk_of(node_id=3, name="left_drive"):
     device = session_with(OD, node_id)
     device.transfers.command(NmtCommand.ENTER_PRE_OPERATIONAL)
