@@ -127,10 +127,11 @@ def _sizes(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _size(name: str, config: ControllerConfig, key: str, used: float, urdf: float | None) -> Iterator[Finding]:
-    line = config.params.line(key)
-    if not line and not config.ros1 and key in _DIFF_DRIVE:
-        text = f"{name}: {key} is missing, which ROS 2 refuses; here the description's {used:g} m is used"
-        yield Finding(config.path, config.line, Severity.WARNING, text, f"write {key}: {used:g}")
+    line, node = config.params.line(key), config.params.flat.get(key)
+    absent = "missing" if node is None else "0" if node.value == 0 else ""
+    if absent and not config.ros1 and key in _DIFF_DRIVE:
+        text = f"{name}: {key} is {absent}, which ROS 2 refuses; here the description's {used:g} m is used"
+        yield Finding(config.path, line or config.line, Severity.WARNING, text, f"write {key}: {used:g}")
     elif line and urdf is not None and abs(used - urdf) > SAME * urdf:
         text = f"{name}: {key} is {used:g} m, the description's wheels have {urdf:g} m"
         yield Finding(config.path, line, Severity.WARNING, text, "measure the robot and correct the one that is wrong")
@@ -218,6 +219,7 @@ LEGAL_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _PLACED: Final = re.compile(r"(?P<path>[^\s:][^:]*):(?P<line>\d+)(?::(?P<column>\d+))?: (?P<text>.+)")
 _TRANSLATED: Final = (" is read as ", " has no effect")
 """Phrases in warnings about keys of other ROS distributions, which become notes."""
+_ENDINGS: Final = (".yaml", ".yml", ".urdf", ".xacro")
 _COUNT: Final = re.compile(r"\d+ errors")
 
 
@@ -270,13 +272,13 @@ def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator
             column = int(placed["column"] or 0)
             yield Finding(placed["path"], int(placed["line"]), severity, placed["text"], column=column)
         elif row.strip() and not row.startswith("    ") and not _COUNT.fullmatch(row):
-            yield Finding(path, line, severity, _unplaced(row, path))
-
-
-def _unplaced(text: str, path: str) -> str:
-    """Remove the leading path of an error text if it is the path of the finding."""
-    head, colon, rest = text.partition(": ")
-    return rest if colon and Path(head).resolve() == Path(path).resolve() else text
+            file, colon, rest = row.partition(": ")
+            if colon and Path(file).resolve() == Path(path).resolve():
+                yield Finding(path, line, severity, rest)
+            elif colon and file.endswith(_ENDINGS) and Path(file).is_file():
+                yield Finding(file, 0, severity, rest)
+            else:
+                yield Finding(path, line, severity, row)
 
 
 # ------------------------------------------------------------------------------------------------------- controllers
@@ -554,6 +556,18 @@ _MISSPELT: Final = 0.9
 # ------------------------------------------------------------------------------------------------------------- rates
 
 
+def _controller_rates(robot: CheckedRobot) -> Iterator[Finding]:
+    """Find controllers whose own update_rate is above that of the controller manager (ros2_control warns too)."""
+    control = robot.control
+    for name, config in () if control is None else control.controllers.items():
+        key, node = config.params.flat.keys().get("update_rate"), config.params.flat.get("update_rate")
+        rate = 0 if node is None or type(node.value) is not int else node.value
+        if control is not None and key is not None and rate > control.update_rate:
+            text = f"{name}: update_rate {rate} Hz is above that of the controller manager, {control.update_rate} Hz"
+            fix = "remove it, or raise the manager's: a controller runs at most at that rate"
+            yield Finding(key.path, key.line, Severity.WARNING, text, fix)
+
+
 def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
     bus, control = robot.bus, robot.control
     if bus is None or control is None:
@@ -659,6 +673,7 @@ RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
     _joints,
     _devices,
     _update_rate,
+    _controller_rates,
     _publish_rates,
     _timeouts,
 )

@@ -140,7 +140,6 @@ _INITIAL_STATES: Final = frozenset(
     {"hardware_components_initial_state.unconfigured", "hardware_components_initial_state.inactive"}
 )
 _MANAGERS_OWN: Final = frozenset({"type", "params_file", "fallback_controllers", "node_options_args"})
-_MANAGER_KEYS: Final = frozenset({"update_rate", "use_sim_time"})
 FOREIGN: Final = {
     "gazebo_ros_control": "the simulated motors have their own control loops",
     "hardware_interface": "the joints are taken from the description",
@@ -211,15 +210,17 @@ def read_controllers(
         elif not source.controllers:
             _collect(roots[str(source.path)], blocks)
     empty = _Block(root, like(root))
+    _warn_of_layouts(blocks)
     everywhere = _everywhere(blocks, root)
     blocks.pop(EVERYWHERE, empty)
     manager_block = blocks.pop(MANAGER_SECTION, empty)
     common = dataclasses.replace(everywhere, values=_common(everywhere.values))
     flat = common.merged(MANAGER_SECTION, manager_block.value)
-    declared, manager = _manager(flat, root)
+    declared, untyped, manager = _manager(flat, root)
     spawned = _of_spawners([source for source in sources if source.controllers], roots)
+    blocks = {name: block for name, block in blocks.items() if name not in untyped or block.value.get("type")}
     controllers = _controllers(declared, blocks, everywhere, manager_block.namespace, spawned)
-    if not controllers:
+    if not controllers and not any(node.problems.errors for node in roots.values()):
         manager_block.key.error("no controller has a type; give types under controller_manager: <name>: type: ...")
     files = {id(node.problems): node.problems for node in (*roots.values(), *flat.keys().values())}
     raise_all(files.values(), RobotConfigError)
@@ -269,7 +270,7 @@ def _roots(
             at = Node("scalar", line, 1, "", root.problems)
             root.problems.warning(at, f"{variable} has no value; give it with --launch FILE NAME:=VALUE")
         if root.kind != "mapping":
-            root.error("expected a mapping of controllers")
+            errors.append(str(root.problems.at(root.line, root.column, "", "expected a mapping of controllers")))
     if errors:
         raise RobotConfigError("\n".join(errors))
     return roots
@@ -316,9 +317,11 @@ def _everywhere(blocks: Mapping[str, _Block], place: Node) -> _Everywhere:
 
 
 def _common(everywhere: Node) -> Node:
-    """Return the keys of a `/**` block that are also parameters of the controller manager."""
-    pairs = {name: (key, value) for name, (key, value) in _pairs(everywhere).items() if name in _MANAGER_KEYS}
-    return Node.mapping(like(everywhere), pairs)
+    """Return the keys of a `/**` block that are also parameters of the controller manager, such as NAME.type."""
+    pairs = _pairs(everywhere)
+    typed = {name for name in pairs if name.endswith(".type") and "/" in pairs[name][1].text}
+    names = {f"{name.removesuffix('.type')}.{key}" for name in typed for key in _MANAGERS_OWN}
+    return Node.mapping(like(everywhere), {name: pairs[name] for name in pairs if name in MANAGER_PARAMETERS | names})
 
 
 def _pairs(node: Node) -> dict[str, tuple[Node, Node]]:
@@ -329,9 +332,11 @@ def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None
     """Collect the parameter blocks of all layouts by controller name; warn about blocks without a controller."""
     for key, value in node.pairs():
         above, _, name = key.text.rstrip("/").rpartition("/")
-        inner = value.get(PARAMETERS)
+        inner = value.get(PARAMETERS) or _misspelt_parameters(value)
         space = f"{namespace}/{above.strip('/')}".rstrip("/")
-        if inner is not None:
+        if inner is not None and inner.kind not in ("mapping", "null"):
+            inner.error("expected the parameters of a node")
+        elif inner is not None:
             _add(blocks, EVERYWHERE if name in _WILDCARDS else name, _Block(key, inner, space))
             _collect(_nested(value), blocks, f"{space}/{name}")
         elif key.text in FOREIGN:
@@ -342,6 +347,24 @@ def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None
             _add(blocks, name, _Block(key, value, space, ros1=True))
         else:
             key.problems.deviation(key, f"{key.text!r} does not belong to a controller; indent it under a controller")
+
+
+def _misspelt_parameters(block: Node) -> Node | None:
+    """Return the parameters below a misspelt `ros__parameters`, with an error at the key; None if there are none."""
+    for key, value in block.pairs():
+        name = key.text.lower()
+        if name.startswith("ros") and (hint := nearest(name, [PARAMETERS], listed=False)):
+            key.error(f"unknown key {key.text!r}{hint}")
+            return value
+    return None
+
+
+def _warn_of_layouts(blocks: Mapping[str, _Block]) -> None:
+    """Warn about blocks without `ros__parameters` in a file with it: rcl refuses the file."""
+    of_ros2 = {id(block.key.problems) for block in blocks.values() if not block.ros1}
+    for block in blocks.values():
+        if block.ros1 and id(block.key.problems) in of_ros2:
+            block.key.warning(f"no {PARAMETERS} (ROS 1), so ROS 2 refuses the file; indent its keys below {PARAMETERS}")
 
 
 def _nested(node: Node) -> Node:
@@ -369,11 +392,17 @@ def _is_namespace(name: str, value: Node) -> bool:
 
 def _add(blocks: dict[str, _Block], name: str, block: _Block) -> None:
     previous, values = blocks.get(name), flattened(block.value)
+    for key, value in () if block.ros1 else values.pairs():
+        known = name != MANAGER_SECTION or key.text in MANAGER_PARAMETERS
+        if value.kind == "null" and known:
+            key.warning(
+                "no value, so the default applies, while ROS 2 refuses the file; give a value or remove the key"
+            )
     blocks[name] = dataclasses.replace(block, value=values.merged_over(previous.value) if previous else values)
 
 
-def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParams]:
-    """Return the controllers declared in the manager's block, and the parameters of the manager."""
+def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], frozenset[str], ManagerParams]:
+    """Return the controllers declared in the manager's block, those without a type, and the manager's parameters."""
     parameters: dict[str, tuple[Node, Node]] = {}
     pairs = _pairs(flat)
     declared: dict[str, _Declared] = {}
@@ -389,10 +418,26 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParam
         foreign = dotted.startswith((*_IGNORED, *(f"{name}." for name in declared)))
         if dotted in _INITIAL_STATES or not foreign:
             parameters[dotted] = pair
+    untyped = _untyped(parameters)
     params = Node.mapping(like(root), parameters)
     manager = convert(params, ManagerParams, ManagerParams())
     warn_ineffective(params, manager)
-    return declared, manager
+    return declared, frozenset(untyped), manager
+
+
+def _untyped(parameters: dict[str, tuple[Node, Node]]) -> set[str]:
+    """Remove the parameters of controllers without a type from those of the manager, with one warning for each."""
+    names = dict[str, tuple[Node, str]]()
+    for dotted, (key, value) in list(parameters.items()):
+        name, _, rest = dotted.partition(".")
+        is_controller = bool(rest) if value.kind != "null" else not nearest(dotted, MANAGER_PARAMETERS, listed=False)
+        if is_controller and name not in MANAGER_PARAMETERS and dotted not in MANAGER_PARAMETERS:
+            names.setdefault(name, (key, rest))
+            del parameters[dotted]
+    for name, (key, rest) in names.items():
+        hint = nearest(rest.lower(), ["type"], listed=False) or f"; give {name}: type: PACKAGE/CLASS"
+        key.problems.deviation(key, f"{name!r} has no type, so it is not loaded{hint}")
+    return set(names)
 
 
 def _texts(pairs: Mapping[str, tuple[Node, Node]], name: str) -> tuple[tuple[Node, str], ...]:
@@ -448,6 +493,9 @@ def _controllers(
     for name, entry in declared.items():
         block = blocks.get(name, _Block(entry.key, like(entry.further), namespace))
         values = everywhere.merged(name, block.value.merged_over(entry.further))
+        own = block.value.get("type")
+        if own is not None and own.text != entry.type:
+            own.warning(f"the type of {name} is {entry.type!r}, given at {entry.key.path}:{entry.key.line}")
         for place, text in entry.files:
             values = from_file(place, text, name).merged_over(values)
         values = spawned[name].merged_over(values) if name in spawned else values

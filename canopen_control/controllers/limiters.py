@@ -66,9 +66,9 @@ def _or(value: float, default: float) -> float:
 
 def slow_stop(name: str, seconds: float, key: str) -> str | None:
     """Return a warning about a deceleration limit with which a stop takes too long, or None up to `LONGEST_STOP_S`."""
-    if seconds <= LONGEST_STOP_S:
+    if seconds <= LONGEST_STOP_S or math.isinf(seconds):  # an infinite velocity limit is none
         return None
-    return f"{name} needs {seconds:.0f} s to stop from its velocity limit; raise the magnitude of {key}"
+    return f"{name} needs {round(seconds):.6g} s to stop from its velocity limit; raise the magnitude of {key}"
 
 
 class RateLaw:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar
 
 from canopen_control.controllers.pid import AntiWindup, Gains
-from canopen_control.errors import RobotConfigError
+from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 from canopen_control.yamlfile.convert import convert, derived, keys_of, section, setting
 from canopen_control.yamlfile.node import Node, Problems, raising
@@ -87,11 +87,31 @@ class Params:
             for number, name in enumerate(names)
         ]
         made = dataclasses.make_dataclass(cls.__name__, fields, bases=(cls,), frozen=True)
-        value: Any = self.read(made, renames, judge)
+        known = self._of_known(names, [key for key, _ in sections.values()])
+        value: Any = known.read(made, renames, judge)
+        self.source, self.known = known.source, known.known
         gathered = {
             field: tuple(getattr(value, f"{field}_{number}") for number in range(len(names))) for field in sections
         }
         return typing.cast("T", dataclasses.replace(value, **gathered))
+
+    def _of_known(self, names: Collection[str], keys: Sequence[str]) -> Params:
+        """Return a copy without the sections of other names, such as `gains.OTHER`; warn once for each such name.
+
+        Without any name, because their list has an error, there is no warning.
+        """
+        pairs = {key.text: (key, value) for key, value in self.flat.pairs()}
+        for above in [key.removesuffix("{}") for key in keys if len(key) > len("{}")]:
+            strangers = dict[str, Node]()
+            for dotted in [dotted for dotted in pairs if dotted.startswith(above)]:
+                name, inner, _ = dotted.removeprefix(above).rpartition(".")
+                if inner and name not in names:
+                    strangers.setdefault(name, pairs.pop(dotted)[0])
+            for name, key in strangers.items() if names else ():
+                key.warning(
+                    f"no effect, since {name!r} is not one of {', '.join(names)}{nearest(name, names, listed=False)}"
+                )
+        return Params(Node.mapping(like(self.flat), pairs), self.name, self.shared)
 
     def names(self, *keys: str) -> tuple[str, ...]:
         """Return the distinct texts in the list parameters `keys`, before they are read."""

@@ -226,7 +226,7 @@ def _number_hint(node: Node) -> str:
     if re.fullmatch(r"[-+]?[\d.]+,\d+", plain):
         return "; write a decimal point, and no separator between thousands"
     if _NUMBER.fullmatch(text):  # where an integer is expected
-        return f"; write {float(text):.0f}" if float(text).is_integer() else ""
+        return f"; write {float(text):.0f}" if abs(float(text)) < 1e15 and float(text).is_integer() else ""
     if unit := _WITH_UNIT.fullmatch(plain):
         return f"; write the number without its unit, such as {unit[1]}"
     return ""

@@ -176,6 +176,7 @@ _HINTS: Final = {
     "could not find expected ':'": "a key ends with a colon and a space; put a text of several lines in quotes",
     "found undefined alias": "put a text that begins with * in quotes",
     "found unexpected end of stream": "close the quotes",
+    "but found another document": "remove the line ---, or the second part of the file",
     r"expected ',' or '[\]}]'": "separate the entries with commas, and close the bracket",
 }
 #: Lines that git writes around two versions of some lines that it could not merge

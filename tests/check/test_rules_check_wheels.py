@@ -5,6 +5,9 @@ import re
 import pytest
 from support.configs import BASES, changed, found, line_of
 
+from canopen_control.check.checker import CheckOptions, check_robot
+from canopen_control.od.issues import Severity
+
 
 @pytest.mark.parametrize("name", BASES)
 def test_a_jerk_limit_of_zero(name, tmp_path):
@@ -101,6 +104,17 @@ def test_a_wheel_size_that_is_missing(name, tmp_path):
         rf"here the description's {value.strip()} m is used; write wheel_radius: {value.strip()}",
         text,
     )
+
+
+@pytest.mark.parametrize("key", ["wheel_radius", "wheel_separation"])
+def test_a_wheel_size_of_0_is_that_of_the_description_with_a_warning(key, tmp_path):
+    value = {"wheel_radius": "0.035", "wheel_separation": "0.24"}[key]
+    files = changed(tmp_path, "robby", controllers={f"{key}: {value}": f"{key}: 0.0"})
+    line = line_of(files, "controllers", key)
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line}: warning: robby_base_controller: {key} is 0, which "
+        f"ROS 2 refuses; here the description's {value} m is used; write {key}: {value}"
+    ]
 
 
 def test_a_wheel_size_that_is_unknown_is_an_error(tmp_path):
@@ -205,3 +219,25 @@ def test_a_deceleration_with_which_a_stop_takes_long_is_a_warning_with_its_line(
     (text,) = [item for item in found(files) if "s to stop" in item]
     assert f"ros2_controllers.yaml:{line}: warning: robby_base_controller: linear.x needs " in text
     assert text.endswith("raise the magnitude of linear.x.max_deceleration_reverse")
+
+
+def test_an_infinite_velocity_limit_is_none(tmp_path):
+    place = "    linear.x.max_velocity: 1.0"
+    files = changed(tmp_path, "robby", controllers={place: "    linear.x.max_velocity: .inf"})
+    assert found(files) == []
+
+
+def test_a_controller_faster_than_the_manager_is_a_warning_with_its_line(tmp_path):
+    place = "    open_loop: false"
+    files = changed(tmp_path, "robby", controllers={place: f"    update_rate: 100\n{place}"})
+    line = line_of(files, "controllers", "update_rate: 100")
+    (text,) = found(files)
+    assert f"ros2_controllers.yaml:{line}: warning: robby_base_controller: update_rate 100 Hz is above" in text
+
+
+def test_an_error_without_a_line_names_its_own_file(tmp_path):
+    files = changed(tmp_path, "robby")
+    text = files.controllers.read_text()
+    files.controllers.write_text(text[: text.index("    robby_forward_controller")])
+    (finding,) = (item for item in check_robot(files, CheckOptions()).findings if item.severity is Severity.ERROR)
+    assert (finding.path, finding.text[:26]) == (str(files.controllers), "it has only broadcasters, ")

@@ -414,3 +414,55 @@ def test_of_the_blocks_for_one_node_and_for_all_the_later_has_precedence(file, f
     control = file("".join(blocks[name] for name in sorted(blocks, key=lambda name: name != first)))
     assert control.update_rate == rate
     assert control.controllers["c"].params.flat.value["command_timeout"] == rate / 10
+
+
+TYPED = "controller_manager: {ros__parameters: {c: {type: a/B}}}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        (TYPED + "c: {ros_parameters: {k: 1}}\n", "2:5: c.ros_parameters: unknown key 'ros_parameters'"),
+        (
+            "controller_manager: {ROS__Parameters: {c: {type: a/B}}}\n",
+            "1:22: controller_manager.ROS__Parameters: unknown",
+        ),
+        (TYPED + "c: {ros__parameters: 5}\n", "2:22: c.ros__parameters: expected the parameters of a node"),
+        (
+            "controller_manager: {ros__parameters: [a]}\n",
+            "1:39: controller_manager.ros__parameters: expected the param",
+        ),
+        ("- a\n", "1:1: expected a mapping of controllers"),
+    ],
+)
+def test_a_block_without_parameters_is_one_error(file, text, place):
+    with pytest.raises(RobotConfigError) as caught:
+        file(text)
+    assert f"c.yaml:{place}" in str(caught.value)
+    assert "errors" not in str(caught.value)
+
+
+def test_the_manager_may_be_in_the_block_for_all_nodes(file):
+    read = file(
+        "/**:\n  ros__parameters:\n    update_rate: 20\n    c: {type: a/B}\n    filter: {type: low}\n    k: 1\n"
+    )
+    assert (read.update_rate, [*read.controllers], read.warnings) == (20, ["c"], [])
+    assert read.controllers["c"].params.flat.value["k"] == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "warning"),
+    [
+        (
+            "controller_manager: {ros__parameters: {c: {type: a/B}, d: {typ: a/B}}}\n",
+            "no type, so it is not loaded (did you",
+        ),
+        ("controller_manager: {ros__parameters: {c: {type: a/B}, d: }}\n", "not loaded; give d: type: PACKAGE/CLASS"),
+        (TYPED + "d: {k: 1, type: a/B}\n", "2:1: d: no ros__parameters (ROS 1), so ROS 2 refuses the file"),
+        (TYPED + "c: {ros__parameters: {k: }}\n", "2:23: c.ros__parameters.k: no value, so the default applies"),
+        (TYPED + "c: {ros__parameters: {type: a/C}}\n", "the type of c is 'a/B', given at"),
+    ],
+)
+def test_what_ros_2_would_not_read_so_is_one_warning(file, text, warning):
+    (found,) = file(text + "d: {ros__parameters: {k: 1}}\n" if "no type" in warning else text).warnings
+    assert warning in found

@@ -183,7 +183,7 @@ def test_all_that_cannot_be_is_reported_at_once_and_where_it_stands():
 def test_unread_entries_are_reported(key):
     params = Params.of({**MIN, key: 1.0})
     read_params(params, "arm")
-    assert any(repr(key) in text for text in params.warnings)
+    assert any(f": {key}: " in text for text in params.warnings)
 
 
 def test_limits_of_the_point_limiter_are_those_given_else_of_the_description():
@@ -208,3 +208,14 @@ def test_limits_of_the_point_limiter_are_those_given_else_of_the_description():
 def test_an_unknown_limiter_is_refused_with_those_there_are():
     with pytest.raises(ConfigError, match=POINT_LIMITER):
         read(joint_limiter_type="joint_limits/Magic")
+
+
+def test_sections_of_a_joint_that_is_not_listed_are_one_warning_for_each_joint():
+    strange = {"constraints": {"d": {"goal": 1.0, "trajectory": 1.0}}, "gains": {"d": {"p": 1.0}}}
+    params = Params.of({**MIN, **strange})
+    read_params(params, "arm")
+    assert [text.partition(": no effect")[2][:24] for text in params.warnings] == [", since 'd' is not one o"] * 2
+    without = Params.of({**MIN, **strange, "joints": []})
+    with pytest.raises(RobotConfigError, match="no 'joints'"):
+        read_params(without, "arm")
+    assert without.warnings == []
