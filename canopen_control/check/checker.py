@@ -23,6 +23,7 @@ from canopen_control.master.config import inspect_bus
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.default_description import default_warnings, unmoved_drives
+from canopen_control.runtime.robot_files import unread_buses
 from canopen_control.runtime.setup import clashes_of, plans_of, read_robot
 from canopen_control.runtime.sync_choice import SyncSender
 from canopen_control.urdf.description import read_description
@@ -117,6 +118,9 @@ class _Checker:
     def run(self) -> None:
         for name, path in self._files.buses.items():
             self._read_bus(name, path)
+        for path, name in unread_buses(self._files).items():
+            text = f"this file has nodes, but is not read; for a second bus, call it {name}"
+            self.findings.append(Finding(str(path), 0, Severity.NOTE, text))
         self.findings += [_placed(text, self._files.description) for text in clashes_of(self._valid_buses)]
         alone = self._files.bus_alone
         control, description = (None, None) if alone else (self._read_controllers(), self._read_description())
@@ -158,7 +162,8 @@ class _Checker:
         self.findings += [_of_problem(problem, Severity.ERROR) for problem in problems.errors]
         self.findings += [_of_problem(problem, Severity.WARNING) for problem in problems.warnings]
         for note in config.notes[len(problems.warnings) :]:
-            self.findings.append(Finding(config.path, 0, Severity.NOTE, note.removeprefix(f"{config.path}: ")))
+            line = config.note_lines.get(note, 0)
+            self.findings.append(Finding(config.path, line, Severity.NOTE, note.removeprefix(f"{config.path}: ")))
         for text in config.substitutes:
             self.findings.append(Finding(config.path, 0, Severity.NOTE, text.removeprefix(f"{config.path}: ")))
         self.findings += _of_eds(config)

@@ -6,8 +6,9 @@ the complete file.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.od.issues import Severity
 from canopen_control.urdf.robot_model import WheelGeometry
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.description import UrdfDescription
 
 
+_NUMBERS: Final = re.compile(r"(\d+)")
 _ORDER = (Severity.ERROR, Severity.WARNING, Severity.NOTE)
 
 
@@ -47,7 +49,13 @@ class Finding:
 def sorted_findings(findings: list[Finding]) -> list[Finding]:
     """Return the findings sorted by file and line, without duplicates; the most severe of a line comes first."""
     once = dict.fromkeys(findings)
-    return sorted(once, key=lambda finding: (finding.path, finding.line, _ORDER.index(finding.severity), finding.text))
+    return sorted(once, key=_order)
+
+
+def _order(finding: Finding) -> tuple[str, int, int, list[tuple[int, str]]]:
+    """Return the sort key of a finding; numbers in the text count as numbers, so that RPDO 2 precedes RPDO 10."""
+    parts = [(int(part), "") if part.isdecimal() else (0, part) for part in _NUMBERS.split(finding.text)]
+    return finding.path, finding.line, _ORDER.index(finding.severity), parts
 
 
 @dataclass

@@ -152,6 +152,7 @@ class BusConfig:
     The dictionary of a device with several motors in one object set is the view of its axes. `period_line` is the line
     of sync_period, 0 without that key; `sections` maps each node name to its YAML node, `unreadable` each
     node with errors in its keys to its node-ID, 0 if unknown. `substitutes` are sentences about bundled files in use.
+    `note_lines` are the lines of the keys in `notes`.
     """
 
     path: str
@@ -167,6 +168,7 @@ class BusConfig:
     sections: dict[str, Node] = field(default_factory=dict, repr=False)
     unreadable: dict[str, int] = field(default_factory=dict)
     substitutes: tuple[str, ...] = ()
+    note_lines: dict[str, int] = field(default_factory=dict)
 
     def place(self, name: str, key: str) -> Node:
         """Return the YAML node of a node's dotted key, such as `rpdo.1.mapping`, or of the nearest parent key."""
@@ -204,7 +206,7 @@ class _Reader:
         options = root.get("options")
         self._options = FileOptions() if options is None else self._read_options(options)
         self._sources = Sources(path.parent, self._options.dcf_path)
-        self._unused: dict[str, str] = {}
+        self._unused: dict[str, tuple[str, int]] = {}
         self._unreadable: dict[str, int] = {}
         self._remarks: list[str] = []
         self._doubled: set[str] = set()  # nodes with the id of another node, so that their COB-IDs are not checked
@@ -223,6 +225,7 @@ class _Reader:
         self._check_cob_ids(nodes, plans)
         if not unclear:
             self._check_sync(master, plans)
+        unused = {f"{self._path}: {key}: {why}": line for key, (why, line) in sorted(self._unused.items())}
         return BusConfig(
             str(self._path),
             self._options,
@@ -231,15 +234,13 @@ class _Reader:
             dictionaries,
             plans,
             paths,
-            (
-                *(f"{self._path}: {key}: {why}" for key, why in sorted(self._unused.items())),
-                *dict.fromkeys(self._remarks),
-            ),
+            (*unused, *dict.fromkeys(self._remarks)),
             self._sources.issues,
             self._period_line(),
             {name: node for name, (_, node) in nodes.items()},
             self._unreadable,
             tuple(self._substitutes(paths, nodes)),
+            unused,
         )
 
     def _substitutes(self, paths: dict[str, Path], nodes: dict[str, tuple[NodeConfig, Node]]) -> Iterator[str]:
@@ -297,7 +298,8 @@ class _Reader:
         if place is None or type(place.value) is not int or place.value not in [1000 * rate for rate in BIT_RATES]:
             return section
         kbits = place.value // 1000
-        self._unused["master.baudrate"] = f"{place.text} is interpreted as bit/s; write {kbits}, the unit is kbit/s"
+        why = f"{place.text} is interpreted as bit/s; write {kbits}, the unit is kbit/s"
+        self._unused["master.baudrate"] = why, place.line
         copy = Node("scalar", place.line, place.column, place.where, place.problems)
         pairs["baudrate"] = pairs["baudrate"][0], Node.scalar(copy, str(kbits), kbits, quoted=False)
         root = Node("mapping", section.line, section.column, section.where, section.problems)
@@ -367,9 +369,9 @@ class _Reader:
                 place.error(f"unknown key {name!r}{text}")
 
     def _note_unused(self, node: Node, unused: dict[str, str]) -> None:
-        for key in node.keys():  # noqa: SIM118 - a Node is not a mapping
+        for key, place in node.keys().items():
             if key in unused:
-                self._unused.setdefault(key, f"has no meaning here: {unused[key]}")
+                self._unused.setdefault(key, (f"has no meaning here: {unused[key]}", place.line))
 
     # ------------------------------------------------------------------------------------------- across nodes
 
@@ -453,12 +455,15 @@ class _Reader:
             place = _place(node, key)
             place.warning(_named(config, place, text))
 
+        def note(key: str, text: str) -> None:
+            self._unused.setdefault(key, (f"has no meaning here: {text}", _place(node, key).line))
+
         def remark(key: str, text: str) -> None:
             place = _place(node, key)
             self._remarks.append(f"{self._path}: {_named(config, place, text)}")
 
         downloads = self._downloads(config, node, od)
-        builder = PlanBuilder(config, od, complain, warn, self._note, self._spare_cob_ids, downloads, remark)
+        builder = PlanBuilder(config, od, complain, warn, note, self._spare_cob_ids, downloads, remark)
         plan = plan_node(builder, master, eds_path.name)
         if not plan.unsupervised:
             return plan
@@ -469,9 +474,6 @@ class _Reader:
         elif not config.supervision.allow_unsupervised:
             complain("dcf", f"nothing would stop this drive when the master is lost: {plan.unsupervised}; {accepts}")
         return plan
-
-    def _note(self, key: str, text: str) -> None:
-        self._unused.setdefault(key, f"has no meaning here: {text}")
 
     def _downloads(self, config: NodeConfig, node: Node, od: ObjectDictionary) -> tuple[tuple[int, int, bytes], ...]:
         """Return the SDO downloads of `configuration_file`, or without this key the ParameterValues of a DCF."""

@@ -572,6 +572,22 @@ def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
     return buses
 
 
+def unread_buses(files: RobotFiles) -> dict[Path, str]:
+    """Return the files beside bus.yml that contain nodes but are not read, with a name under which they would be.
+
+    Copies, such as bus_template.yml, and every file beside a bus file that an option names, are omitted.
+    """
+    if files.bus is None or files.bus.name != BUS:
+        return {}
+    paths = sorted({*files.bus.parent.glob("*.yml"), *files.bus.parent.glob("*.yaml")} - {*files.paths})
+    names = {path: path.stem.removeprefix("bus").strip("_-.") for path in paths if _is_bus(path)}
+    return {
+        path: f"bus_{re.sub('[^A-Za-z0-9-]', '_', name) or '2'}.yml"
+        for path, name in names.items()
+        if re.split("[_.-]", path.stem.lower())[-1] not in _COPIES
+    }
+
+
 def _safe(name: str) -> str:
     """Replace characters that socket names do not allow, and limit the name to 32 characters."""
     cleaned = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in name if letter.isascii())

@@ -235,7 +235,7 @@ def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = N
     check_owners(document, hardware)
     check_ranges(document, hardware, model.joints)
     document.raise_if_any()
-    notes = tuple(_notes(path, hardware, old if tags else ()))
+    notes = (*document.notes, *_notes(path, hardware, old if tags else ()))
     return UrdfDescription(path, urdf, model, hardware, gazebo, bool(old and not tags), notes)
 
 

@@ -63,10 +63,15 @@ class UrdfDocument:
     def __init__(self, root: Element, path: str) -> None:
         self.root, self._path = root, path
         self._problems: dict[tuple[ElementPlace, str], None] = {}
+        self.notes: list[str] = []
 
     def error(self, element: Placed, message: str) -> None:
         """Record an error at the position of an element, or of an object created from an element."""
         self._problems[element.place, message] = None
+
+    def note(self, element: Placed, message: str) -> None:
+        """Add a note about an element that is valid but may be a mistake."""
+        self.notes.append(f"{self._path}:{element.place.line}: {message}")
 
     def raise_if_any(self) -> None:
         """Raise RobotConfigError with all recorded errors, if any."""

@@ -172,6 +172,8 @@ def read_system(document: UrdfDocument, element: Element, joints: Mapping[str, J
             document.error(child, f"<{child.tag}> is not allowed in <ros2_control>{nearest(child.tag, _CHILDREN)}")
     hardware = element.child("hardware")
     plugin = hardware.child("plugin") if hardware is not None else None
+    if hardware is not None:
+        _note_repeated(document, hardware, f"<ros2_control name={name!r}>")
     if plugin is None or not plugin.text:
         document.error(element, f"<ros2_control name={name!r}>: <hardware><plugin>...</plugin></hardware> is missing")
     parts = {
@@ -193,6 +195,7 @@ def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint])
     for child in element.children:  # others are ignored, as ros2_control does
         if child.tag not in _PART_CHILDREN and (hint := nearest(child.tag, _PART_CHILDREN, listed=False)):
             document.error(child, f"<{child.tag}> is not allowed in <{element.tag}>{hint}")
+    _note_repeated(document, element, f"<{element.tag} name={name!r}>")
     commands = read_interfaces(document, element, "command_interface")
     states = read_interfaces(document, element, "state_interface")
     mimic = None
@@ -211,6 +214,19 @@ def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint])
                 f'interfaces, or give it mimic="false" if it has its own drive',
             )
     return ControlJoint(name, element.parameters(), commands, states, mimic, element.place)
+
+
+def _note_repeated(document: UrdfDocument, element: Element, owner: str) -> None:
+    """Note plugins and parameters that are given twice: ros2_control uses the first plugin, and the last value."""
+    seen: dict[str, Element] = {}
+    for child in element.children:
+        what = child.tag if child.tag == "plugin" else f"param {child.attributes.get('name', '')!r}"
+        if child.tag not in ("plugin", "param"):
+            continue
+        first = seen.setdefault(what, child)
+        if first is not child:
+            used = first.text if child.tag == "plugin" else child.text
+            document.note(child, f"{owner}: {what} is given twice, and {used!r} applies; remove the other")
 
 
 def check_ranges(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem], joints: Mapping[str, Joint]) -> None:

@@ -300,3 +300,24 @@ def test_a_drive_that_is_refused_does_not_lack_the_interfaces_of_its_plugin(tmp_
     expected = "nothing would stop this drive" if broken == "eds" else "expected an integer"
     assert len(reported) == {"eds": 2, "node_id": 1}[broken]
     assert all(expected in text for text in reported)
+
+
+def test_bus_files_that_are_not_read_are_notes_with_a_name_that_is(tmp_path):
+    robby = copy_robby(tmp_path)
+    bus = (robby / "bus.yml").read_text()
+    for name in ("bus2.yml", "bus-arm.yaml", "bus_old.yml"):
+        (robby / name).write_text(bus)
+    (robby / "other.yml").write_text("a: 1\n")
+    findings = check_robot(find_robot(str(robby)), CheckOptions()).findings
+    unread = {Path(item.path).name: item.text.rpartition(" ")[2] for item in findings if "not read" in item.text}
+    assert unread == {"bus2.yml": "bus_2.yml", "bus-arm.yaml": "bus_arm.yml"}
+
+
+def test_a_key_without_a_meaning_is_a_note_with_its_line():
+    findings = check_robot(find_robot("robby"), CheckOptions()).findings
+    lines = Path(find_robot("robby").bus).read_text().splitlines()
+    keys = [item.text.partition(":")[0] for item in findings if "has no meaning" in item.text]
+    assert keys
+    for item in findings:
+        if "has no meaning" in item.text:
+            assert lines[item.line - 1].lstrip().startswith(item.text.partition(":")[0])

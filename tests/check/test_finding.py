@@ -31,3 +31,9 @@ def test_wheels_and_controllers_are_those_of_the_files():
     assert robot.geometry.radius(left + right) == pytest.approx(0.035)
     assert robot.geometry.separation(left, right) == pytest.approx(0.24)
     assert robot.config("robby_forward_controller").type == "forward_command_controller/ForwardCommandController"
+
+
+def test_numbers_in_texts_are_sorted_as_numbers():
+    texts = [f"RPDO {number} is in use" for number in (10, 2, 1)]
+    found = sorted_findings([Finding("a", 1, Severity.NOTE, text) for text in texts])
+    assert [finding.text for finding in found] == texts[::-1]

@@ -91,3 +91,26 @@ def test_the_ros2_control_tag_is_read_with_its_parameters():
     assert list(shoulder.state_interfaces) == ["position"]
     assert grip2.mimic == Mimic("grip", -1.0, 0.5)
     assert (system.sensors[0].name, list(system.gpios[0].command_interfaces)) == ("force", ["out"])
+
+
+def test_a_plugin_and_a_parameter_given_twice_are_notes_and_the_value_of_ros2_control_applies():
+    description = parse_description(
+        """<robot name="r"><link name="a"/><link name="b"/>
+  <joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>
+  <ros2_control name="s" type="system">
+    <hardware><plugin>a/A</plugin>
+      <plugin>b/B</plugin>
+      <param name="p">1</param>
+      <param name="p">2</param></hardware>
+    <joint name="j"><param name="device_name">x</param>
+      <param name="device_name">y</param></joint>
+  </ros2_control></robot>""",
+        "r.urdf",
+    )
+    (tag,) = description.hardware
+    assert (tag.plugin, tag.parameters, tag.joints[0].parameters) == ("a/A", {"p": "2"}, {"device_name": "y"})
+    assert description.notes == (
+        "r.urdf:5: <ros2_control name='s'>: plugin is given twice, and 'a/A' applies; remove the other",
+        "r.urdf:7: <ros2_control name='s'>: param 'p' is given twice, and '2' applies; remove the other",
+        "r.urdf:9: <joint name='j'>: param 'device_name' is given twice, and 'y' applies; remove the other",
+    )
