@@ -1,7 +1,9 @@
 """The report page of a run: a verdict per clause, decoded frames, and the summary for buyers."""
 
-from canopen_control.conformance.report import frame_name, html_page
-from canopen_control.conformance.run import CHECKS, run_checks
+from xml.etree import ElementTree as Xml
+
+from canopen_control.conformance.report import changed_verdicts, frame_name, html_page, junit, report_lines
+from canopen_control.conformance.run import CHECKS, CheckResult, ConformanceReport, run_checks
 from canopen_control.virtual.quirks import QUIRKS
 
 DOES = {quirk.name: quirk.does for quirk in QUIRKS.values()}
@@ -33,3 +35,51 @@ def test_frames_have_names():
     assert frame_name("1.0 < 705 7F") == "HEARTBEAT of node 5"
     assert frame_name("1.0 > 080") == "SYNC"
     assert frame_name("1.0 > 7FF 01") == ""
+
+
+# Reports of a run: lines, JUnit, and the comparison with an older one.
+
+
+def result(check_id, verdict, level="must", came=""):
+    return CheckResult(check_id, "301", "7.2", "title", level, verdict, came, "60", frames=["< 585 80"])
+
+
+REPORT = ConformanceReport(
+    5,
+    {"vendor": "0000001B"},
+    [
+        result("A", "passed"),
+        result("B", "failed", came="\x00 came"),
+        result("C", "failed", "should"),
+        result("D", "skipped"),
+        result("E", "error"),
+    ],
+)
+
+
+def test_junit_has_failures_for_what_must_pass_only():
+    root = Xml.fromstring(junit(REPORT))
+    assert {key: root.attrib[key] for key in ("tests", "failures", "errors", "skipped")} == {
+        "tests": "5",
+        "failures": "1",
+        "errors": "1",
+        "skipped": "1",
+    }
+    failure = root.find("testsuite/testcase/failure")
+    assert failure.attrib["message"] == "observed: ? came; expected: 60; CiA 301 7.2"
+    assert failure.text == "< 585 80"
+
+
+def test_lines_name_what_failed_and_count_the_rest():
+    lines = list(report_lines(REPORT))
+    assert lines[0] == "B failed (must, CiA 301 7.2): title"
+    assert lines[-1] == "node 5: 5 checks: 1 passed, 2 failed, 1 skipped, 1 error"
+
+
+def test_a_comparison_names_what_changed_came_and_went():
+    old = {"A": "failed", "B": "failed", "C": "failed", "D": "skipped", "Z": "passed"}
+    assert changed_verdicts(REPORT, old) == [
+        "A (title): failed -> passed",
+        "E (title): not run -> error",
+        "Z: passed -> not run",
+    ]

@@ -12,8 +12,10 @@ from support.physicsbench import MS, ROBBY, pendulum, robby
 from support.properties import examples
 
 from canopen_control.errors import ConfigError
+from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.physics_world import patches_of, shapes_of
 from canopen_control.physics.scene_file import Patch
+from canopen_control.virtual.shaft import ShaftWorld
 from canopen_control.virtual.trajectory import ramp_to
 
 MODEL = """
@@ -247,3 +249,33 @@ def test_a_displaced_encoder_moves_no_joint(tmp_path):
     axes.go(1.0)
     assert axes[2].plant.position == pytest.approx(100.0, abs=1.0)
     assert abs(axes.world.describe().base.x) < 1e-3
+
+
+# -- world robot
+
+
+ENCODERS = ROBBY + 'encoders: {{"5": {{joint: left_wheel_joint, gear: 2, reversed: true}}}}\n'
+
+
+def test_an_encoder_turns_with_the_joint_that_it_sits_on_behind_its_gear(tmp_path):
+    axes = robby(tmp_path, ENCODERS)
+    assert isinstance(axes.world, ShaftWorld)
+    assert axes.world.has_shaft(5)
+    assert not axes.world.has_shaft(6)
+    axes.enable()
+    for node in (3, 2):
+        axes.cruise(node, 4.0)
+    axes.go(1.0)
+    wheel = -axes[3].plant.position / 254.64790894703253
+    assert wheel > 1.0
+    assert axes.world.shaft_position(5) == pytest.approx(-0.5 * wheel, abs=0.05)
+    axes.world.publish()
+
+
+def test_an_encoder_on_no_joint_is_reported_with_its_line(tmp_path):
+    with pytest.raises(
+        PhysicsError, match=r"physics\.yml:7:17: an encoder names the unknown joint 'left_weel_joint'.* \(did you mean"
+    ):
+        robby(tmp_path, ENCODERS.replace("{{joint: left_wheel_joint, gear", "{{joint: left_weel_joint, gear"))
+    with pytest.raises(PhysicsError, match="'x' is not a node"):
+        robby(tmp_path, ENCODERS.replace('"5"', '"x"'))

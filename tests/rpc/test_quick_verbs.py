@@ -3,6 +3,8 @@ import sys
 
 import pytest
 
+from canopen_control.rpc.quick_verbs import state_name
+
 _FRESH = """
 import sys, threading
 {before}
@@ -29,3 +31,13 @@ def test_msgspec_is_imported_without_a_slow_module_unless_other_code_might_need_
     code = _FRESH.format(before=before, imported=imported, slow=slow)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "[1]\n", "")
+
+
+# -- state name
+
+
+@pytest.mark.parametrize(
+    ("state", "name"), [(None, "-"), ("OPERATION_ENABLED", "OPERATION ENABLED"), ("PRE_OPERATIONAL", "PRE OPERATIONAL")]
+)
+def test_a_state_is_written_as_in_the_standard(state, name):
+    assert state_name(state) == name

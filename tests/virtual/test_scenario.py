@@ -6,13 +6,15 @@ import pytest
 from support.virtualbench import S, servo
 
 from canopen_control.bus.memory import MemoryBus
+from canopen_control.errors import ConfigError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
-from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, SetGrip, SwitchFault, SwitchQuirk
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip, SwitchFault, SwitchQuirk
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.node_host import NodeHost
 from canopen_control.virtual.plant import IndependentPlants, LoadedPlant
-from canopen_control.virtual.scenario import ScenarioError, ScenarioEvent, Timeline, read_scenario
+from canopen_control.virtual.scenario import ScenarioError, ScenarioEvent, Timeline, WorldEvent, read_scenario
+from canopen_control.yamlfile.reader import load
 
 
 def read(tmp_path, text, node_ids=(3,)):
@@ -190,3 +192,31 @@ def test_an_act_in_words_reports_when_what_and_how_long():
     act = ScenarioEvent(1_500_000_000, "command", "wheels", values=(1.0, -2.5), for_ns=2_000_000_000)
     assert act.words == "1.500 s: command wheels 1 -2.5 for 2 s"
     assert ScenarioEvent(0, "fault", "3", name="silent").words == "0.000 s: fault 3 silent"
+
+
+# -- world acts
+
+
+@pytest.mark.parametrize(
+    ("text", "act"),
+    [
+        ("payload: {mass: 3}", AddPayload(mass=3.0)),
+        (
+            "payload: {mass: -3, on: base, position: [1, 0, 2]}",
+            AddPayload(mass=-3.0, on="base", position=(1.0, 0.0, 2.0)),
+        ),
+        ("push: {force: [0, 5, 0]}", PushRobot(force=(0.0, 5.0, 0.0))),
+        ("push: {force: [0, 5, 0], on: base, seconds: 2}", PushRobot(force=(0.0, 5.0, 0.0), on="base", seconds=2.0)),
+        ("block: joint", BlockJoint(joint="joint")),
+        ("friction: 0", SetGrip(friction=0.0)),
+    ],
+)
+def test_each_key_is_what_the_socket_takes(tmp_path, text, act):
+    path = tmp_path / "step.yml"
+    path.write_text(text)
+    assert load(path, WorldEvent, error=ConfigError).acts() == [act]
+
+
+def test_none_is_nothing_and_all_are_all(tmp_path):
+    assert WorldEvent().acts() == []
+    assert len(WorldEvent(block="a", friction=1.0).acts()) == 2

@@ -9,9 +9,10 @@ from canopen_control.rpc.messages.drive import (
     SetPointQuality,
     Spread,
     SwitchFault,
+    WorldShape,
     WorldState,
 )
-from canopen_control.rpc.wire import convert, plain
+from canopen_control.rpc.wire import convert, plain, text_of
 
 
 @pytest.mark.parametrize("method", DRIVE.methods.values(), ids=lambda each: each.name)
@@ -55,3 +56,14 @@ def test_of_the_quality_of_set_points_only_what_was_is_reported():
         "taken": 2,
         "phase_us": {"min": 1.0, "mean": 2.0, "max": 4.0},
     }
+
+
+# -- world shape
+
+
+def test_what_is_as_ever_is_not_written():
+    box = WorldShape(name="box 0", kind="box", size=(1.0, 2.0, 3.0), position=(0.5, 0.0, 1.5))
+    reported = {"name": "box 0", "kind": "box", "size": [1.0, 2.0, 3.0], "position": [0.5, 0.0, 1.5]}
+    assert msgspec.json.decode(text_of(box)) == reported
+    assert msgspec.convert(reported, WorldShape) == box
+    assert (box.rotation, box.moves, box.robot, box.grip) == ((1.0, 0.0, 0.0, 0.0), False, "", 0.0)
