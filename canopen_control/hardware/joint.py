@@ -207,6 +207,8 @@ _OVERDUE_TEXTS: Final = {
     "moves",
 }
 _LONGEST_REST_NS: Final = 5_000_000_000
+_NEVER: Final = 1 << 62
+_TURNS_ON_TEXT: Final = "it still turns 5 s after another mode was requested; brake it, then enable it in the new mode"
 _REST_AFTER_JUMP_NS: Final = 300_000_000
 _REST_NS: Final = 100_000_000  # a motor below the speed of a standstill still needs this time to stop
 _BOOTING: Final = "; booting it again"  # the end of a text that the node has reported already
@@ -420,8 +422,9 @@ class JointDrive(JointStatus):
             self._fire(PhaseTrigger.STANDSTILL_REQUIRED)  # the old command was for the previous mode
 
     def _comes_to_rest(self, now: int, period: float) -> bool:
-        """Ramp down an axis that must stand; return whether it stands, cannot be moved, or has had enough time."""
+        """Ramp down an axis that must stand; return whether it stands or cannot be moved; report one that turns on."""
         if not self.machine.may_move:
+            self._rest_by = None
             return True
         if self._rest_by is None:
             self._rest_by = now + _LONGEST_REST_NS
@@ -431,9 +434,12 @@ class JointDrive(JointStatus):
         else:
             self._fire(PhaseTrigger.STANDSTILL_REQUIRED)
             at_rest = self.targets.come_to_rest(now, period)
-        if (at_rest and self.feedback.at_standstill) or now >= self._rest_by:
+        if at_rest and self.feedback.at_standstill:
             self._rest_by = None
             return True
+        if now >= self._rest_by:
+            self._rest_by = _NEVER
+            self._events.append(JointEvent("mode_timeout", _TURNS_ON_TEXT, Level.ERROR, stops=True))
         return False
 
     def _may_follow(self, now: int) -> bool:

@@ -5,7 +5,7 @@ import math
 
 import pytest
 from support.generic import write_generic
-from support.makers import drive
+from support.makers import drive, sentences
 from support.observers import Observer
 from support.robots import Bench
 from support.servos import command
@@ -14,6 +14,7 @@ from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
 from canopen_control.errors import UnsupportedMode
 from canopen_control.hardware.axis_statechart import Action
+from canopen_control.virtual.plant import LagPlant
 
 K = 65536 / math.tau  # counts per rad, and per rad/s
 LIMIT = 0.8  # rad/s
@@ -212,3 +213,22 @@ def test_a_stop_during_the_ramp_before_a_mode_change_ends_disabled(robot):
     created.until(lambda: created.state == "running", 3)
     assert drive(created, 2).modes.number == OperationMode.CSP
     assert created.breaches == []
+
+
+def test_an_axis_that_coasts_without_an_effort_never_enters_csp_while_it_turns(robot):
+    """A torque of 0 does not brake: after five seconds this is reported, and the stop of the group ends it."""
+    created = robot("cst", "csp")
+    for node_id in (2, 3):
+        mover = drive(created, node_id).mover
+        mover.plant = LagPlant(position=mover.plant.position, velocity=500_000.0, coast_time_constant=100.0)
+    created.command("eff", 0.0, 0.0, seconds=20)
+    created.run(0.1)
+    created.activate("pos")
+    for _ in range(180):
+        created.run(0.1)
+        axis = drive(created, 2)
+        turns = axis.state is State.OPERATION_ENABLED and abs(axis.mover.plant.velocity) > 26_000
+        assert not turns or axis.modes.number == OperationMode.CST
+    assert any("pan_drive" in text and "it still turns 5 s after" in text for text in sentences(created))
+    assert drive(created, 2).modes.number == OperationMode.CSP
+    assert created.state != "running"

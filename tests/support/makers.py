@@ -68,6 +68,7 @@ _MODES = MappingProxyType(
         "ip": ("position", 7, "0x60C1, sub_index: 1"),
         "vl": ("velocity", 2, "0x6042"),
         "v-3": ("velocity", -3, "0x60FF"),  # Kinco's immediate velocity
+        "cst": ("effort", 10, "0x6071"),
         "tq": ("effort", 4, "0x60F6, sub_index: 8"),  # Kinco's target torque object
     }
 )
