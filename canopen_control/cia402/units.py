@@ -176,13 +176,17 @@ class PositionUnwrapper:
 
     def __init__(self, max_step: int | None = None, span: int = _SPAN) -> None:
         self.max_step = max_step
-        self.span, self._half = span, span // 2
+        self.set_span(span)
         self.count = 0
         self.offset = 0  # count minus raw: whole turns of the counter, and removed jumps
         self.jumps = 0
         self.last_jump = 0
         self._raw: int | None = None
         self._pending = False
+
+    def set_span(self, span: int) -> None:
+        """Set the number of counts after which the position wraps."""
+        self.span, self._half = span, span // 2
 
     @property
     def started(self) -> bool:

@@ -328,7 +328,7 @@ class AxisProcessData:
         self.joint, self.node, self.number = joint, node, number
         self._image = image
         self.scale = configured_scale(node, number)
-        self.unwrap = PositionUnwrapper(span=_position_span(node, self.index(objects.POSITION_RANGE_LIMIT)))
+        self.unwrap = PositionUnwrapper(span=_planned_span(node, self.index(objects.POSITION_RANGE_LIMIT)))
         self.limits = AxisObjectLimits()
         self.rpm_to_dev = 60.0 / math.tau  # mode VL: 0x6042 is in revolutions of the motor per minute
         self.turn = abs(self.scale.pos_to_dev) * math.tau  # counts per revolution of the motor, else the joint
@@ -479,12 +479,8 @@ def configured_scale(node: RemoteNode, axis: int) -> Scale:
     return Scale(**node.config.units.of_axis(axis))
 
 
-def _position_span(node: RemoteNode, index: int) -> int:
-    """Return the number of counts after which a drive's position wraps: from 0x607B in bus.yml or the EDS, else 2**32.
-
-    CiA 402-2, 0x607B: a position beyond one end of the range continues at the other end, as on a rotary table. Targets
-    stay relative to the position, and the drive wraps them.
-    """
+def _planned_span(node: RemoteNode, index: int) -> int:
+    """Return the span of 0x607B in bus.yml or the EDS, which counts until the drive's own 0x607B is read."""
     written = {write.subindex: write.data for write in node.plan.writes if write.index == index}
     ends: list[int] = []
     for subindex in (1, 2):
@@ -493,7 +489,16 @@ def _position_span(node: RemoteNode, index: int) -> int:
         if not isinstance(value, int):
             return _WHOLE
         ends.append(value)
-    span = ends[1] - ends[0] + 1
+    return position_span(*ends)
+
+
+def position_span(low: int, high: int) -> int:
+    """Return the number of counts after which a drive's position wraps in the range 0x607B; 2**32 without a range.
+
+    CiA 402-2, 0x607B: a position beyond one end of the range continues at the other end, as on a rotary table. Targets
+    stay relative to the position, and the drive wraps them.
+    """
+    span = high - low + 1
     return span if 1 < span < _WHOLE - _EDGES else _WHOLE
 
 

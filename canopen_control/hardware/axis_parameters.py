@@ -26,7 +26,7 @@ from canopen_control.cia402.motors import MODES, motors_of
 from canopen_control.cia402.objects import axis_index
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, Scale, counts_per_revolution, is_feed
 from canopen_control.errors import ConfigError, DriveError, RobotConfigError, SdoAbort
-from canopen_control.hardware.axis import TORQUE_MAX
+from canopen_control.hardware.axis import TORQUE_MAX, position_span
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, MOTION_INTERFACES, TARGET
 from canopen_control.hardware.tracking import FEED_FORWARD
 from canopen_control.od.codec import decode, encode
@@ -299,6 +299,7 @@ def _joint(joint: ControlJoint, plans: Mapping[str, NodePlan]) -> ControlJoint:
 _OBJECTS: Final = (
     (objects.SUPPORTED_DRIVE_MODES, (0,)),
     (objects.SOFTWARE_POSITION_LIMIT, (1, 2)),
+    (objects.POSITION_RANGE_LIMIT, (1, 2)),
     (objects.MAX_PROFILE_VELOCITY, (0,)),
     (objects.MAX_MOTOR_SPEED, (0,)),
     (objects.PROFILE_DECELERATION, (0,)),
@@ -581,6 +582,9 @@ class AxisParameters:
             limits.low, limits.high = low, high
         else:
             limits.low, limits.high = INT32_MIN, INT32_MAX
+        start, end = self.get(objects.POSITION_RANGE_LIMIT, 1), self.get(objects.POSITION_RANGE_LIMIT, 2)
+        if start is not None and end is not None:
+            self._axis.unwrap.set_span(position_span(start, end))
         limits.take_velocity(min(self._largest_velocity(), float(INT32_MAX)), self._axis.scale)
         limits.deceleration = self.get(objects.PROFILE_DECELERATION) or math.inf
         positive, negative = self.get(objects.POSITIVE_TORQUE_LIMIT), self.get(objects.NEGATIVE_TORQUE_LIMIT)

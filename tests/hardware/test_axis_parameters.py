@@ -72,7 +72,7 @@ def test_it_asks_only_for_what_the_eds_lists_and_nothing_is_enabled_before_it_is
     assert all(observed)
     parameters = bench.joint(2).parameters
     assert parameters.get(0x6502) == 0x3EF
-    assert parameters.get(0x607B, 1) is None
+    assert parameters.get(0x607C) is None
     assert parameters.homing_methods == {1, 2, 17, 18, 19, 21, 33, 34, 35, 37}
     assert parameters.failed == []
 

@@ -361,17 +361,21 @@ def test_the_range_of_positions_is_that_of_0x607b_if_it_is_one(robot, low, high,
     assert created.simulated.core.joints["pan"].axis.unwrap.span == span
 
 
-def test_a_wheel_whose_drive_wraps_its_position_at_0x607b_continues(robot, monkeypatch):
+@pytest.mark.parametrize("stored", [False, True])
+def test_a_wheel_whose_drive_wraps_its_position_at_0x607b_continues(robot, monkeypatch, stored):
     """A modulo axis of 10 motor revolutions, within one of the wheel, so that only the range shows a wrap."""
     attach = VirtualDrive._attach
 
     def wrapped(self):
         attach(self)
+        if stored:  # only the drive's memory has the range
+            self._store.preset(0x607B, 1, 0)
+            self._store.preset(0x607B, 2, 655_359)
         source = self._store.source_of(0x6064, 0)
         self._store.on_read(0x6064, 0, lambda: source() % 655_360)
 
     monkeypatch.setattr(VirtualDrive, "_attach", wrapped)
-    created = robot("pv", edit=lambda text: _ranged(text, 0, 655_359))
+    created = robot("pv", edit=lambda text: _ranged(text, 0, 0 if stored else 655_359))
     created.command("vel", 1.0, 1.0, seconds=4)
     created.run(4.0)
     assert created.position("pan") == pytest.approx(drive(created, 2).mover.plant.position / makers.COUNTS, abs=0.03)
