@@ -141,13 +141,15 @@ class PendingAxisRequest:
     ) -> None:
         self._joints, self._action, self._deadline, self._done = joints, action, deadline, done
         self._cycles = 0
+        #: every drive has answered, and none has a fault: the reset has no effect
+        self._useless = action is Action.FAULT_RESET and all(reached(joint, action) for joint in joints)
 
     def settle(self, now: int) -> bool:
         """End the request if it is complete, failed or late; return whether it has ended. Called once per cycle."""
         self._cycles += 1
         late = [joint for joint in self._joints if not reached(joint, self._action)]
         if self._cycles > 1 and not late:
-            self._done(None)
+            self._done(self._without_fault() if self._useless else None)
             return True
         refused = [joint for joint in late if self._refused(joint)]
         if self._cycles > 1 and (refused or now > self._deadline) and not self._explaining(now):
@@ -165,6 +167,10 @@ class PendingAxisRequest:
 
     def fail(self, reason: str) -> None:
         self._done(reason)
+
+    def _without_fault(self) -> str:
+        labels = dict.fromkeys(joint.node.label for joint in self._joints)
+        return f"nothing was reset, because {' and '.join(labels)} {'have' if len(labels) > 1 else 'has'} no fault"
 
     def _explaining(self, now: int) -> bool:
         """Whether the cause of a drive's fault is still being read by SDO."""

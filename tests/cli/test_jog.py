@@ -131,6 +131,8 @@ def test_a_fault_is_reported_and_reset_only_on_demand_which_moves_nothing(bench,
     assert "--fault-reset" in error_output
     assert bench.jog("--fault-reset") == 0
     assert axis.state is State.SWITCH_ON_DISABLED
+    assert bench.jog("--fault-reset") == 1
+    assert "nothing was reset, because node 5 " in capsys.readouterr().err
     assert bench.get(0x6064) == 0
     assert bench.jog("--for", "0.3") == 0
 

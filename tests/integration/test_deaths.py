@@ -219,8 +219,8 @@ def test_a_frozen_drive_stops_the_robot_and_is_booted_again_when_it_thaws(stage,
         assert eventually(lambda: any("(right_drive)" in text and "booting it" in text for text in events(client)))
         assert eventually(lambda: client.ask(GetStatus()).nodes["right_drive"].ready)
     seconds_until(lambda: standing(probes), 2)
-    # it may have missed our heartbeat as we have missed its: then it is in a fault
-    assert stage.call("axis", "fault-reset", "all").wait() == 0
+    # it may have missed our heartbeat as we have missed its: then it is in a fault, else nothing is reset
+    assert stage.call("axis", "fault-reset", "all").wait() in (0, 1)
     assert stage.call("axis", "enable", "all").wait() == 0
     command_again(stage, "frozen")
     assert eventually(lambda: all(abs(probe.speed) == pytest.approx(SPEED, rel=0.01) for probe in probes))

@@ -33,7 +33,7 @@ from canopen_control.cli.main import main
 from canopen_control.cli.verbs import VERBS
 from canopen_control.client import find_robots
 from canopen_control.client.drive_client import DriveClient
-from canopen_control.errors import CanopenError
+from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.rpc.messages.drive import GetDriveState, SwitchFault
 from canopen_control.rpc.messages.hub import ClearFaults, GetHubStatus
 
@@ -146,7 +146,8 @@ def restore(stage):
         if BASE in robot.controllers():
             robot.switch(activate=[FORWARD], deactivate=[BASE])
             main(["controller", "unload", BASE])
-        robot.axis("fault-reset")
+        with contextlib.suppress(RemoteError):  # no drive has a fault
+            robot.axis("fault-reset")
         robot.axis("enable")
 
 

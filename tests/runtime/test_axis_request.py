@@ -24,7 +24,15 @@ def ask(robby, action, node="all"):
 
 def test_what_is_reached_already_is_answered_at_once(robby):
     assert ask(robby, Action.ENABLE) == [None]
-    assert ask(robby, Action.FAULT_RESET) == [None]
+
+
+def test_a_fault_reset_without_a_fault_is_refused_and_changes_nothing(robby):
+    both = "node 3 (left_drive) and node 2 (right_drive) have no fault"
+    assert ask(robby, Action.FAULT_RESET) == [f"nothing was reset, because {both}"]
+    assert ask(robby, Action.FAULT_RESET, "left_drive") == [
+        "nothing was reset, because node 3 (left_drive) has no fault"
+    ]
+    assert robby.joint(LEFT).enabled
 
 
 def test_disable_enable_halt_and_quick_stop_are_answered_when_they_are_done(robby):
@@ -54,6 +62,7 @@ def test_a_fault_is_reset_without_enabling(robby):
     robby.until(lambda: robby.joint(LEFT).machine.fault)
     robby.run(500)
     assert ask(robby, Action.FAULT_RESET, "left_drive") == [None]
+    assert ask(robby, Action.FAULT_RESET, "left_drive") != [None]
     robby.run(1000)
     assert not robby.joint(LEFT).machine.enabled
     assert ask(robby, Action.ENABLE) == [None]

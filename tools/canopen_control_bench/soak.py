@@ -116,9 +116,9 @@ class Soak:
         return all(abs(self._speed(place)) < _STANDING for place in range(len(self.drives)))
 
     def _runs_again(self) -> bool:
-        with contextlib.suppress(RemoteError):
-            self.client.ask(AxisRequest(action="fault-reset", node="all"))
-            self.client.ask(AxisRequest(action="enable", node="all"))
+        for action in ("fault-reset", "enable"):
+            with contextlib.suppress(RemoteError):
+                self.client.ask(AxisRequest(action=action, node="all"))
         values = [_MAX_RADIANS] * self.arena.count
         self.client.notify(CommandController(controller=CONTROLLER, values=values, source="soak"))
         time.sleep(_COMMAND_S)

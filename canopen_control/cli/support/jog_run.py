@@ -17,7 +17,6 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.cia402.state import State
 from canopen_control.client import RobotClient
 from canopen_control.client.teleop_keys import KeyDecoder
 from canopen_control.commissioning.driven_axis import (
@@ -31,11 +30,10 @@ from canopen_control.commissioning.driven_axis import (
     stop_drive,
 )
 from canopen_control.commissioning.jog_motion import HELP, JogEnd, JogKind, JogMotion
-from canopen_control.errors import CanopenError, ConfigError, ControlError
+from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.signals import INTERRUPTED, SuspensionWatch, on_signals
-from canopen_control.rpc.messages.robot import AxisRequest, GetStatus, Subscribe
+from canopen_control.rpc.messages.robot import AxisRequest, Subscribe
 from canopen_control.rpc.messages.state import StateSample
-from canopen_control.trace.values import is_faulty
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -132,10 +130,6 @@ def reset_fault(drive: JogDrive) -> str:
     Raise CanopenError if the drive has no fault, or if the cause of the fault remains.
     """
     with RobotClient.connect(drive.robot) as client:
-        axes = client.ask(GetStatus()).nodes[drive.node].axes
-        state = next((axis.state for axis in axes if axis.joint == drive.joint), None)
-        if state is not None and not is_faulty(State[state]):
-            raise ControlError(f"{drive.title} has no fault, it is in {state.replace('_', ' ')}; nothing was reset")
         client.ask(AxisRequest(action="fault-reset", node=drive.node, joint=drive.joint, source=_SOURCE), ENABLE_S)
     return f"{drive.title}: the fault is reset; the drive stays disabled"
 
