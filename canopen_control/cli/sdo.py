@@ -24,13 +24,14 @@ from canopen_control.commissioning.object_rows import TYPE_NAMES, parse_type, pa
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.od.address import find_object, parts_of
 from canopen_control.od.codec import decode
+from canopen_control.od.eds import SUFFIXES
 from canopen_control.rpc.messages.declare import Document
 from canopen_control.trace.network_description import NodeDescription
 from canopen_control.trace.values import NodeWords, decoded
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.od.address import ObjectAddress
@@ -89,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    refuse_as_node(args, args.node, _right_order(args))
+    refuse_as_node(args, args.node, _right_order(args), instead=_shown_in_file(args))
     with open_target(args) as target:
         node = target.session(args.node)
         address = find_object(args.object, node.od)
@@ -102,12 +103,32 @@ def run(args: argparse.Namespace) -> int:
 def _right_order(args: argparse.Namespace) -> str:
     """Return the command with its words in the right order; the user gave a file or an object as NODE."""
     last = getattr(args, "value", None) or getattr(args, "file", None)
+    if not hasattr(args, "file") and any(map(names_file, (args.node, args.object))):  # read and write have no FILE
+        return _without_file(args)
     words = [args.object, args.node, last]
     if names_file(args.node):  # FILE NODE INDEX:SUB
         words = [args.object, last or "INDEX:SUB", args.node]
     elif names_file(args.object):  # INDEX:SUB FILE NODE
         words = [last, args.node, args.object]
-    return " ".join(["sdo", args.action, *(f"'{word}'" if " " in word else word for word in words if word)])
+    return _line(["sdo", args.action, *(word for word in words if word)])
+
+
+def _without_file(args: argparse.Namespace) -> str:
+    """Return the command that reads or writes the object: the file can only be the EDS of the node."""
+    file, other = (args.node, args.object) if names_file(args.node) else (args.object, args.node)
+    value = [args.value] if args.action == "write" else []
+    eds = ["--eds", file] if args.eds is None and Path(file).suffix.lower() in SUFFIXES else []
+    return _line(["sdo", args.action, "NODE", other, *value, *eds])
+
+
+def _shown_in_file(args: argparse.Namespace) -> str:
+    """Return the command that shows the object in the file given as NODE, or "" if that is not meant."""
+    is_eds = args.action == "read" and Path(args.node).suffix.lower() in SUFFIXES
+    return _line(["eds", "show", args.node, args.object]) if is_eds else ""
+
+
+def _line(words: Iterable[str]) -> str:
+    return " ".join(f"'{word}'" if " " in word else word for word in words)
 
 
 def _type_of(args: argparse.Namespace, address: ObjectAddress) -> DataType | None:

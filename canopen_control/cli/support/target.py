@@ -114,17 +114,21 @@ def names_file(word: str) -> bool:
     return "/" in word or path.suffix.lower() in SUFFIXES or (bool(path.suffix) and path.is_file())
 
 
-def refuse_as_node(args: argparse.Namespace, word: str, right: str, *, file: str | None = None) -> None:
+def refuse_as_node(
+    args: argparse.Namespace, word: str, right: str, *, file: str | None = None, instead: str = ""
+) -> None:
     """Raise ConfigError if the NODE `word` is a file or the address of an object; `right` is the command to give.
 
-    `file` is the FILE of the same command: NODE also counts as a file if it exists as one and FILE does not.
+    `instead` is a command that shows the object in a file. `file` is the FILE of the same command: NODE also counts as
+    a file if it exists as one and FILE does not.
     """
     exchanged = file is not None and Path(word).expanduser().is_file() and not Path(file).expanduser().is_file()
     kind = "a file" if names_file(word) or exchanged else "an object" if _ADDRESS.fullmatch(word) else ""
     if kind:
         chosen = ((option, getattr(args, option, None)) for option in ("can", "name", "eds"))
         options = "".join(f" --{option} {value}" for option, value in chosen if value)
-        raise ConfigError(f"{word} is {kind}, not a node; write: canopen-control {right}{options}")
+        shown = f"; to show the object in the file: canopen-control {instead}" if instead else ""
+        raise ConfigError(f"{word} is {kind}, not a node; write: canopen-control {right}{options}{shown}")
 
 
 def robot_on(channel: str) -> tuple[str, NodeListing] | None:

@@ -160,6 +160,17 @@ EXCHANGED = {
     "sdo read 0x6041 left": "0x6041 is an object, not a node; write: canopen-control sdo read left 0x6041",
     "sdo read 6041:00 3": "6041:00 is an object, not a node; write: canopen-control sdo read 3 6041:00",
     "sdo write 0x60FF 3 -500": "0x60FF is an object, not a node; write: canopen-control sdo write 3 0x60FF -500",
+    "sdo read left.dcf 0x6041 --can local:x": (
+        "left.dcf is a file, not a node; write: canopen-control sdo read NODE 0x6041 --eds left.dcf --can local:x; "
+        "to show the object in the file: canopen-control eds show left.dcf 0x6041"
+    ),
+    "sdo read 0x6041 left.dcf": (
+        "0x6041 is an object, not a node; write: canopen-control sdo read NODE 0x6041 --eds left.dcf"
+    ),
+    "sdo write left.dcf 0x60FF -500": (
+        "left.dcf is a file, not a node; write: canopen-control sdo write NODE 0x60FF -500 --eds left.dcf"
+    ),
+    "sdo read drive.bin 0x6041": "drive.bin is a file, not a node; write: canopen-control sdo read NODE 0x6041",
     "sdo upload left.dcf 5 1021": "left.dcf is a file, not a node; write: canopen-control sdo upload 5 1021 left.dcf",
     "sdo upload 1021 left.dcf 5": "1021 is an object, not a node; write: canopen-control sdo upload 5 1021 left.dcf",
     "sdo download 0x1F50:1 5 drive.bin": (
