@@ -423,8 +423,24 @@ def _folder(config: str) -> Path:
     names = ", ".join(data_names("config"))
     raise RobotConfigError(
         f"no robot {config!r}: it is neither a folder nor a bundled robot ({names}) nor a ROS package that is "
-        f"sourced or in ROS_PACKAGE_PATH{nearest(config, data_names('config'), listed=False)}"
+        f"sourced or in ROS_PACKAGE_PATH{_similar_robot(path, data_names('config') if path.name == config else ())}"
     )
+
+
+def _similar_robot(path: Path, bundled: Iterable[str]) -> str:
+    """Return a suggestion for the path of a robot that does not exist: a folder beside it or a bundled robot, or ""."""
+    parent = path.parent
+    if parent.resolve().name == path.name and _holds_robot(parent):
+        return f"; the folder {parent.resolve()} has this name: give {parent}"
+    try:
+        beside = sorted(folder.name for folder in parent.iterdir() if _holds_robot(folder))
+    except OSError:
+        beside = []
+    return nearest(path.name, (*beside, *bundled), listed=False)
+
+
+def _holds_robot(folder: Path) -> bool:
+    return any((folder / place / name).is_file() for place in ("", "config") for name in (BUS, CONTROLLERS))
 
 
 def find_launch(text: str) -> Path:

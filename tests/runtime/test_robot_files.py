@@ -279,3 +279,24 @@ def test_a_bus_alone_has_no_arguments(tmp_path):
     assert find_robot(str(folder)).bus_alone
     with pytest.raises(RobotConfigError, match="a bus without a description and accepts no arguments; omit side:="):
         find_robot(str(folder), arguments=["side:=left"])
+
+
+def test_a_misspelt_folder_is_suggested(tmp_path, monkeypatch):
+    for folder in ("my_cell", "work"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "my_cell" / "bus.yml").touch()
+    for name, end in (
+        ("cell", r"\(did you mean 'my_cell'\?\)"),
+        ("robbi", r"\(did you mean 'robby'\?\)"),
+        ("wrk", "ROS_PACKAGE_PATH"),  # that folder holds no robot
+    ):
+        monkeypatch.chdir(tmp_path)
+        with pytest.raises(RobotConfigError, match=f"no robot '{name}': .*{end}$"):
+            find_buses(name)
+    with pytest.raises(RobotConfigError, match=r"\(did you mean 'my_cell'\?\)$"):
+        find_buses(str(tmp_path / "my_cel"))
+    with pytest.raises(RobotConfigError, match=r"ROS_PACKAGE_PATH$"):
+        find_buses(str(tmp_path / "robby"))  # a path, not a bundled robot
+    monkeypatch.chdir(tmp_path / "my_cell")
+    with pytest.raises(RobotConfigError, match=r"; the folder .*/my_cell has this name: give \.$"):
+        find_buses("my_cell")
