@@ -2,7 +2,7 @@
 
 A channel is local:NAME, a CAN interface such as can0 or vcan0, or a python-can adapter as INTERFACE:CHANNEL.
 
-Exit codes: 0 done; 1 refused, or the bus is gone; 2 wrong usage, or no such channel or member.
+Exit codes: 0 done; 1 refused, the bus is gone, or no such fault to clear; 2 wrong usage, or no such channel or member.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from canopen_control.bus.local import ask_hub
 from canopen_control.cli.support.arguments import whole
 from canopen_control.cli.support.known_nodes import find_node, known_nodes
 from canopen_control.cli.support.output import Table, json_alone, json_text, print_result
-from canopen_control.errors import ConfigError, InterfaceNotFound
+from canopen_control.errors import ConfigError, ControlError, InterfaceNotFound
 from canopen_control.host.sockets import list_sockets
 from canopen_control.rpc.messages import hub
 from canopen_control.rpc.messages.declare import Document
@@ -322,6 +322,10 @@ def _fault(args: argparse.Namespace) -> int:
         raise ConfigError(f"{spec}: faults can be injected into local: buses only; for a vcan use: tc qdisc ... netem")
     if getattr(args, "label", ""):
         args.label = _label(spec, args.label)
+    label = getattr(args, "label", "")
+    active = _ENDED.get(args.fault)
+    if active is not None and not active(ask_hub(spec.name, hub.GetHubStatus()), label):
+        raise ControlError(f"{spec}: {args.fault} {label}".rstrip() + ": no such fault is active, nothing was changed")
     ask_hub(spec.name, _REQUESTS[args.fault](args))
     print_result(args, {"channel": str(spec), "fault": args.fault, "label": getattr(args, "label", "")})
     return 0
@@ -337,6 +341,13 @@ _REQUESTS: dict[str, Callable[[argparse.Namespace], Request[Done]]] = {
     "error-frame": lambda args: hub.SendErrorFrame(label=args.label, kind=args.kind),
     "bitrate": lambda args: hub.SetBitrate(_bitrate(args.bitrate)),
     "clear": lambda _args: hub.ClearFaults(),
+}
+
+#: for the requests that end faults: whether one is active
+_ENDED: dict[str, Callable[[hub.HubStatus, str], bool]] = {
+    "uncut": lambda status, label: label in status.cut,
+    "restart": lambda status, label: label in status.bus_off,
+    "clear": lambda status, _label: bool(status.cut or status.bus_off or status.delays_ms or status.drops),
 }
 
 

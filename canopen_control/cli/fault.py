@@ -6,7 +6,7 @@ drive, in their units: `di0=1`, `position=3.14`. NODE is a node or a joint of a 
 with --can CHANNEL if no robot runs. The command goes to the drive's own control socket: it needs no master, and works
 while the bus is disturbed. To disturb the bus itself use `bus fault`.
 
-Exit codes: 0 done; 1 the drive refused it, or does not answer; 2 wrong usage, no such node or fault.
+Exit codes: 0 done; 1 refused, not active, or no answer; 2 wrong usage, no such node or fault.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from canopen_control.cli.support.arguments import one_name, switched_on
 from canopen_control.cli.support.known_nodes import connect_to, drive_of
 from canopen_control.cli.support.output import json_text, print_entry
 from canopen_control.client.drive_client import signal_values
-from canopen_control.errors import ConfigError
+from canopen_control.errors import ConfigError, ControlError
 from canopen_control.rpc.messages.drive import ListFaults, SetSignals, SwitchFault
 from canopen_control.virtual.fault_table import FAULTS, find_fault
 
@@ -73,7 +73,11 @@ def run(args: argparse.Namespace) -> int:
         if "=" in args.name:
             return _set(args, client, node_id)
         fault = _check(args.name)
-        active = client.ask(SwitchFault(name=args.name, on=switched_on(args, "fault"))).active
+        on = switched_on(args, "fault")
+        before = [fault.name for fault in client.ask(ListFaults()) if fault.on]
+        active = client.ask(SwitchFault(name=args.name, on=on)).active
+        if not on and set(active) == set(before):
+            raise ControlError(f"node {node_id}: nothing was switched off, because {args.name} was not on")
         if fault.quirk and not args.json:
             print(f"{fault.name} is a quirk of healthy drives: canopen-control quirk {args.what} {fault.quirk} on|off")
         return _report(args, active, node_id)

@@ -6,7 +6,7 @@ drive or for one of them: NAME, NAME=VALUE, NAME@AXIS or NAME=VALUE@AXIS. `quirk
 a node or a joint of a running robot, by name; or a node-ID, with --can CHANNEL if no robot runs. To give a drive quirks
 from its start, use `drive --quirk`.
 
-Exit codes: 0 done; 1 the drive refused it, or does not answer; 2 wrong usage, no such node or quirk.
+Exit codes: 0 done; 1 refused, not active, or no answer; 2 wrong usage, no such node or quirk.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cli.support.arguments import one_name, switched_on
 from canopen_control.cli.support.known_nodes import connect_to, drive_of
 from canopen_control.cli.support.output import json_text, print_entry
-from canopen_control.errors import ConfigError
+from canopen_control.errors import ConfigError, ControlError
 from canopen_control.rpc.messages.drive import GetDriveState, SwitchQuirk
 from canopen_control.virtual.quirks import QUIRKS, parse_quirk
 
@@ -60,7 +60,11 @@ def run(args: argparse.Namespace) -> int:
         if args.name is None:
             active = client.ask(GetDriveState()).quirks
         else:
-            active = client.ask(SwitchQuirk(quirk=args.name, on=switched_on(args, "quirk"))).active
+            on = switched_on(args, "quirk")
+            before = client.ask(GetDriveState()).quirks
+            active = client.ask(SwitchQuirk(quirk=args.name, on=on)).active
+            if not on and active == before:
+                raise ControlError(f"node {node_id}: nothing was switched off, because {args.name} was not on")
     if args.json:
         print(json_text({"node_id": node_id, "active": active}, indent=None))
     else:

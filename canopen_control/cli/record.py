@@ -2,7 +2,8 @@
 
 The suffix of the file chooses the format: .log (candump; .log.gz compressed), .asc or .blf (Vector), .trc (PEAK).
 
-Exit codes: 0 success; 1 the bus is gone, or the disk is full; 2 wrong usage, or no such channel or robot.
+Exit codes: 0 success; 1 no frame was received, the bus is gone, or the disk is full; 2 wrong usage, no such channel
+or robot.
 """
 
 from __future__ import annotations
@@ -164,7 +165,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb; return 1 if the bus was lost or the disk was full, else 0."""
+    """Run the verb; return 1 if no frame came, the bus was lost or the disk was full, else 0."""
     _convert_old_form(args)
     if (args.output is None) is (args.bag is None):
         raise ConfigError("give a destination, as in: canopen-control record -o run.log, or record --bag run")
@@ -241,4 +242,6 @@ def record_frames(port: Port, path: str, seconds: float | None) -> tuple[Recorde
             problem = str(error)
     recorded.frames, recorded.left_out = writer.written, writer.left_out
     recorded.lost, recorded.seconds = port.stats.lost, round(time.monotonic() - begin, 3)
+    if not recorded.frames and not problem:
+        problem = f"no frame was received on {port.channel}; see canopen-control bus status {port.channel}"
     return recorded, problem

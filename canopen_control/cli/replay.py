@@ -7,7 +7,8 @@ since two senders of one identifier destroy each other's frames, and a recorded 
 --watch` and `monitor` can show it, until Ctrl-C. Nothing moves. It is refused while a robot runs and ends when one
 starts, so that STOP always refers to one robot only.
 
-Exit codes: 0 success; 1 refused, or the bus is gone; 2 wrong usage, or no such file or channel; 130 interrupted.
+Exit codes: 0 success; 1 no frame was selected, or the bus is gone; 2 refused, wrong usage, or no such file or
+channel; 130 interrupted.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 This is not an emergency stop (ISO 13850). With `--latch` no client, not even this one, can move the robot until
 `--release`. Without `--name` all running robots are stopped.
 
-Exit codes: 0 stopped, or released; 1 the robot does not answer, or has no bus left; 2 wrong usage, or no robot runs.
+Exit codes: 0 stopped, or released; 1 no answer, no bus left, or nothing to release; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 from canopen_control.cli.support.output import print_result
 from canopen_control.client import RobotClient
-from canopen_control.errors import CanopenError
+from canopen_control.errors import CanopenError, ControlError
 from canopen_control.host.sockets import find_robots
 from canopen_control.rpc.messages.robot import GetStatus, Release, Stop
 
@@ -62,6 +62,8 @@ def run(args: argparse.Namespace) -> int:
 def _request(args: argparse.Namespace, name: str | None) -> StopResult:
     """Stop one robot, or release its stop; return the result."""
     with RobotClient.connect(name) as robot:
+        if args.release and not robot.ask(GetStatus()).latched:
+            raise ControlError(f"nothing was released, because no STOP of {robot.robot} is latched")
         robot.ask(Release(source=SOURCE) if args.release else Stop(latch=args.latch, source=SOURCE), TIMEOUT_S)
         has_drives = any(node.axes for node in robot.ask(GetStatus()).nodes.values())
         return {"robot": robot.robot, "stopped": not args.release, "latched": args.latch, "disabled": has_drives}

@@ -4,7 +4,7 @@ The frames are live, or from a recording. Nothing is sent. Names come from the r
 (ROBOT), or from EDS files; without any of them the predefined connection set is shown. Ends with Ctrl-C, --count or
 --for.
 
-Exit codes: 0 success; 1 the bus is gone; 2 wrong usage, or no such file, channel or robot.
+Exit codes: 0 success; 1 the bus is gone, or no frame was shown; 2 wrong usage, or no such file, channel or robot.
 """
 
 from __future__ import annotations
@@ -52,8 +52,11 @@ def run(args: argparse.Namespace) -> int:
     watched = watched_bus(args, args.can)
     port = open_listener(watched.channel, LABEL, owner=watched.owner)
     watched.report_notes()
+    nothing = ""
     try:
-        show(args, watched.network, batches(port, args.duration, on_event=partial(_report, as_json=args.json)))
+        nothing = show(
+            args, watched.network, batches(port, args.duration, on_event=partial(_report, as_json=args.json))
+        )
     except KeyboardInterrupt:
         pass
     finally:
@@ -63,7 +66,9 @@ def run(args: argparse.Namespace) -> int:
             f"canopen-control: {port.stats.lost} frames were lost: they arrived faster than they were read",
             file=sys.stderr,
         )
-    return 0
+    if nothing:
+        print(f"canopen-control: {watched.channel}: {nothing}", file=sys.stderr)
+    return 1 if nothing else 0
 
 
 def _report(event: BusEvent, *, as_json: bool) -> None:

@@ -96,6 +96,13 @@ def test_dropping_delaying_and_clearing(ports, capsys):
     assert "delay" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("words", [["uncut", "left_drive"], ["restart", "left_drive"], ["clear"]])
+def test_a_fault_that_is_not_active_cannot_be_ended(ports, words, capsys):
+    assert main(["bus", "fault", "local:cli", *words]) == 1
+    error = capsys.readouterr().err
+    assert error == f"canopen-control: local:cli: {' '.join(words)}: no such fault is active, nothing was changed\n"
+
+
 def test_bus_off_and_error_frames(ports):
     _robot, drive = ports
     assert main(["bus", "fault", "local:cli", "bus-off", "left_drive"]) == 0

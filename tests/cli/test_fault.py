@@ -54,6 +54,12 @@ def test_a_fault_is_switched_on_and_off_without_a_master(node, capsys):
     ]
 
 
+@pytest.mark.parametrize(("verb", "name"), [("fault", "silent"), ("fault", "drive_fault"), ("quirk", "brake_delay")])
+def test_what_is_not_on_cannot_be_switched_off(node, verb, name, capsys):
+    assert main([verb, "5", name, "off", "--can", CAN]) == 1
+    assert capsys.readouterr().err == f"canopen-control: node 5: nothing was switched off, because {name} was not on\n"
+
+
 def test_what_a_fault_does_is_a_sentence_whatever_it_is_of(capsys):
     assert main(["fault", "list"]) == 0
     output = capsys.readouterr().out

@@ -86,10 +86,15 @@ def test_it_listens_until_it_is_ended_and_reports_how_many_frames_there_are(fold
 
 
 @pytest.mark.process
-def test_a_duration_ends_it(folders, tmp_path, capsys):
+def test_a_duration_ends_it_and_a_silent_bus_is_exit_code_1(folders, tmp_path, capsys):
     port = open_local("quiet", "other")
-    assert main(["record", "--can", "local:quiet", "-o", str(tmp_path / "x.blf"), "--for", "0.1"]) == 0
-    assert "0 frames of local:quiet" in capsys.readouterr().out
+    assert main(["record", "--can", "local:quiet", "-o", str(tmp_path / "x.blf"), "--for", "0.1"]) == 1
+    out, err = capsys.readouterr()
+    assert "0 frames of local:quiet" in out
+    advice = "see canopen-control bus status local:quiet"
+    assert err == f"canopen-control: no frame was received on local:quiet; {advice}\n"
+    assert main(["trace", "--can", "local:quiet", "--for", "0.1"]) == 1
+    assert "canopen-control: local:quiet: no frame was received\n" in capsys.readouterr().err
     port.close()
 
 
@@ -97,11 +102,11 @@ def test_a_duration_ends_it(folders, tmp_path, capsys):
 def test_the_old_form_is_understood_and_reported(folders, tmp_path, capsys):
     port = open_local("old", "other")
     path = tmp_path / "x.log"
-    assert main(["record", "local:old", "--can", str(path), "--for", "0.1"]) == 0
+    assert main(["record", "local:old", "--can", str(path), "--for", "0.1"]) == 1  # no frame
     out, err = capsys.readouterr()
     assert out.startswith(f"{path}: 0 frames of local:old")
     new = f"write: record --can local:old -o {path}\n"
-    assert err == f"canopen-control: these options are deprecated; {new}"
+    assert err.startswith(f"canopen-control: these options are deprecated; {new}")
     port.close()
 
 

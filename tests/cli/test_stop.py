@@ -46,6 +46,8 @@ def test_a_latched_stop_lasts_until_the_release(mock_robot, capsys):
     assert "STOP is latched (by canopen-control stop)" in capsys.readouterr().err
     assert main(["stop", "--release"]) == 0
     assert capsys.readouterr().out.startswith("released; ")
+    assert main(["stop", "--release"]) == 1
+    assert capsys.readouterr().err == "canopen-control: nothing was released, because no STOP of mock is latched\n"
     assert main(["command", "robby_forward_controller", "1", "1", "--once"]) == 0
 
 

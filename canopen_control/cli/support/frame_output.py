@@ -64,11 +64,13 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def show_file(args: argparse.Namespace, path: str) -> int:
-    """Print a recording; return 1 if it could not be read to its end, else 0."""
+    """Print a recording; return 1 if it could not be read to its end or no frame is selected, else 0."""
     recording = open_frames(path, args.bus)
-    show(args, network_for(args, recording), _chunks(recording))
+    nothing = show(args, network_for(args, recording), _chunks(recording))
     report_gaps(recording)
-    return 1 if recording.problem else 0
+    if nothing:
+        print(f"canopen-control: {nothing}", file=sys.stderr)
+    return 1 if recording.problem or nothing else 0
 
 
 def _chunks(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]:
@@ -77,8 +79,8 @@ def _chunks(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]
         yield chunk
 
 
-def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable[list[RecordedFrame]]) -> int:
-    """Decode the frames of `source` and print the selected ones; return the number of lines."""
+def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable[list[RecordedFrame]]) -> str:
+    """Decode the frames of `source` and print the selected ones; return why no line was printed, or ""."""
     from canopen_control.trace.decoder import Decoder
     from canopen_control.trace.frame_lines import Filter, node_ids_of
 
@@ -86,9 +88,10 @@ def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable
     decoder = Decoder(network)
     selects = Filter(selected, args.service, tuple(args.id), args.changes, args.events)
     line = _line_of(args, network)
-    shown = 0
+    shown = received = 0
     for batch in source:
         lines = []
+        received += len(batch)
         for time_ns, frame in batch:
             decoded = decoder.decode(frame, time_ns)
             if selects.wants(decoded):
@@ -100,7 +103,9 @@ def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable
         if args.count is not None and shown >= args.count:
             break
     sys.stdout.flush()
-    return shown
+    if shown:
+        return ""
+    return f"none of {received} frames is selected by the options" if received else "no frame was received"
 
 
 def _print(lines: list[str]) -> None:

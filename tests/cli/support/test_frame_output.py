@@ -45,7 +45,11 @@ def test_filters_and_count_choose_the_lines(log, capsys):
     assert shown("--node", "left_drive", "--count", "2") == ["183", "183"]
     assert shown("--changes") == ["000", "080", "183", "603", "583"]
     assert shown("--id", "183", "--id", "0x000") == ["000", "183", "183"]
-    assert shown("--node", "right_drive") == []
+
+
+def test_a_recording_of_which_no_frame_is_selected_is_exit_code_1(log, capsys):
+    assert main(["trace", "robby", "--file", log, "--node", "right_drive"]) == 1
+    assert capsys.readouterr() == ("", "canopen-control: none of 7 frames is selected by the options\n")
 
 
 def test_json_is_one_object_for_each_frame(log, capsys):
