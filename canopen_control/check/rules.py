@@ -188,7 +188,7 @@ def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
     left = [drive for name in base.left if (drive := _drive(robot, name)) is not None]
     right = [drive for name in base.right if (drive := _drive(robot, name)) is not None]
     for (one, sign), (other, other_sign) in zip(left, right, strict=False):
-        if sign == other_sign:
+        if sign == other_sign and one is not other:
             text = (
                 f"nodes {one.node_id} ({one.name}) and {other.node_id} ({other.name}) drive wheels of both sides with "
                 "scales of the same sign; motors that face each other then turn the robot on the spot"
@@ -219,6 +219,7 @@ LEGAL_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _PLACED: Final = re.compile(r"(?P<path>[^\s:][^:]*):(?P<line>\d+)(?::(?P<column>\d+))?: (?P<text>.+)")
 _TRANSLATED: Final = (" is read as ", " has no effect")
 """Phrases in warnings about keys of other ROS distributions, which become notes."""
+_SYSTEM_PACKAGES: Final = ("canopen_ros2_control", "mock_components", "gz_ros2_control", "ign_ros2_control")
 _ENDINGS: Final = (".yaml", ".yml", ".urdf", ".xacro")
 _COUNT: Final = re.compile(r"\d+ errors")
 
@@ -556,6 +557,17 @@ _MISSPELT: Final = 0.9
 # ------------------------------------------------------------------------------------------------------------- rates
 
 
+def _component_types(robot: CheckedRobot) -> Iterator[Finding]:
+    """Find <ros2_control> tags of a type other than that of the plugin: ROS 2 then does not load the plugin."""
+    description = robot.description
+    for tag in () if description is None else description.hardware:
+        if tag.kind != "system" and tag.plugin.partition("/")[0] in _SYSTEM_PACKAGES and description is not None:
+            text = (
+                f"<ros2_control name={tag.name!r}>: {tag.plugin} is a system, so ROS 2 does not load it as {tag.kind}"
+            )
+            yield Finding(description.path, tag.place.line, Severity.WARNING, text, 'give it type="system"')
+
+
 def _controller_rates(robot: CheckedRobot) -> Iterator[Finding]:
     """Find controllers whose own update_rate is above that of the controller manager (ros2_control warns too)."""
     control = robot.control
@@ -674,6 +686,7 @@ RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
     _devices,
     _update_rate,
     _controller_rates,
+    _component_types,
     _publish_rates,
     _timeouts,
 )

@@ -231,7 +231,9 @@ def find_robot(
         needed = control == described == Path() or bool(more) or bus is not None
         _refuse_missing(launch if folder is None else None, launched, no_bus, missing, needed=needed)
     words = {} if alone else _description_arguments(words, launched, hardware, described)
-    if no_bus and (main := _bus_of_description(described, words)) != Path():
+    if named := _buses_of_description(described, words) if no_bus else {}:
+        main = named.pop(MAIN_BUS)
+        more |= named
         no_bus.clear()
     if launched is not None:
         _refuse_ineffective(launched.idle)
@@ -296,23 +298,28 @@ def _moving_files(
     return control, _find_file(description, folder, _DESCRIPTIONS, "--description", missing, files.get("description"))
 
 
-def _bus_of_description(described: Path, words: Mapping[str, str]) -> Path:
-    """Return the bus.yml that a hardware plugin names (`bus_config` of ros2_canopen), or Path().
+def _buses_of_description(described: Path, words: Mapping[str, str]) -> dict[str, Path]:
+    """Return the bus files that the hardware plugins name (`bus_config` of ros2_canopen), by bus name.
 
-    Errors in the description are ignored here, and reported when the robot is read.
+    The first is the main bus. Errors in the description are ignored here, and reported when the robot is read.
     """
     from canopen_control.urdf.description import DescriptionReader  # only for a robot without a bus.yml
 
     try:
         text = described.read_text(encoding="utf-8")
         if "canopen_ros2_control" not in text and ".xacro" not in described.name:
-            return Path()
+            return {}
         with DescriptionReader(described, mappings=words) as reader:
             tags = reader.result().hardware
     except (CanopenError, OSError, UnicodeDecodeError):
-        return Path()
+        return {}
     named = (Path(tag.parameters.get("bus_config", "").strip().strip("\"'")) for tag in tags)
-    return next((path.resolve() for path in named if path.is_file()), Path())
+    paths = list(dict.fromkeys(path.resolve() for path in named if path.is_file()))
+    buses = dict[str, Path]()
+    for number, path in enumerate(paths, 1):
+        name = _safe(path.parent.name if path.stem == "bus" else path.stem.removeprefix("bus_")) if buses else MAIN_BUS
+        buses[f"{name[:28]}_{number}" if name in buses else name] = path
+    return buses
 
 
 def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> Path | None:

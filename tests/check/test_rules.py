@@ -434,3 +434,12 @@ def test_an_effort_limit_of_zero_is_reported_for_a_commanded_effort(effort, coun
         "left_wheel_joint reduces every commanded effort to 0; give the maximum effort in Nm (N of a prismatic joint) "
         "there, in robby.urdf.xacro"
     ]
+
+
+def test_a_system_plugin_under_another_type_is_a_warning_with_its_line(tmp_path):
+    files = changed(tmp_path, "robby", description={'name="robby" type="system"': 'name="robby" type="actuator"'})
+    line = line_of(files, "description", 'type="actuator"')
+    assert found(files) == [
+        f"robby.urdf.xacro:{line}: warning: <ros2_control name='robby'>: canopen_ros2_control/RobotSystem is a system, "
+        'so ROS 2 does not load it as actuator; give it type="system"'
+    ]

@@ -160,6 +160,15 @@ def test_the_bus_that_a_hardware_plugin_names_is_read_where_nothing_else_names_o
     assert find_robot(str(folder)).bus is None
 
 
+def test_the_buses_that_several_hardware_plugins_name_have_the_names_of_their_folders(tmp_path):
+    folder = robot(tmp_path / "r", "ros2_controllers.yaml")
+    buses = [robot(tmp_path / name, "bus.yml") / "bus.yml" for name in ("left", "right", "more/right")]
+    tag = PLUGIN[PLUGIN.index("  <ros2") : PLUGIN.index("</robot>")]
+    tags = "".join(tag.format(bus=bus).replace('"wheels"', f'"w{number}"') for number, bus in enumerate(buses))
+    (folder / "x.urdf").write_text(f'<robot name="r"><link name="base"/>{tags}</robot>')
+    assert find_robot(str(folder)).buses == dict(zip(("can", "right", "right_3"), buses, strict=True))
+
+
 @pytest.mark.parametrize("name", ["bus_can.yml", "bus_a b.yml", "bus_.yml"])
 def test_a_further_bus_needs_a_name_that_a_channel_may_have(tmp_path, name):
     folder = robot(tmp_path / "r", "bus.yml", name, "ros2_controllers.yaml", "x.urdf")
