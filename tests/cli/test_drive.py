@@ -15,6 +15,7 @@ from support.onbus import OnBus
 
 from canopen_control.bus.channel import open_port
 from canopen_control.cli.drive import _eds_files, parse_node_ids, run
+from canopen_control.cli.main import main
 from canopen_control.cli.support.parsers import parser_of
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, pack_records
@@ -74,9 +75,11 @@ def processes(tmp_path, monkeypatch):
 def test_a_drive_is_a_process_that_reports_when_it_is_ready_and_ends_cleanly(processes, number):
     process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive")
     assert wait_for(process, "ready") == "drive 3 (TMCM-1270) ready on local:clidrive"
+    assert list_sockets("drive") == ["clidrive-3"]
     process.send_signal(number)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, ""), out
+    assert list_sockets("drive") == []
 
 
 def test_a_node_id_that_answers_already_is_refused_with_a_sentence(processes):
@@ -101,21 +104,19 @@ def test_a_node_id_that_answers_already_is_refused_with_a_sentence(processes):
         ),
     ],
 )
-def test_wrong_usage_is_a_sentence_and_exit_code_2(processes, arguments, words):
-    process = processes(*arguments)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 2
+def test_wrong_usage_is_a_sentence_and_exit_code_2(arguments, words, capsys):
+    assert exit_code("drive", *arguments) == 2
+    err = capsys.readouterr().err
     assert words in err
     assert "Traceback" not in err
 
 
-def test_its_control_socket_goes_with_it(processes):
-    process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive")
-    wait_for(process, "ready")
-    assert list_sockets("drive") == ["clidrive-3"]
-    process.terminate()
-    process.communicate(timeout=60)
-    assert list_sockets("drive") == []
+def exit_code(*words):
+    """Return the exit code of a command line, which the parser of options raises."""
+    try:
+        return main([*words])
+    except SystemExit as end:
+        return end.code
 
 
 def test_a_local_bus_whose_hub_dies_and_returns_is_joined_again(processes):
@@ -158,12 +159,12 @@ def test_files_for_store_plant_and_scenario_are_used(processes, tmp_path):
 
 
 @pytest.mark.parametrize("option", ["--scenario", "--plant", "--store"])
-def test_errors_in_files_are_reported_before_the_drive_runs(processes, tmp_path, option):
+def test_errors_in_files_are_reported_before_the_drive_runs(tmp_path, option, capsys):
     path = tmp_path / "wrong.yml"
     path.write_text("nonsense: 5\n")
-    process = processes("--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive", option, str(path))
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 2
+    words = ["--node-id", "3", "--eds", "TMCM-1270.eds", "--can", "local:clidrive", option, str(path)]
+    assert main(["drive", *words]) == 2
+    out, err = capsys.readouterr()
     assert "wrong.yml" in err
     assert "Traceback" not in err
     assert "ready" not in out
