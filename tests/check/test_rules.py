@@ -373,7 +373,7 @@ def test_an_error_of_a_controller_that_waits_is_a_warning_where_another_one_is_c
 
 def test_a_joint_may_have_its_interfaces_in_two_tags(tmp_path):
     sensor = (
-        '<ros2_control name="encoders" type="sensor">'
+        '<ros2_control name="encoders" type="system">'
         "<hardware><plugin>mock_components/GenericSystem</plugin></hardware>"
         '<joint name="left_wheel_joint"><state_interface name="effort"/></joint></ros2_control>\n</robot>'
     )

@@ -162,7 +162,7 @@ def test_the_bus_that_a_hardware_plugin_names_is_read_where_nothing_else_names_o
 
 def test_the_buses_that_several_hardware_plugins_name_have_the_names_of_their_folders(tmp_path):
     folder = robot(tmp_path / "r", "ros2_controllers.yaml")
-    buses = [robot(tmp_path / name, "bus.yml") / "bus.yml" for name in ("left", "right", "more/right")]
+    buses = [robot(tmp_path / name, "bus.yml") / "bus.yml" for name in ("left", "right", "right/right")]
     tag = PLUGIN[PLUGIN.index("  <ros2") : PLUGIN.index("</robot>")]
     tags = "".join(tag.format(bus=bus).replace('"wheels"', f'"w{number}"') for number, bus in enumerate(buses))
     (folder / "x.urdf").write_text(f'<robot name="r"><link name="base"/>{tags}</robot>')
