@@ -4,7 +4,11 @@ from pathlib import Path
 import canopen_control
 from canopen_control.od import indices
 
-NAMES = {name: value for name, value in vars(indices).items() if name.isupper() and isinstance(value, int)}
+NAMES = {
+    name: value
+    for name, value in vars(indices).items()
+    if name.isupper() and isinstance(value, int) and name != "FIRST_OBJECT"  # the limit of a range, not an object
+}
 
 
 def module_constants(path):
