@@ -57,12 +57,16 @@ class _Request:
 
 @dataclass(slots=True)
 class _Axis:
-    """Observed axis: time of its last motion, and start of the motion request by its target (None: no request)."""
+    """Observed axis: position at the last sample, time of its last motion, and start of the request by its target.
+
+    `requested_since` is None without a request.
+    """
 
     view: ObservedNode
     joints: list[str]
     way: float  # _WAY in counts
     rate: float  # velocity units of the drive per rad/s (m/s)
+    position: float = 0.0
     moved_at: int = 0
     requested_since: int | None = None
     reported: bool = False
@@ -190,7 +194,10 @@ class AnswerInvariants:
 
     def _judge(self, axis: _Axis, drive: VirtualDrive, now: int) -> None:
         view = axis.view
-        if abs(drive.mover.plant.velocity) > _MIN:
+        plant, last = drive.mover.plant, axis.position
+        axis.position = plant.position
+        # a motion without a velocity limit can begin and end between two samples
+        if abs(plant.velocity) > _MIN or abs(plant.position - last) > _MIN:
             axis.moved_at, axis.reported = now, False
         if not self._requests_motion(axis, drive):
             axis.requested_since = None

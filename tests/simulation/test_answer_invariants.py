@@ -4,6 +4,7 @@ import functools
 
 import pytest
 from support import makers
+from support.generic import write_generic
 from support.robots import FORWARD
 
 from canopen_control.hardware import joint_events
@@ -72,6 +73,21 @@ def test_a_position_that_is_taken_and_not_sent_is_reported(robot, monkeypatch):
     monkeypatch.setattr(JointTargets, "follow", lambda self, _now, _period: self.hold())
     lead(stands, 2.5)
     assert rules(stands) == {"motion_missing"}
+
+
+def test_a_position_that_is_reached_between_two_samples_has_been_answered(tmp_path):
+    """Without a velocity limit a position in CSP is reached in one SYNC, and the axis stands when it is observed."""
+    setup = read_robot(find_robot(str(write_generic(tmp_path, modes="position_mode: 8"))), controllers=["position"])
+    servos = TestedRobot(setup)
+    try:
+        servos.run(0.51)  # the drives take their set-points between two samples
+        for way in (0.0, 0.2):
+            servos.command("position", way, way)
+            servos.run(2.5)
+        assert servos.position("one") == pytest.approx(0.2, abs=0.001)
+        assert servos.breaches == []
+    finally:
+        servos.close()
 
 
 def test_an_axis_whose_brake_lifts_late_stops_without_a_leap_and_names_the_key(robot):
