@@ -160,7 +160,9 @@ class MotionInvariants:
             return
         since = self._followed_ns
         for view in self._views.values():
-            watched = view.config.master.heartbeat_ms * _MS * 5
+            # heartbeat_multiplier of bus.yml: the consumer time of the drives (0x1016), the longest of the bus
+            periods = max((node.supervision.multiplier for node in view.config.nodes.values()), default=0.0)
+            watched = round(view.config.master.heartbeat_ms * _MS * periods)
             silent = watched > 0 and 0 < view.master_at < now - watched - GRACE_NS
             for node in view.nodes.values():
                 limit = node.timeout_ns

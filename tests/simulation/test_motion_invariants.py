@@ -1,11 +1,15 @@
 import pytest
+from support.robots import copy_robby
 from support.simulated import BASE, FORWARD, MS, Judged, S, setup_of
 
 from canopen_control.controllers.switcher import UpdateLoop
 from canopen_control.runtime.core import RobotCore, RobotState
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.motion_invariants import MotionInvariants
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.simulation_run import SimulationRun
+from canopen_control.testing.tested_robot import TestedRobot
 from canopen_control.virtual.scenario import ScenarioEvent
 
 
@@ -129,3 +133,20 @@ def test_the_seed_of_a_drive_that_moved_while_it_was_booted_breaks_nothing():
     run.close()
     assert run.breaches == ()
     assert place == pytest.approx(places[0], abs=1.0)  # it was enabled where it stood
+
+
+@pytest.mark.parametrize(("periods", "silence"), [(20, 1.5), (3, 0.2)])
+def test_a_silent_master_counts_from_the_consumer_time_of_bus_yml(tmp_path, periods, silence):
+    """The drives are configured with heartbeat_multiplier, 20 periods are 2 s."""
+    edits = {"heartbeat_multiplier: 5": f"heartbeat_multiplier: {periods}"}
+    robot = TestedRobot(read_robot(find_robot(str(copy_robby(tmp_path, bus=edits)))))
+    try:
+        robot.run(0.5)
+        robot.command(FORWARD, 5.0, 5.0, seconds=4.0)
+        robot.run(1.0)
+        robot.stall(silence)
+        robot.run(2.5)
+        assert robot.drives[3].velocity
+        assert robot.breaches == []
+    finally:
+        robot.close()
