@@ -225,6 +225,7 @@ class _Reader:
         self._check_cob_ids(nodes, plans)
         if not unclear:
             self._check_sync(master, plans)
+        _warn_of_empty(self._root)
         unused = {f"{self._path}: {key}: {why}": line for key, (why, line) in sorted(self._unused.items())}
         return BusConfig(
             str(self._path),
@@ -487,6 +488,20 @@ class _Reader:
         except (ConfigError, ValueError) as error:
             place.error(f"{config.boot.configuration_file}: {error}")
         return ()
+
+
+def _warn_of_empty(root: Node) -> None:
+    """Warn about keys without a value, which dcfgen refuses; keys with an error are omitted."""
+    wrong = tuple(error.where for error in root.problems.errors)
+    sections = [section for name, section in root.items() if name != "nodes" and not name.startswith(".")]
+    nodes = root.get("nodes")
+    open_nodes = sections + [node for _, node in (() if nodes is None else nodes.items())]
+    while open_nodes:
+        node = open_nodes.pop()
+        open_nodes += [*node.elements(), *(value for _, value in node.items())]
+        for key, value in node.pairs():
+            if value.kind == "null" and key.text != "value" and not key.where.startswith(wrong or "/"):
+                key.warning("no value, so the default applies; give a value, or remove the key")
 
 
 def _own_cob_ids(kind: str, node: Node, numbers: Sequence[int]) -> str:

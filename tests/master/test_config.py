@@ -470,3 +470,13 @@ def test_whatever_is_in_the_file_is_a_bus_or_a_configuration_error(changes, peer
         except BusConfigError:
             return
         assert set(bus.plans) == set(bus.nodes)
+
+
+def test_a_key_without_a_value_is_a_warning_with_its_line(tmp_path):
+    bus = with_node(tmp_path, "tpdo: {1: {transmission: }}, guard_time: ")
+    texts = [note for note in bus.notes if "no value, so the default applies" in note]
+    assert [re.search(r"[a-z_0-9.]+: no value", text)[0] for text in texts] == [
+        "nodes.right_drive.tpdo.1.transmission: no value",
+        "nodes.right_drive.guard_time: no value",
+    ]
+    assert all(re.match(r".*bus\.yml:\d+:\d+: ", text) for text in texts)
