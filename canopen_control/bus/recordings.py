@@ -260,10 +260,23 @@ def _asc_writer(path: Path) -> can.io.generic.MessageWriter:
     import can
 
     class Writer(can.ASCWriter):
-        """ASC writer with three digits for the milliseconds of the start: readers take `.5` for half a second."""
+        """ASC writer whose dates are the start of the measurement, with three digits for the milliseconds.
+
+        Readers take `.5` for half a second. Some take `date` for the time 0 of the rows (asc2log of can-utils), others
+        the date of the trigger block (python-can), which is the time of the first frame.
+        """
 
         def _format_header_datetime(self, dt: Any) -> str:  # noqa: ANN401 - a datetime
             return str(dt.strftime(self.FORMAT_DATE.format(f"{dt.microsecond // 1000:03d}")))
+
+        def log_event(self, message: str, timestamp: float | None = None) -> None:
+            if not self.header_written:
+                start = datetime.datetime.fromtimestamp(timestamp or 0.0)  # noqa: DTZ006 - ASC has local times
+                self.file.seek(0)
+                self.file.truncate()
+                self.file.write(f"date {self._format_header_datetime(start)}\n")
+                self.file.write("base hex  timestamps absolute\ninternal events logged\n")
+            super().log_event(message, timestamp)
 
     return Writer(str(path))
 

@@ -251,6 +251,15 @@ def test_what_a_format_cannot_hold_is_left_out_and_counted(tmp_path, suffix, rem
     assert (writer.written, writer.left_out) == (len(kept), len(frames) - len(kept))
 
 
+def test_both_dates_of_an_asc_file_are_the_time_of_its_first_frame(tmp_path):
+    path = tmp_path / "x.asc"
+    write(path, PLAIN)
+    lines = path.read_text().splitlines()
+    (block,) = (line for line in lines if line.startswith("Begin Triggerblock "))
+    assert lines[0].split(maxsplit=1) == ["date", block.removeprefix("Begin Triggerblock ")]
+    assert lines[1:3] == ["base hex  timestamps absolute", "internal events logged"]
+
+
 @pytest.mark.parametrize("suffix", ALL)
 def test_a_recording_without_frames_is_one_too(tmp_path, suffix):
     path = tmp_path / f"x{suffix}"
