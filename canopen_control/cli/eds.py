@@ -490,7 +490,7 @@ def _converted(od: ObjectDictionary, ending: str, args: argparse.Namespace) -> s
         return eds_text(od) if ending == ".eds" else xdd_text(od)
     if od.node_id is None:
         raise ConfigError(f"{args.output} describes one device, and {args.file} has no node-ID; give --node-id N")
-    return dcf_text(od, od.node_id, od.bitrate or 0) if ending == ".dcf" else xdd_text(od, configured=True)
+    return dcf_text(od, od.node_id, od.bitrate) if ending == ".dcf" else xdd_text(od, configured=True)
 
 
 _ACTIONS: dict[str, Callable[[argparse.Namespace], int]] = {

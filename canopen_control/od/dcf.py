@@ -144,13 +144,13 @@ def eds_text(od: ObjectDictionary) -> str:
 def dcf_text(
     od: ObjectDictionary,
     node_id: int,
-    bitrate: int,
+    bitrate: int | None,
     values: Mapping[Address, Value] | None = None,
     *,
     node_name: str = "",
     relative: Container[Address] = (),
 ) -> str:
-    """Return the text of the DCF of node `node_id` at `bitrate` bit/s, with `values` as ParameterValues.
+    """Return the text of the DCF of node `node_id` at `bitrate` bit/s (if known), with `values` as ParameterValues.
 
     Values at the `relative` addresses are written as $NODEID plus an offset, so that the file is valid for other
     node-IDs. Raise ValueError for a value that has no entry or does not fit its type.
@@ -292,13 +292,14 @@ def _commissioning(od: ObjectDictionary, section: dict[str, str], is_dcf: bool) 
     lines: dict[str, object] = {
         "NodeID": od.node_id,
         "NodeName": more.node_name,
-        "Baudrate": (od.bitrate or 0) // 1000,
-        "NetNumber": more.network_number or 0,
+        "Baudrate": None if od.bitrate is None else od.bitrate // 1000,
+        "NetNumber": more.network_number,
         "NetworkName": more.network_name,
         "CANopenManager": int(more.canopen_manager),
-        "LSS_SerialNumber": more.lss_serial_number or 0,
+        "LSS_SerialNumber": more.lss_serial_number,
     }
-    texts = {key: str(value) for key, value in lines.items()}
+    # an unknown value has no line: a serial number of 0 would take the place of that in 0x1018 (dcfgen)
+    texts = {key: str(value) for key, value in lines.items() if value is not None}
     yield "DeviceComissioning", texts | _unknown(_section("", old) if old is not None else None, texts)
 
 

@@ -188,11 +188,19 @@ def test_a_dcf_has_the_node_and_its_values():
     values = {(0x6083, 0): 16000, (0x60C2, 2): -3, (0x1017, 0): 1000}
     file = parse_eds(dcf_text(od, 3, 500_000, values, node_name="left").encode())
     assert (file.od.node_id, file.od.bitrate) == (3, 500_000)
-    assert file.od.commissioning == Commissioning("left", 0, "", False, 0)
+    assert file.od.commissioning == Commissioning("left", None, "", False, None)
     assert {entry.address: entry.parameter_value for entry in file.od if entry.parameter_value is not None} == values
     assert file.od[0x1400, 1].default == 0x40000203
     assert file.issues == []
     assert od[0x6083, 0].parameter_value is None
+
+
+def test_unknown_values_of_the_commissioning_have_no_line():
+    text = dcf_text(parse(eds()).od, 3, None)
+    assert "NodeID=3" in text
+    assert not any(key in text for key in ("Baudrate=", "NetNumber=", "LSS_SerialNumber="))
+    again = parse_eds(text.encode()).od
+    assert (again.bitrate, again.commissioning) == (None, Commissioning())
 
 
 def test_a_dcf_of_a_dcf_keeps_what_it_does_not_change():
