@@ -89,28 +89,44 @@ def _width() -> int:
 class _VerbParser(argparse.ArgumentParser):
     """Parser of a verb, and of each of its actions; a word that starts like a negative number is a value.
 
-    NAME:=VALUE is allowed anywhere on the line, if the verb accepts xacro arguments. argparse itself accepts such
-    positional arguments in one place only, so that none could follow an option.
+    Positional arguments that may be omitted are allowed anywhere on the line, as is NAME:=VALUE if the verb accepts
+    xacro arguments. argparse itself accepts them in one place only, so that none could follow an option.
     """
 
     def __init__(self, **options: Any) -> None:  # noqa: ANN401 - argparse.ArgumentParser takes them
         super().__init__(**options)
         # argparse itself takes -20rpm, -1e3, -0x10 and -1,2 for options
         self._negative_number_matcher = _NEGATIVE  # argparse has no public option for it
+        self._retrying = False
 
     def parse_known_args(  # type: ignore[override]  # of its three signatures, the one that is called
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
         """Parse the arguments; every NAME:=VALUE before --ros-args goes to `XACRO`."""
         words = list(sys.argv[1:] if args is None else args)
-        if not any(action.dest == XACRO for action in self._actions):
+        if self._retrying:
             return super().parse_known_args(words, namespace)
+        if not any(action.dest == XACRO for action in self._actions):
+            return self._parse(words, namespace)
         end = words.index("--ros-args") if "--ros-args" in words else len(words)
         mappings = [word for word in words[:end] if _ARGUMENT.match(word)]
         others = [word for word in words[:end] if not _ARGUMENT.match(word)]
-        filled, unknown = super().parse_known_args([*others, *words[end:]], namespace)
-        setattr(filled, XACRO, [*getattr(filled, XACRO), *mappings])
+        filled, unknown = self._parse([*others, *words[end:]], namespace)
+        setattr(filled, XACRO, [*(getattr(filled, XACRO, None) or ()), *mappings])
         return filled, unknown
+
+    def _parse(self, words: list[str], namespace: argparse.Namespace | None) -> tuple[argparse.Namespace, list[str]]:
+        """Parse once, and again with options first if words are left over that are no options."""
+        filled, unknown = super().parse_known_args(words, namespace)
+        positional = [action for action in self._actions if not action.option_strings]
+        may_be_omitted = {"?", "*"} & {action.nargs for action in positional}
+        if not may_be_omitted or all(word.startswith("--") for word in unknown):
+            return filled, unknown
+        self._retrying = True  # argparse calls `parse_known_args` twice
+        try:
+            return self.parse_known_intermixed_args(words, namespace)
+        finally:
+            self._retrying = False
 
 
 def _describe_actions(parser: argparse.ArgumentParser, examples: Sequence[str]) -> None:

@@ -36,6 +36,32 @@ def test_a_negative_value_with_a_unit_may_follow_its_option(line):
     assert getattr(parser_of(verb).parse_args(words), dest) == value
 
 
+AFTER_OPTIONS = {
+    "dump 3 --can local:x 0x1018 0x60*": {"node": "3", "what": ["0x1018", "0x60*"], "can": "local:x"},
+    "fault 3 --can local:x silent on": {"what": "3", "name": "silent", "state": "on"},
+    "axis mode all --name robby PV": {"node": "all", "mode": "PV"},
+    "run robby --for 1 a:=1 --mock b:=2": {"config": "robby", "xacro": ["a:=1", "b:=2"], "mock": True},
+    "sdo write 3 0x60FF --type i32 -5": {"object": "0x60FF", "value": "-5"},
+    "dump 3": {"what": []},
+}
+
+
+@pytest.mark.parametrize("line", AFTER_OPTIONS)
+def test_words_that_may_be_omitted_may_follow_an_option(line):
+    verb, *words = line.split()
+    parsed = vars(parser_of(verb).parse_args(words))
+    assert {name: parsed[name] for name in AFTER_OPTIONS[line]} == AFTER_OPTIONS[line]
+
+
+@pytest.mark.parametrize("line", ["dump 3 --cn local:x 0x1018", "axis mode all PV CSP", "run robby --fro 1 a:=1"])
+def test_words_too_many_and_unknown_options_are_refused(line, capsys):
+    verb, *words = line.split()
+    with pytest.raises(SystemExit) as caught:
+        parser_of(verb).parse_args(words)
+    assert caught.value.code == 2
+    assert "error: unrecognized arguments" in capsys.readouterr().err
+
+
 def test_waypoints_may_begin_with_a_negative_position():
     words = ["play", "--waypoints", "-0.4 -0.3; 0 0"]
     assert parser_of("trajectory").parse_args(words).waypoints == "-0.4 -0.3; 0 0"
