@@ -51,7 +51,6 @@ def test_a_new_slave_gets_a_node_id_and_a_bit_rate(slaves, capsys):
     assert slaves.other.pending_node_id == 5
 
 
-@pytest.mark.alone  # a scan takes an answer after 20 ms for none
 def test_a_scan_without_any_knowledge_finds_the_slave(slaves, capsys):
     assert lss("fast-scan", "--json", "--vendor", "0x286", "--product", "0x4F6") == 0
     assert json.loads(capsys.readouterr().out) == NEW._asdict()

@@ -71,7 +71,7 @@ def test_inertia_and_friction_are_identified_and_gains_proposed(bench, no_termin
     assert value_of(output, "position P") == pytest.approx(15.71, rel=0.01)
 
 
-@pytest.mark.alone  # the bus and the drive run in real time
+@pytest.mark.rest
 def test_programs_get_json_and_a_picture_of_the_response(bench, no_terminal, capsys, tmp_path):
     file = tmp_path / "bode.png"
     assert bench.verb("tune", "--bode", "--for", "2", "--yes", "--json", "-o", str(file)) == 0
@@ -82,7 +82,6 @@ def test_programs_get_json_and_a_picture_of_the_response(bench, no_terminal, cap
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.alone  # the bus and the drive run in real time
 def test_a_frequency_response_is_a_table_and_a_file(bench, no_terminal, capsys, tmp_path):
     file = tmp_path / "bode.csv"
     assert bench.verb("tune", "--bode", "--for", "2", "--yes", "-o", str(file)) == 0
@@ -107,7 +106,7 @@ def true_response(gains, cycle):
     return answer
 
 
-@pytest.mark.alone
+@pytest.mark.rest
 @pytest.mark.parametrize("signal", ["chirp", "prbs"])
 def test_the_response_of_drive_and_bus_is_true_within_a_decibel_and_five_degrees(
     bench, no_terminal, capsys, tmp_path, signal

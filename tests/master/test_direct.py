@@ -141,7 +141,7 @@ def test_listening_receives_heartbeats_boot_ups_and_guarding_answers():
         assert bus.states == {9: NmtState.INITIALISING, 10: NmtState.OPERATIONAL, 11: None}
 
 
-@pytest.mark.alone  # a scan takes an answer after 20 ms for none
+@pytest.mark.sources  # in virtual time: a scan takes an answer after 20 ms for none
 def test_lss_finds_and_names_a_slave():
     slave = LssSlave(LssIdentity(0x286, 0x4F6, 1, 77))
     with OnBus("memory:lss", cores=(slave,)), DirectBus.open("memory:lss", timeout_s=0.1) as bus:
