@@ -371,7 +371,8 @@ _OPPOSITES = ({"left", "right"}, {"front", "rear"}, {"front", "back"}, {"upper",
 def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
     """Return ` (did you mean 'x'?)` for a similar known name, else a list of the known names if `listed`, else "".
 
-    The words of a name may be in another order; a name with the opposite meaning (left, right) is not suggested.
+    The words of a name may be in another order, and the letters of another case; a name with the opposite meaning
+    (left, right) is not suggested.
     """
     import difflib  # needed only for a mistake
 
@@ -383,7 +384,8 @@ def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
         if any(pair <= set(words) ^ set(candidate_words) for pair in _OPPOSITES):
             return 0.0
         orders = (name, candidate), (" ".join(sorted(words)), " ".join(sorted(candidate_words)))
-        return max(difflib.SequenceMatcher(None, *order).ratio() for order in orders)
+        same = 1.0 if name.lower() == candidate.lower() else 0.0
+        return max(same, *(difflib.SequenceMatcher(None, *order).ratio() for order in orders))
 
     best = max(names, key=ratio, default="")
     if best and ratio(best) >= _MIN_RATIO:

@@ -172,8 +172,9 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
     if bus is None:
         return
     for node in bus.nodes.values():
-        signs = {key: math.copysign(1.0, getattr(node.units, key)) for key in SCALES}
-        if len(set(signs.values())) > 1:
+        scales = {key: getattr(node.units, key) for key in SCALES}
+        signs = {key: math.copysign(1.0, scale) for key, scale in scales.items()}
+        if len(set(signs.values())) > 1 and all(map(math.isfinite, scales.values())):  # nan is reported elsewhere
             negative = ", ".join(key for key, sign in signs.items() if sign < 0)
             text = f"node {node.node_id} ({node.name}): only {negative} is negative, but position and velocity must"
             fix = "give all four scales the same sign, or the drive runs away from its set-point"

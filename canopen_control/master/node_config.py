@@ -55,12 +55,14 @@ def tolerated(
             place.error(f"unknown key {key!r}: a node belongs at the margin or under `nodes:`; it is indented too far")
         elif driver:
             place.warning(f"key {key!r} has no effect here: it belongs to {driver}, which is not part of this package")
-        elif (close := difflib.get_close_matches(key, [*keys, *unused], 1, 0.6)) and _addable(
+        elif (close := difflib.get_close_matches(key.lower(), [*keys, *unused], 1, 0.6)) and _addable(
             close[0], section, unused
         ):
             place.error(f"unknown key {key!r} (did you mean {close[0]!r}?)")
         else:
-            place.warning(f"unknown key {key!r} has no effect, neither here nor in ros2_canopen; remove it")
+            near = difflib.get_close_matches(key.lower(), keys, 1, 0.8)  # the section has the key that is meant, too
+            hint = f", or write {near[0]!r}" if near else ""
+            place.warning(f"unknown key {key!r} has no effect, neither here nor in ros2_canopen; remove it{hint}")
     return tolerated_keys
 
 

@@ -11,6 +11,7 @@ from support.makers import folder
 from support.properties import examples
 from support.robots import copy_robby
 
+from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.check.rules import find
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.data_files import data_path
@@ -443,3 +444,9 @@ def test_a_system_plugin_under_another_type_is_a_warning_with_its_line(tmp_path)
         f"robby.urdf.xacro:{line}: warning: <ros2_control name='robby'>: canopen_ros2_control/RobotSystem is a system, "
         'so ROS 2 does not load it as actuator; give it type="system"'
     ]
+
+
+def test_a_scale_that_is_no_number_is_one_error(tmp_path):
+    files = changed(tmp_path, "robby", bus={"scale_pos_to_dev: 254.6": "scale_pos_to_dev: .nan #"})
+    errors = [item for item in check_robot(files, CheckOptions()).findings if item.severity is Severity.ERROR]
+    assert [item.text.partition(" cannot")[0] for item in errors] == ["nodes.right_drive.scale_pos_to_dev: nan"]

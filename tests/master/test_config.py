@@ -480,3 +480,13 @@ def test_a_key_without_a_value_is_a_warning_with_its_line(tmp_path):
         "nodes.right_drive.guard_time: no value",
     ]
     assert all(re.match(r".*bus\.yml:\d+:\d+: ", text) for text in texts)
+
+
+def test_a_key_in_capitals_is_an_error_with_the_key_that_is_meant(tmp_path):
+    text = mistakes(tmp_path, NESTED.replace("right_drive: {node_id: 2", "right_drive: {node_id: 2, Mandatory: true"))
+    assert "unknown key 'Mandatory' (did you mean 'mandatory'?)" in text
+
+
+def test_a_misspelt_key_beside_the_correct_one_is_a_warning_with_the_correct_one(tmp_path):
+    bus = with_node(tmp_path, "mandatory: true, mandatry: false")
+    assert any("remove it, or write 'mandatory'" in note for note in bus.notes)
