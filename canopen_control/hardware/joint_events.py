@@ -237,7 +237,8 @@ class FaultWatch:
 # set-points of a cyclic position mode continue while the axis has not moved since it was enabled, the axis is late: it
 # would jump to the set-points when its brake has released. The same applies to an axis that has moved and then stands
 # for half a second while its set-points continue (STO without a change of state): it is stuck. An axis that stands for
-# 1.5 s in another mode is reported; a wheel or steering axis of a base stops the base, which would leave its path.
+# 1.5 s in another mode is reported; a wheel or steering axis stops its base, which would leave its path, once the way
+# that is missing counts.
 
 
 STANDING_CHECKS: Final = 15  # checks, one every 0.1 s
@@ -247,6 +248,7 @@ _WAY: Final = 0.02  # rad or m: a smaller distance to the target commands no mot
 _STEP: Final = STANDSTILL / 10  # rad or m in one check
 _CHECK_S: Final = 0.1
 _SURE_COUNTS: Final = 3.0  # a shorter way may not be seen by a coarse encoder
+_BASE_WAY: Final = 0.3  # rad: a shorter missing way of a wheel, of a motor that starts late, does not stop a base
 _LATE_TEXT: Final = (
     "it is enabled but does not follow its set-points, and would jump to them; set `enable_settle_ms` "
     "in bus.yml, longer than its brake needs to release, or check its power and the source of its set-points"
@@ -268,7 +270,7 @@ _WRONG_WAY_TEXT: Final = "it turns against its command; check polarity (0x607E),
 
 
 class MotionWatch:
-    """Motion check of one axis; `lacks_motion`, `late`, `stuck` and `moves_away` are results of the last `check`.
+    """Motion check of one axis: `lacks_motion`, `leaves_path`, `late`, `stuck` and `moves_away` are results of `check`.
 
     `unmoved` is True if the axis has not followed its set-points since it was enabled. `action` on an axis of a base
     that stands is stop, warn or ignore.
@@ -276,10 +278,10 @@ class MotionWatch:
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine, action: str = "stop") -> None:
         self._axis, self._machine, self._action = axis, machine, action
-        self.lacks_motion = self.late = self.stuck = self.moves_away = False
+        self.lacks_motion = self.leaves_path = self.late = self.stuck = self.moves_away = False
         self._standing = self._away = 0
         self._owed = 0.0  # counts that a velocity has commanded during the standstill
-        self._named = False  # the standstill has been reported
+        self._named = self._left = False  # the standstill, and that a base leaves its path, have been reported
         self._stood_at = 0  # target when the axis began to stand
         self._moved = False  # True if the axis has moved since it was enabled
         self._still: int | None = None  # position at the last check with motion
@@ -292,7 +294,7 @@ class MotionWatch:
 
     def check(self, target: ModeTarget | None, enabled: bool) -> None:
         """Compare the motion since the last check with the target."""
-        self.lacks_motion = self.late = self.stuck = self.moves_away = False
+        self.lacks_motion = self.leaves_path = self.late = self.stuck = self.moves_away = False
         position = self._axis.position
         if not enabled or target is None or position is None or not position.fresh or self._machine.halted:
             self._standing = self._away = 0
@@ -327,7 +329,7 @@ class MotionWatch:
         if self.late or self.stuck:
             text = _LATE_TEXT if self.late else _STUCK_TEXT
             events.append(JointEvent("late", text, Level.ERROR, stops=True))
-        if self.lacks_motion and in_base and self._action == "stop":
+        if self.leaves_path and in_base and self._action == "stop":
             events.append(JointEvent("standing", _BASE_TEXT, Level.ERROR, stops=True))
         elif self.lacks_motion:
             events.append(JointEvent("standing", _STANDSTILL_TEXT))
@@ -357,13 +359,15 @@ class MotionWatch:
             self._still = here
         self._standing = 0 if moved or limited or not self._commands_motion(target, scale) else self._standing + 1
         if not self._standing:
-            self._owed, self._named = 0.0, False
+            self._owed, self._named, self._left = 0.0, False, False
         elif isinstance(target, VelocityTarget):
             self._owed += abs(target.output.value / target.factor()) * scale * _CHECK_S
         else:
             self._owed = math.inf
         self.lacks_motion = self._standing >= STANDING_CHECKS and self._owed > _SURE_COUNTS and not self._named
         self._named = self._named or self.lacks_motion
+        self.leaves_path = self._named and not self._left and self._owed > _BASE_WAY * scale
+        self._left = self._left or self.leaves_path
         cyclic = target.tracks and target.interface == POSITION
         self.late = cyclic and not self._moved and self._standing == _LATE_CHECKS
         if self._standing <= 1:

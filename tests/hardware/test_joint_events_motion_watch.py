@@ -293,24 +293,32 @@ def test_event_driven_feedback_that_is_lost_stops_the_robot_by_its_event_timer(t
         tested_robot.close()
 
 
-@pytest.mark.parametrize(("seconds", "named"), [(3.0, False), (9.0, True)])
-def test_a_coarse_encoder_has_time_for_its_next_count(seconds, named):
-    """An encoder with 4 counts per rad, at 0.1 rad/s: a count takes 2.5 s."""
+@pytest.mark.parametrize(
+    ("counts", "speed", "seconds", "stops"),
+    [
+        (4.0, 0.1, 3.0, []),  # a count takes 2.5 s
+        (4.0, 0.1, 9.0, [True]),
+        (1000.0, 0.1, 2.0, [False]),  # 0.2 rad are missing
+        (1000.0, 0.1, 4.0, [False, True]),
+        (1000.0, 1.0, 4.0, [True]),
+    ],
+)
+def test_a_standing_wheel_stops_its_base_once_the_missing_way_counts(counts, speed, seconds, stops):
     pdo = SimpleNamespace(every=1, count=0, stamp=0)
     axis = SimpleNamespace(
         position=SimpleNamespace(pdo=pdo, fresh=True),
         raw_position=0,
         unwrap=PositionUnwrapper(),
-        scale=Scale(4.0, 0.25, 1000.0, 0.001),
+        scale=Scale(counts, 1 / counts, 1000.0, 0.001),
         limits=AxisObjectLimits(),
     )
     machine = SimpleNamespace(halted=False, statusword=0x0637)
-    target = VelocityTarget(axis, SimpleNamespace(value=100), machine)
+    target = VelocityTarget(axis, SimpleNamespace(value=round(1000 * speed)), machine)
     watch, events = MotionWatch(axis, machine), []
     for _ in range(round(seconds / 0.1)):
         watch.check(target, enabled=True)
         events += watch.events(wrong_way=False, in_base=True)
-    assert [event.stops for event in events] == [True] * named
+    assert [event.stops for event in events] == stops
 
 
 @pytest.mark.parametrize("mode", ["csp", "ip", "pp"])
