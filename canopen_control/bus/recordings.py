@@ -235,6 +235,10 @@ def read_lines(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
             yield parse_line(text)
 
 
+_ASC_HEADER_LINES: Final = 20  # `date` and `base` are the first lines, after comments
+_ASC_RELATIVE: Final = re.compile(r"\s*base\s+(?:hex|dec)\s+timestamps\s+relative", re.IGNORECASE)
+_ASC_EVENT: Final = re.compile(r"\s*(\d+\.\d+)(?=\s)")
+
 _UNREADABLE = (
     EOFError,
     ValueError,
@@ -293,10 +297,40 @@ def _trc_writer(path: Path) -> can.io.generic.MessageWriter:
     return can.TRCWriter(str(path))
 
 
+class _TimesFromStart:
+    """Lines of an ASC file with `timestamps relative`, with the time of each since the start of the measurement.
+
+    In such a file each time is that since the event before, whatever its kind; python-can reads all times as absolute.
+    """
+
+    def __init__(self, lines: Iterable[str]) -> None:
+        self._lines = iter(lines)
+        self._elapsed_ns = 0
+
+    def __iter__(self) -> _TimesFromStart:
+        return self
+
+    def __next__(self) -> str:
+        line = next(self._lines)
+        if match := _ASC_EVENT.match(line):
+            self._elapsed_ns += round(float(match[1]) * _NS)
+            return f"{self._elapsed_ns / _NS:.9f}{line[match.end() :]}"
+        if line.lower().startswith("begin triggerblock"):
+            self._elapsed_ns = 0
+        return line
+
+    def close(self) -> None:
+        """Do nothing: the file belongs to the caller."""
+
+
 def _asc_reader(file: Any) -> Any:  # noqa: ANN401 - python-can's readers have no common base with __iter__
     import can
 
-    return can.ASCReader(file, relative_timestamp=False)
+    head = [file.readline(_LONGEST_LINE) for _ in range(_ASC_HEADER_LINES)]
+    file.seek(0)
+    is_relative = any(_ASC_RELATIVE.match(line) for line in head)
+    lines: Any = _TimesFromStart(file) if is_relative else file
+    return can.ASCReader(lines, relative_timestamp=False)
 
 
 def _blf_reader(file: Any) -> Any:  # noqa: ANN401 - as above

@@ -260,6 +260,32 @@ def test_both_dates_of_an_asc_file_are_the_time_of_its_first_frame(tmp_path):
     assert lines[1:3] == ["base hex  timestamps absolute", "internal events logged"]
 
 
+ASC_EVENTS = (  # the time since the event before, in ms; other events than frames count too
+    (0, "Start of measurement"),
+    (10, "1  80              Rx   d 0"),
+    (1, "1  181             Rx   d 2 37 02"),
+    (9, "1  Statistic: D 2 R 0 XD 0 XR 0 E 0 O 0 B 0.02%"),
+    (5, "1  80              Rx   d 0"),
+)
+
+
+def test_an_asc_file_with_relative_times_reads_like_one_with_absolute_times(tmp_path):
+    block = "Begin Triggerblock Tue Nov 14 10:13:20.000 2023\n"
+    since_start = [sum(ms for ms, _ in ASC_EVENTS[: number + 1]) for number in range(len(ASC_EVENTS))]
+    frames = []
+    for kind, times in (("absolute", since_start), ("relative", [ms for ms, _ in ASC_EVENTS])):
+        events = [f"   {ms / 1000:.6f} {text}\n" for ms, (_, text) in zip(times, ASC_EVENTS, strict=True)]
+        body = block + "".join(events) + "End TriggerBlock\n"
+        path = tmp_path / f"{kind}.asc"
+        path.write_text(
+            f"date Tue Nov 14 10:13:20.000 2023\nbase hex  timestamps {kind}\nno internal events logged\n{body}{body}"
+        )
+        frames.append(list(Recording(path)))
+    absolute, relative = frames
+    assert relative == absolute
+    assert [(item.time_ns - absolute[0].time_ns) // 1_000_000 for item in absolute[:3]] == [0, 1, 15]
+
+
 @pytest.mark.parametrize("suffix", ALL)
 def test_a_recording_without_frames_is_one_too(tmp_path, suffix):
     path = tmp_path / f"x{suffix}"
