@@ -205,57 +205,57 @@ def test_full_speed_overrules(stage, drives):
     assert robot.end() == 0, robot
 
 
-@pytest.mark.process
-@pytest.mark.rest
-def test_looking_alone_moves_nothing_and_is_not_a_pass(stage, drives):
-    done = flight(stage, "--no-jog")
-    assert done.wait() == 0, done
-    assert "without the jog robby has not passed" in done.out
-    assert speeds() == [0.0, 0.0]
+def flown(*options, nodes=NODES):
+    """Run preflight with drives in virtual time; return the exit code and the speeds of the drives."""
+    with drives_on("memory:flown", dict.fromkeys(nodes, TMCM)) as drives:
+        code = main(["preflight", "robby", "--can", "memory:flown", *options])
+        return code, [node.drives[0].mover.plant.velocity for node in drives.nodes.values()]
 
 
-@pytest.mark.process
-@pytest.mark.rest
-def test_without_drives_it_fails_and_moves_nothing(stage):
-    stage.drive("flight", 3)
-    done = flight(stage, "--yes")
-    assert done.wait() == 1
-    assert "FAIL  node      node 2 (right_drive) does not answer" in done.out
-    assert "The next steps turn the motors" not in done.out
-    assert "robby has not passed: 1 of 6 steps failed" in done.out
+def test_looking_alone_moves_nothing_and_is_not_a_pass(capsys):
+    assert flown("--no-jog") == (0, [0.0, 0.0])
+    assert "without the jog robby has not passed" in capsys.readouterr().out
 
 
-@pytest.mark.process
-def test_a_no_ends_it(drives, monkeypatch, capsys):
+def test_without_drives_it_fails_and_moves_nothing(capsys):
+    assert flown("--yes", nodes=(3,)) == (1, [0.0])
+    output = capsys.readouterr().out
+    assert "FAIL  node      node 2 (right_drive) does not answer" in output
+    assert "The next steps turn the motors" not in output
+    assert "robby has not passed: 1 of 6 steps failed" in output
+
+
+@pytest.fixture
+def answered(monkeypatch):
+    """Return what runs preflight with this function as the answers of the user."""
+
+    def answered(answer):
+        monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+        monkeypatch.setattr("sys.stdin.readline", answer, raising=False)
+        return flown()
+
+    return answered
+
+
+def test_a_no_ends_it(answered, capsys):
     answers = iter(["y\n", "yes\n", "n\n"])
-    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("sys.stdin.readline", lambda: next(answers), raising=False)
-    assert main(["preflight", "robby", "--can", "local:flight"]) == 1
+    assert answered(lambda: next(answers))[0] == 1
     output = capsys.readouterr().out
     assert "Did left_wheel_joint, and nothing else, turn forward? [y/N]" in output
     assert "turned the wrong way" in output
     assert "Turn right_wheel_joint" not in output
 
 
-@pytest.mark.process
-@pytest.mark.rest
-def test_control_c_at_a_question_ends_its_line_and_jogs_nothing(drives, monkeypatch, capsys):
+def test_control_c_at_a_question_ends_its_line_and_jogs_nothing(answered, capsys):
     def interrupted():
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("sys.stdin.readline", interrupted, raising=False)
-    assert main(["preflight", "robby", "--can", "local:flight"]) == 130
+    assert answered(interrupted) == (130, [0.0, 0.0])
     assert capsys.readouterr().out.endswith("Continue? [y/N] \n")
-    assert speeds() == [0.0, 0.0]
 
 
-@pytest.mark.process
-@pytest.mark.rest
-def test_the_end_of_the_input_is_a_no_on_a_line_of_its_own(drives, monkeypatch, capsys):
-    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("sys.stdin.readline", lambda: "", raising=False)
-    assert main(["preflight", "robby", "--can", "local:flight"]) == 1
+def test_the_end_of_the_input_is_a_no_on_a_line_of_its_own(answered, capsys):
+    assert answered(lambda: "")[0] == 1
     assert "Continue? [y/N] \nFAIL  jog       declined by the user\n" in capsys.readouterr().out
 
 
