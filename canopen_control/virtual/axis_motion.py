@@ -63,6 +63,7 @@ class DriveUnits:
         self.position = self.velocity = self.length = self.speed = self.acceleration = self.turn = 1.0
         self.zero = 0.0
         self.own_speed = 1.0  # counts/s of a velocity unit that no object describes (a quirk)
+        self.own_ramp = 1.0  # velocity units per s in a unit of ramps that no object describes (a quirk)
 
     def update(self, objects: AxisObjects) -> None:
         polarity = objects.number(o.POLARITY)
@@ -75,7 +76,7 @@ class DriveUnits:
         own_factor = self.own_speed if not objects.speed_unit and factor == 1.0 else 1.0
         per_second = (objects.speed_unit or self.length) * own_factor
         self.speed = per_second / factor
-        self.acceleration = per_second / objects.ratio(o.ACCELERATION_FACTOR)
+        self.acceleration = per_second * self.own_ramp / objects.ratio(o.ACCELERATION_FACTOR)
         self.turn = -1.0 if polarity & _TURN_VELOCITY else 1.0
         self.position = -self.length if polarity & _TURN_POSITION else self.length
         self.velocity = self.turn * self.speed

@@ -188,11 +188,16 @@ def _polarity_of_targets(hooks: QuirkHooks, drive: VirtualDrive, _strength: floa
     turn()
 
 
-def _own_velocity_unit(hooks: QuirkHooks, drive: VirtualDrive, counts: float) -> None:
-    units, objects = drive.objects.units, drive.objects
-    hooks.later(lambda: units.update(objects))
-    hooks.attribute(units, "own_speed", counts)
-    units.update(objects)
+def _own_unit(name: str) -> AxisAct:
+    """Return a quirk action that sets a unit of the drive's motion, an attribute of `DriveUnits`, to the strength."""
+
+    def act(hooks: QuirkHooks, drive: VirtualDrive, size: float) -> None:
+        units, objects = drive.objects.units, drive.objects
+        hooks.later(lambda: units.update(objects))
+        hooks.attribute(units, name, size)
+        units.update(objects)
+
+    return act
 
 
 def _period_rounded(hooks: QuirkHooks, drive: VirtualDrive, ms: float) -> None:
@@ -305,8 +310,16 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "has a velocity unit that no object describes (the strength is the number of counts/s in one unit)",
         "CiA 402-2, object 0x60A9",
         "Kinco, FD5 manual, p. 190 (512 x resolution / 1875 of a rpm)",
-        _own_velocity_unit,
+        _own_unit("own_speed"),
         strength=Strength("counts/s", 10.0, 1e-6, 1e6),
+    ),
+    Quirk(
+        "own_ramp_unit",
+        "has a unit of ramps that no object describes (the strength is the number of velocity units per s in one unit)",
+        "CiA 402-2, object 0x6083",
+        "Kinco, FD5 manual (65536 x resolution / 4000000 of a revolution per s^2)",
+        _own_unit("own_ramp"),
+        strength=Strength("velocity units/s", 1000.0, 1e-6, 1e6),
     ),
     Quirk(
         "parameter_clamped",

@@ -129,6 +129,14 @@ def unit(b):
     return round(b.drive.mover.plant.velocity) == 10_000
 
 
+def steep(b):
+    b.write(0x6084, 1000)
+    b.moving()
+    b.write(0x60FF, 0)
+    b.on(0.11)
+    return b.velocity == 0
+
+
 def shifted(b):
     b.break_with("limit_switch")
     return b.number(0x60FD) & 0xFF == 0x20
@@ -231,6 +239,7 @@ PROBES = {
     "polarity_of_targets": turned,
     "one_ramp": ramps,
     "own_velocity_unit": unit,
+    "own_ramp_unit": steep,
     "parameter_clamped": lambda b: b.write(0x6083, 5000) and b.number(0x6083) == 1000,
     "inputs_shifted": shifted,
     "optional_missing": absent(0x60C2),
