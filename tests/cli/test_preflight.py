@@ -61,35 +61,30 @@ def test_a_channel_without_an_interface_is_only_reported():
     assert results(link_steps("local:anything", 1000)) == [("link", None)]
 
 
-@pytest.mark.rest
-@pytest.mark.process
-def test_nodes_are_compared_to_bus_file_and_eds_and_strangers_are_named(stage):
-    for node_id in (3, 2, 9):
-        stage.drive("looked", node_id)
-    setup = read_robot(find_robot("robby"), can=["local:looked"])
-    result = list(node_steps(setup.bus, "local:looked"))
+@contextlib.contextmanager
+def drives_on(channel, devices):
+    with lockstep(), OnBus(channel, devices) as drives:
+        yield drives
+
+
+def test_nodes_are_compared_to_bus_file_and_eds_and_strangers_are_named():
+    setup = read_robot(find_robot("robby"), can=["memory:looked"])
+    with drives_on("memory:looked", dict.fromkeys((3, 2, 9), TMCM)):
+        result = list(node_steps(setup.bus, "memory:looked"))
     ours = [("node", True), ("EDS", True), ("errors", True), ("limits", None)]
     assert results(result) == [*ours, *ours, ("node", None)]
     assert result[0].text == "node 3 (left_drive): TMCM-1270, serial number 3"
     assert result[-1].text == "node 9 answers, but is not in bus.yml"
 
 
-@pytest.mark.rest
-@pytest.mark.process
-def test_a_node_that_is_missing_or_another_one_fails(stage, tmp_path):
-    stage.drive("wrong", 3)
+def test_a_node_that_is_missing_or_another_one_fails(tmp_path):
     config = copy_robby(tmp_path, bus={"revision_number: 0 ": "revision_number: 0x77 "})
-    setup = read_robot(find_robot(str(config)), can=["local:wrong"])
-    result = list(node_steps(setup.bus, "local:wrong"))
+    setup = read_robot(find_robot(str(config)), can=["memory:wrong"])
+    with drives_on("memory:wrong", {3: TMCM}):
+        result = list(node_steps(setup.bus, "memory:wrong"))
     assert [step.name for step in result if step.passed is False] == ["node", "node"]
     assert "revision 0x00000077 expected" in result[0].text
     assert result[-1].text.startswith("node 2 (right_drive) does not answer; check power")
-
-
-@contextlib.contextmanager
-def drives_on(channel, devices):
-    with lockstep(), OnBus(channel, devices) as drives:
-        yield drives
 
 
 def test_the_jog_measures_velocity_way_and_stop(private_folders):
