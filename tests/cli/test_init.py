@@ -10,6 +10,7 @@ from typing import ClassVar
 import pytest
 from support.drive_shapes import shape, write_shape
 from support.eds import DEVIATIONS
+from support.onbus import OnBus
 
 from canopen_control.cli import init, scan
 from canopen_control.cli.main import main
@@ -289,15 +290,13 @@ def test_two_commands_from_an_eds_to_a_motor_that_turns(stage):
     assert any(float(words[-2]) > 1.0 for words in row), played
 
 
-@pytest.mark.rest
-@pytest.mark.process
-def test_a_robot_is_made_of_the_drives_on_a_bus(stage):
-    stage.drive("initbus", 6)
-    created = stage.call("init", "found", "--can", "local:initbus")
-    assert created.wait() == 0, created
-    assert "node 6 joint_1_drive: moves joint_1, velocity in PV" in created.out
-    assert "counts per revolution are guessed" in created.out
-    assert stage.call("check", "found", "--strict").wait() == 0
+def test_a_robot_is_made_of_the_drives_on_a_bus(capsys):
+    with OnBus("memory:initbus", {6: TMCM[1]}):
+        assert main(["init", "found", "--can", "memory:initbus"]) == 0
+    output = capsys.readouterr().out
+    assert "node 6 joint_1_drive: moves joint_1, velocity in PV" in output
+    assert "counts per revolution are guessed" in output
+    assert main(["check", "found", "--strict"]) == 0
 
 
 def test_a_mode_that_is_in_the_file_is_not_proposed_again(tmp_path):
