@@ -5,7 +5,7 @@ An NMT command has no answer: heartbeats and boot-ups show its effect. A running
 OPERATIONAL out of its process data, and boots it again with `start`; then `axis fault-reset` and `axis enable` let it
 move.
 
-Exit codes: 0 confirmed, or sent to nodes without heartbeat; 1 a node shows another state; 2 wrong usage.
+Exit codes: 0 confirmed, or sent to nodes without heartbeat; 1 no answer, or another state; 2 wrong usage.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from canopen_control.cli.support.target import (
     parse_node_id,
 )
 from canopen_control.client import RobotClient
-from canopen_control.errors import ConfigError
+from canopen_control.errors import ConfigError, SdoAbort, SdoTimeout
 from canopen_control.frame import BROADCAST
 from canopen_control.master.direct import DirectBus
 
@@ -66,6 +66,9 @@ def run(args: argparse.Namespace) -> int:
         return _through_robot(args, robot, command)
 
 
+_ABSENT = "nor an SDO answer or a boot-up; is the node powered and its node-ID right?"
+
+
 @dataclass(frozen=True, slots=True)
 class NmtResult:
     """Result of an NMT command for one node; `confirmed` is None if no heartbeat was received."""
@@ -79,6 +82,8 @@ class NmtResult:
 
 def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_id: int) -> int:
     timeout = args.wait or (RESET_TIMEOUT_S if command in RESETS and node_id else NMT_TIMEOUT_S)
+    # a stopped node answers no SDO (CiA 301, 7.3.2.2.5), so it is asked before
+    answered = command is NmtCommand.STOP and node_id != BROADCAST and _answers(bus, node_id)
     outcomes = []
     for result in bus.command(command, node_id, timeout):
         node = f"node {result.node_id}"
@@ -86,10 +91,25 @@ def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_
             outcomes.append(NmtResult(result.node_id, node, EXPECTED_STATE[command].name, True))
         else:
             state = None if result.state is None else result.state.name
-            outcomes.append(NmtResult(result.node_id, node, state, None if state is None else False))
+            # every node reports its reset by a boot-up (CiA 301, 7.3.2.2.1)
+            present = state is None and (answered or (command not in RESETS and _answers(bus, node_id)))
+            error = None if present or state is not None else _ABSENT
+            outcomes.append(NmtResult(result.node_id, node, state, None if present else False, error))
     if not outcomes and not args.json:
         print(f"{args.command} was sent to all; no heartbeat arrived within {timeout:g} s")
-    return _report(args, outcomes, timeout)
+    code = _report(args, outcomes, timeout)
+    return 1 if command in RESETS and not outcomes else code
+
+
+def _answers(bus: DirectBus, node_id: int) -> bool:
+    """Whether a node answers a read of its device type (0x1000), even by an abort."""
+    try:
+        bus.read(node_id, 0x1000)
+    except SdoTimeout:
+        return False
+    except SdoAbort:
+        pass
+    return True
 
 
 def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCommand) -> int:

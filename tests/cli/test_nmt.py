@@ -31,6 +31,24 @@ def test_a_command_reaches_its_node_alone_and_silence_is_reported(bus, capsys):
     assert (state_of(bus, 3), state_of(bus, 5)) == (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL)
 
 
+@pytest.mark.parametrize("command", ["start", "stop", "reset-comm"])
+def test_a_node_that_answers_nothing_is_exit_code_1(bus, command, capsys):
+    assert main(["nmt", command, "9", *ON_BUS, "--wait", "0.05"]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(
+        f"canopen-control: node 9: {command} was not confirmed within 0.05 s; it sent no heartbeat (nor "
+    )
+    assert main(["nmt", "stop", "3", *ON_BUS, "--wait", "0.05"]) == 0
+    assert capsys.readouterr().out == "node 3: stop was sent; no heartbeat confirmed it within 0.05 s\n"
+
+
+def test_a_reset_of_all_without_a_boot_up_is_exit_code_1(private_folders, capsys):
+    with OnBus("memory:empty", {}):
+        assert main(["nmt", "reset-node", "all", "--can", "memory:empty", "--wait", "0.05"]) == 1
+        assert capsys.readouterr().out == "reset-node was sent to all; no heartbeat arrived within 0.05 s\n"
+
+
 @pytest.mark.parametrize(
     ("command", "shown"),
     [
