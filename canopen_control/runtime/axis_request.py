@@ -169,7 +169,7 @@ class PendingAxisRequest:
         self._done(reason)
 
     def _without_fault(self) -> str:
-        labels = dict.fromkeys(joint.node.label for joint in self._joints)
+        labels = dict.fromkeys(joint.node.label for joint in self._joints) or ["the robot, which has no drive,"]
         return f"nothing was reset, because {' and '.join(labels)} {'have' if len(labels) > 1 else 'has'} no fault"
 
     def _explaining(self, now: int) -> bool:

@@ -8,6 +8,12 @@ def test_all_axes_of_a_robot_without_drives_are_done_at_once(mock_robot, capsys)
     assert capsys.readouterr().out == "enable all: done\n"
 
 
+def test_a_robot_without_drives_has_no_fault_to_reset(mock_robot, capsys):
+    assert main(["axis", "fault-reset", "all"]) == 1
+    sentence = "nothing was reset, because the robot, which has no drive, has no fault"
+    assert capsys.readouterr().err == f"canopen-control: {sentence}\n"
+
+
 def test_an_unknown_node_is_one_sentence(mock_robot, capsys):
     assert main(["axis", "enable", "nobody"]) == 2
     assert "nobody" in capsys.readouterr().err
