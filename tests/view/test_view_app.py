@@ -5,15 +5,14 @@ import contextlib
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from nicegui import ui
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
-from support.host import TIMEOUT_S, eventually
+from support.host import eventually
 from support.mockrobot import running
-from support.pages import FakeContext, at_rest, expect_seen, html, seen, state, visited
+from support.pages import FakeContext, at_rest, expect_seen, html, seen, settle, state, visited
 
 from canopen_control import Robot
 from canopen_control.errors import RemoteError
@@ -151,15 +150,8 @@ def play(private_folders, monkeypatch):
     return play
 
 
-async def until(condition, seconds=TIMEOUT_S):
-    begin = time.monotonic()
-    while not condition():
-        assert time.monotonic() - begin < seconds, "not within the time"
-        await asyncio.sleep(0.005)
-
-
 async def connected(app):
-    await until(lambda: app._connection is not None)
+    await settle(lambda: app._connection is not None)
 
 
 def command(robot):
@@ -191,7 +183,7 @@ async def test_it_reports_the_address_of_the_page_and_shows_the_robot(robot, pla
         assert app.said == [f"view: http://127.0.0.1:{app.rules.port}/{app.rules.token}/"]
         assert page_addresses("mock") == {app.rules.place: app.rules.url}
         assert app.robot.info.joints == ("left_wheel_joint", "right_wheel_joint")
-        await until(lambda: app.robot.controllers)
+        await settle(lambda: app.robot.controllers)
 
 
 async def test_controllers_are_asked_for_until_they_are_reported(robot, play, monkeypatch):
@@ -207,7 +199,7 @@ async def test_controllers_are_asked_for_until_they_are_reported(robot, play, mo
     monkeypatch.setattr(view_app, "_RETRY_S", 0.02)
     async with play() as app:
         await connected(app)
-        await until(lambda: app.robot.controllers)
+        await settle(lambda: app.robot.controllers)
     assert len(tried) == 3
 
 
@@ -217,7 +209,7 @@ async def test_started_by_run_it_reports_through_the_robot(robot, play):
         app._lifeline = 0  # as a child of run has one
         app.said.clear()
         app._announce(app._connection)
-        await until(lambda: any(event.kind == "view" for event in robot.status().events))
+        await settle(lambda: any(event.kind == "view" for event in robot.status().events))
         (reported,) = [event.text for event in robot.status().events if event.kind == "view"]
         assert [reported, *app.said] == [f"view: {app.rules.place}"] * 2  # the token is in no event and in no log
         app._lifeline = None
@@ -240,7 +232,7 @@ async def test_samples_come_slower_while_the_robot_stands(robot, play, monkeypat
         app._pages["page 1"] = WholePage()
         monkeypatch.setattr(app._stillness, "take", lambda _state: still.pop(0) if still else False, raising=False)
         monkeypatch.setattr(RobotConnection, "subscribe", lambda self, rate: rates.append(rate))
-        await until(lambda: not still)
+        await settle(lambda: not still)
     assert rates[:2] == [STILL_HZ, SEEN_HZ]
 
 
@@ -248,9 +240,9 @@ async def test_a_page_is_reported_what_was_then_what_is(robot, play):
     page = WholePage()
     async with play() as app:
         await connected(app)
-        await until(lambda: len(app.robot.history.rows()) > 3)
+        await settle(lambda: len(app.robot.history.rows()) > 3)
         app._page_opened(page)
-        await until(lambda: len(page.shown) > 2)
+        await settle(lambda: len(page.shown) > 2)
     assert page.sent[0]["plots"]["replace"]
     assert len(page.sent[0]["plots"]["rows"]) > 3
     assert "angles" in page.sent[1]["scene"]
@@ -263,8 +255,8 @@ async def test_stop_latches_and_reports_when_it_does_not_reach(robot, play):
         assert "not connected" in await app.ask(Release())
         await connected(app)
         assert app.stop() is None
-        await until(lambda: robot.status().latched)
-        await until(lambda: app.robot.state.latched)
+        await settle(lambda: robot.status().latched)
+        await settle(lambda: app.robot.state.latched)
         assert await app.ask(Release()) is None
 
 
@@ -281,11 +273,11 @@ async def test_a_held_button_drives_until_it_is_silent(robot, play, monkeypatch)
         app._page_opened(WholePage())
         sent = sending(app, monkeypatch)
         app.hold("page 1", MOTION, app.said.append)
-        await until(lambda: command(robot) == 3.0)
-        await until(lambda: len(sent) == 2)
+        await settle(lambda: command(robot) == 3.0)
+        await settle(lambda: len(sent) == 2)
         assert sent == [MOTION.moving, MOTION.resting], "the page ends it, not the controller's own timeout"
-        await until(lambda: command(robot) == 0.0)
-        await until(lambda: app._hold_timer is None)
+        await settle(lambda: command(robot) == 0.0)
+        await settle(lambda: app._hold_timer is None)
 
 
 async def test_letting_go_or_closing_the_page_ends_its_motion_at_once(robot, play):
@@ -302,7 +294,7 @@ async def test_letting_go_or_closing_the_page_ends_its_motion_at_once(robot, pla
         assert page.left == 1  # and what its tabs read
         app.hold("page 1", MOTION, app.said.append)  # was on its way
         assert app._dead_man.driver is None
-        await until(lambda: command(robot) == 0.0)
+        await settle(lambda: command(robot) == 0.0)
 
 
 async def test_nothing_is_sent_after_stop(robot, play, monkeypatch):
@@ -312,7 +304,7 @@ async def test_nothing_is_sent_after_stop(robot, play, monkeypatch):
         app.hold("page 1", MOTION, app.said.append)
         sent = sending(app, monkeypatch)
         app.stop()
-        await until(lambda: app._hold_timer is None)  # the hold would end now, by a command
+        await settle(lambda: app._hold_timer is None)  # the hold would end now, by a command
         assert sent == []
 
 
@@ -336,7 +328,7 @@ async def test_the_end_of_the_view_ends_what_it_drives(robot, play):
         await connected(app)
         app._page_opened(WholePage())
         app.hold("page 1", MOTION, app.said.append)
-        await until(lambda: command(robot) == 3.0)
+        await settle(lambda: command(robot) == 3.0)
     assert eventually(lambda: command(robot) == 0.0)
 
 
@@ -347,11 +339,11 @@ async def test_it_waits_for_a_robot_that_returns_and_keeps_its_pages(private_fol
         with running(real_time=True):
             await connected(app)
             app._page_opened(page)
-        await until(lambda: app._connection is None)
-        await until(lambda: page.shown and page.shown[-1].banner.words == "not connected")
+        await settle(lambda: app._connection is None)
+        await settle(lambda: page.shown and page.shown[-1].banner.words == "not connected")
         with running(real_time=True):
             await connected(app)
-            await until(lambda: page.shown[-1].banner.words == "running")
+            await settle(lambda: page.shown[-1].banner.words == "running")
     assert page.loads == 0
 
 
@@ -362,7 +354,7 @@ async def test_another_robot_of_the_same_name_makes_pages_again(robot, play):
         app._page_opened(page)
         app._robot.resume = lambda _welcome: False
         app._drop("it was another one")
-        await until(lambda: page.loads)
+        await settle(lambda: page.loads)
     assert page.loads == 1
 
 
@@ -372,14 +364,14 @@ async def test_a_silent_robot_is_lost_until_it_sends_again(robot, play, monkeypa
         await connected(app)
         page = WholePage()
         app._page_opened(page)
-        await until(lambda: page.shown)
+        await settle(lambda: page.shown)
         loop = asyncio.get_running_loop()
         loop.remove_reader(app._connection.fileno())  # as if it were stopped
-        await until(lambda: page.shown[-1].banner.words == "not connected")
+        await settle(lambda: page.shown[-1].banner.words == "not connected")
         assert "has sent nothing for" in page.shown[-1].banner.cause
         assert "does not answer" in app.stop()
         loop.add_reader(app._connection.fileno(), app._on_readable)
-        await until(lambda: page.shown[-1].banner.words != "not connected")
+        await settle(lambda: page.shown[-1].banner.words != "not connected")
 
 
 async def test_as_a_child_it_ends_with_its_robot(private_folders, play):
@@ -388,7 +380,7 @@ async def test_as_a_child_it_ends_with_its_robot(private_folders, play):
             await connected(app)
             app._lifeline = 0
             assert not app.server.ended.is_set()
-        await until(lambda: app.server.ended.is_set())
+        await settle(lambda: app.server.ended.is_set())
         app._lifeline = None
 
 
@@ -402,10 +394,10 @@ async def test_a_page_that_cannot_be_drawn_takes_nothing_with_it(robot, play):
         other = WholePage("page 2")
         app._page_opened(Broken())
         app._page_opened(other)
-        await until(lambda: any("ZeroDivisionError" in text for text in app.said))
-        await until(lambda: other.shown)  # the others go on
+        await settle(lambda: any("ZeroDivisionError" in text for text in app.said))
+        await settle(lambda: other.shown)  # the others go on
         assert app.stop() is None
-        await until(lambda: robot.status().latched)
+        await settle(lambda: robot.status().latched)
 
 
 async def test_an_unknown_combination_is_not_a_robot(private_folders, play):
@@ -444,7 +436,7 @@ async def begun(app, seconds=30.0):
     await connected(app)
     app._page_opened(WholePage())
     playing = asyncio.ensure_future(app.player.play("page 1", "arm_controller", wave(seconds)))
-    await until(lambda: any(item.executing for item in app.robot.state.samples_of(TrajectorySample).values()))
+    await settle(lambda: any(item.executing for item in app.robot.state.samples_of(TrajectorySample).values()))
     return playing
 
 
@@ -452,7 +444,7 @@ async def begun(app, seconds=30.0):
 async def test_a_trajectory_is_played_to_its_end(arm, play):
     async with play() as app:
         playing = await begun(app, 1.5)
-        await until(lambda: app.player.here("page 1") or playing.done())
+        await settle(lambda: app.player.here("page 1") or playing.done())
         played = await playing
     assert (played.reached, played.text) == (True, "the goal was reached")
     assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
