@@ -17,6 +17,7 @@ import datetime
 import math
 import re
 import select
+import shlex
 import struct
 import time
 import zlib
@@ -228,11 +229,17 @@ def parse_line(line: str) -> tuple[int, CanFrame] | None:
     return time_ns, CanFrame(can_id, bytes.fromhex(data.replace(".", "")))
 
 
-def read_lines(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
-    """Yield the time and frame of each candump line, or None for a line without a frame; skip empty lines."""
+def read_lines(file: TextIO, buses: set[str]) -> Iterator[tuple[int, CanFrame] | None]:
+    """Yield the time and frame of each candump line, or None for a line without a frame; skip empty lines.
+
+    The interfaces of the frames are added to `buses`.
+    """
     while line := file.readline(_LONGEST_LINE):
         if text := line.strip():
-            yield parse_line(text)
+            parsed = parse_line(text)
+            if parsed is not None:
+                buses.add(text.split(maxsplit=2)[1])
+            yield parsed
 
 
 _ASC_HEADER_LINES: Final = 20  # `date` and `base` are the first lines, after comments
@@ -343,7 +350,7 @@ class _Format(NamedTuple):
     writer: Callable[[Path], can.io.generic.MessageWriter] | None  # None: written here
     reader: Callable[[Any], Any] | None  # None: `lines`, read here
     holds: Callable[[CanFrame], bool]
-    lines: Callable[[TextIO], Iterator[tuple[int, CanFrame] | None]] = read_lines
+    lines: Callable[[TextIO, set[str]], Iterator[tuple[int, CanFrame] | None]] = read_lines
     is_text: bool = True
 
 
@@ -353,7 +360,9 @@ FORMATS = {
         _asc_writer, _asc_reader, lambda frame: not frame.is_error
     ),  # it stores only that there was an error
     ".blf": _Format(_blf_writer, _blf_reader, lambda _frame: True, is_text=False),
-    ".trc": _Format(_trc_writer, None, lambda frame: not frame.is_error and not frame.is_remote, read_trc),
+    ".trc": _Format(
+        _trc_writer, None, lambda frame: not frame.is_error and not frame.is_remote, lambda file, _: read_trc(file)
+    ),
 }
 _PACKED: Final = ".gz"
 
@@ -470,10 +479,14 @@ class Recording:
 
     After reading, `skipped` counts rows without a classic CAN frame, and `problem` is the reason why reading
     stopped early or found no frames, or "". Raise ConfigError for a missing file or an unknown suffix.
+
+    `buses` are the interfaces (.log) or channels (.asc, .blf) of the frames read. Frames of several buses are read as
+    those of one; `mixture` says so.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        self.buses: set[str] = set()
         self.skipped = 0
         self.problem = ""
         self._ends = False  # whether a reader that failed had reached the end of the file
@@ -484,6 +497,18 @@ class Recording:
             raise ConfigError(
                 f"recording {path} does not exist" if not self.path.exists() else f"{path} is not a regular file"
             )
+
+    @property
+    def mixture(self) -> str:
+        """Sentence about the frames of several buses that were read, or ""."""
+        if len(self.buses) < 2:
+            return ""
+        names = sorted(self.buses)
+        text = f"{self.path} contains the frames of {len(names)} buses ({', '.join(names)}); keep those of one"
+        if self._format.reader is not None:
+            return text
+        grep, path = "zgrep" if _is_packed(self.path) else "grep", shlex.quote(str(self.path))
+        return f"{text}: {grep} ' {names[0]} ' {path} > {names[0]}.log"
 
     def __iter__(self) -> Iterator[RecordedFrame]:
         self.skipped, self.problem, self._ends, count = 0, "", False, 0
@@ -507,7 +532,7 @@ class Recording:
     def _lines(self) -> Iterator[RecordedFrame | None]:
         with self._open() as file:
             try:
-                for frame in self._format.lines(file):
+                for frame in self._format.lines(file, self.buses):
                     yield None if frame is None else RecordedFrame(*frame)
             except EOFError:
                 self._ends = not _is_packed(self.path)
@@ -538,6 +563,8 @@ class Recording:
                         yield None
                     else:
                         (frame,) = frames_of(record)
+                        if message.channel is not None:
+                            self.buses.add(str(message.channel + 1))  # python-can counts from 0, the files from 1
                         yield RecordedFrame(round(message.timestamp * 1e6) * 1000, frame)
             except _UNREADABLE as error:  # the reader of .blf reports missing data itself
                 self._ends = isinstance(error, (EOFError, struct.error)) if binary else not file.read(1)

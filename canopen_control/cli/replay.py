@@ -194,12 +194,14 @@ def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
 
 
 def _refuse_used_bus(recording: Source, channel: str) -> None:
-    """Raise ConfigError if a robot runs on the bus, or a master or a node of the recording is active."""
+    """Raise ConfigError for frames of several buses, or if a robot, a master or a node of them is active here."""
     from canopen_control.cli.support.target import robot_on
 
     if (owner := robot_on(channel)) is not None:
         raise ConfigError(f"{channel} is the bus of the running robot {owner[0]}; shut it down, or use another bus")
     node_ids = node_ids_in(recording)
+    if recording.mixture:  # one identifier belongs to a node on each bus
+        raise ConfigError(f"{recording.mixture} (--force plays all frames)")
     active, has_master = _listen(channel)
     if has_master:
         raise ConfigError(f"on {channel} a master is active: its SYNC or NMT was received; --force plays anyway")

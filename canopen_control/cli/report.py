@@ -164,7 +164,7 @@ def _frames_only(args: argparse.Namespace, path: Path) -> tuple[FlightFile, dict
 
     recording = frames_of_file(path)  # a page without frames, and so without faults, would be misleading
     frames = [(time_ns, "can", frame) for time_ns, frame in recording]
-    notes = (recording.problem,) if recording.problem else ()
+    notes = tuple(text for text in (recording.mixture, recording.problem) if text)
     meta = FlightMeta(robot="", reason=NO_FAULT, buses={"can": path.name})
     file = FlightFile(meta, frames=frames, unread_lines=recording.skipped, notes=notes)
     return file, {"can": described(args)}

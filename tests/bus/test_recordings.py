@@ -286,6 +286,40 @@ def test_an_asc_file_with_relative_times_reads_like_one_with_absolute_times(tmp_
     assert [(item.time_ns - absolute[0].time_ns) // 1_000_000 for item in absolute[:3]] == [0, 1, 15]
 
 
+LOG = "(1700000000.000000) can0 183#3702\n(1700000000.000100) can1 183#1800\n"
+ASC = (
+    "date Tue Nov 14 10:13:20.000 2023\nbase hex  timestamps absolute\nno internal events logged\n"
+    "   0.000000 1  183             Rx   d 2 37 02\n   0.000100 2  183             Rx   d 2 18 00\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "buses", "advice"),
+    [
+        ("run.log", LOG, ["can0", "can1"], ": grep ' can0 ' {path} > can0.log"),
+        ("my run.log", LOG, ["can0", "can1"], ": grep ' can0 ' '{path}' > can0.log"),
+        ("run.asc", ASC, ["1", "2"], ""),
+    ],
+)
+def test_frames_of_several_buses_are_reported_after_reading(tmp_path, name, text, buses, advice):
+    path = tmp_path / name
+    path.write_text(text)
+    recording = Recording(path)
+    assert recording.mixture == ""
+    assert len(list(recording)) == 2
+    sentence = f"{path} contains the frames of 2 buses ({', '.join(buses)}); keep those of one"
+    assert recording.mixture == sentence + advice.format(path=path)
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_a_recording_of_one_bus_is_no_mixture(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    write(path, PLAIN)
+    recording = Recording(path)
+    assert list(recording)
+    assert recording.mixture == ""
+
+
 @pytest.mark.parametrize("suffix", ALL)
 def test_a_recording_without_frames_is_one_too(tmp_path, suffix):
     path = tmp_path / f"x{suffix}"

@@ -52,6 +52,16 @@ def test_without_a_bus_it_reports_what_is_in_it(log, capsys):
     assert "Statusword 0x0637 OPERATION ENABLED" in capsys.readouterr().out
 
 
+def test_frames_of_two_buses_are_not_played_onto_one(folders, tmp_path, capsys):
+    path = tmp_path / "two.log"
+    path.write_text("(1700000000.000000) can0 183#3702\n(1700000000.000100) can1 183#1800\n")
+    assert main(["replay", str(path)]) == 0
+    sentence = f"{path} contains the frames of 2 buses (can0, can1); keep those of one: grep ' can0 ' {path} > can0.log"
+    assert sentence in capsys.readouterr().err
+    assert main(["replay", str(path), "--can", "local:bench"]) == 2
+    assert f"{sentence} (--force plays all frames)" in capsys.readouterr().err
+
+
 @pytest.mark.process
 def test_it_plays_into_an_empty_bus(folders, log, capsys):
     ear = open_local("bench", "ear")

@@ -200,6 +200,7 @@ class FlightSource:
         self.skipped = file.unread_lines
         self._frames = [RecordedFrame(time_ns, frame) for time_ns, name, frame in file.frames if name == chosen]
         self.problem = "" if self._frames else f"{path} contains no frame of bus {chosen}"
+        self.mixture = ""
 
     def __iter__(self) -> Iterator[RecordedFrame]:
         return iter(self._frames)
@@ -225,12 +226,12 @@ def frames_of_file(path: str | Path) -> Recording:
 
 
 def report_gaps(source: Source) -> None:
-    """Report the number of skipped lines, and the reason if reading ended early, on standard error."""
+    """Report skipped lines, frames of several buses, and the reason if reading ended early, on standard error."""
     if source.skipped:
         lines = "1 line is not a frame" if source.skipped == 1 else f"{source.skipped} lines are not frames"
         print(f"canopen-control: {source.path}: {lines} of classic CAN, left out", file=sys.stderr)
-    if source.problem:
-        print(f"canopen-control: {source.problem}", file=sys.stderr)
+    for text in filter(None, (source.mixture, source.problem)):
+        print(f"canopen-control: {text}", file=sys.stderr)
 
 
 def network_for(args: argparse.Namespace, source: Source) -> NetworkDescription:
