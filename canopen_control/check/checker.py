@@ -237,8 +237,9 @@ def _slow_stops(buses: dict[str, BusConfig], stops: tuple[StopTime, ...]) -> Ite
         if case is None or config is None:
             continue
         place = config.place(facts.node, "sdo")
+        ramp, speed = f"{round(case.ramp_s):.6g}", f"{round(facts.speed):.12g}"
         text = (
-            f"{facts.node}: {_subject(facts)} needs {case.ramp_s:.0f} s to brake from {facts.speed:.0f} units/s "
+            f"{facts.node}: {_subject(facts)} needs {ramp} s to brake from {speed} units/s "
             f"({case.by}); a stop that takes longer than {LONGEST_STOP_S:.0f} s becomes a quick stop"
         )
         fix = "write a faster ramp to the drive under `sdo`, or lower the joint's velocity limit"

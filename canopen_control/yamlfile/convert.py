@@ -157,6 +157,14 @@ def keys_of(cls: type[Any]) -> list[str]:
     return keys
 
 
+def _dotted_keys(cls: type[Any]) -> list[str]:
+    """Return the keys in the sections of a dataclass, such as `linear.x.max_velocity`."""
+    sections = [(key_of(entry), kind) for entry, kind in fields_of(cls) if entry.metadata.get("section")]
+    return [
+        f"{name}.{key}" for name, kind in sections if hasattr(kind, "__dataclass_fields__") for key in keys_of(kind)
+    ]
+
+
 def _converted(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
     """Convert the node's value to the requested type, or return INVALID; `meta` is the metadata of the field."""
     origin = typing.get_origin(target)
@@ -379,7 +387,8 @@ def _dataclass(node: Node, cls: type[Any], ignored: Collection[str] = ()) -> Any
     keys = keys_of(cls)
     for key, _ in node.pairs():
         if key.text not in keys and key.text not in ignored:
-            key.problems.deviation(key, f"unknown key {key.text!r}{nearest(key.text, keys)}")
+            hint = nearest(key.text, _dotted_keys(cls), listed=False) if "." in key.text else ""
+            key.problems.deviation(key, f"unknown key {key.text!r}{hint or nearest(key.text, keys)}")
     return _fields(node, cls)
 
 

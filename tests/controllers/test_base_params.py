@@ -187,3 +187,12 @@ def test_it_reports_all_that_is_missing_at_once():
 def test_it_refuses_what_cannot_be(changes, text):
     with pytest.raises(RobotConfigError, match=text):
         read(**changes)
+
+
+def test_a_misspelt_section_is_reported_with_the_key_that_is_meant():
+    params = Params.of({**WHEELS, "lineer": {"x": {"max_velocity": 1.0}}})
+    read_params(params)
+    assert any(
+        "unknown key 'lineer.x.max_velocity' (did you mean 'linear.x.max_velocity'?)" in text
+        for text in params.warnings
+    )
