@@ -1,10 +1,13 @@
 """Enable, disable, halt, quick-stop, fault-reset or home the drives of a running robot, or set their mode.
 
+Ctrl-C during `home` ends the homing: the axes ramp down to a standstill and are disabled.
+
 Exit codes: 0 done; 1 the robot or a drive refused it; 2 wrong usage, no robot runs, or no such node.
 """
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import one_name
@@ -50,9 +53,21 @@ def run(args: argparse.Namespace) -> int:
     request = AxisRequest(
         action=args.action, node=args.node, joint=args.joint, method=args.method, mode=args.mode, source="axis"
     )
-    with RobotClient.connect(args.name) as robot:
-        answer = robot.ask(request, HOMING_S if args.action == "home" else TIMEOUT_S)
+    try:
+        with RobotClient.connect(args.name) as robot:
+            answer = robot.ask(request, HOMING_S if args.action == "home" else TIMEOUT_S)
+    except KeyboardInterrupt:
+        if args.action == "home":
+            _end_homing(args)
+        raise
     note = f" ({answer.text})" if answer.text else ""
     done = {"action": args.action, "node": args.node, "joint": args.joint, "mode": args.mode, "text": answer.text}
     print_result(args, done, f"{args.action} {args.node}{f' {args.mode}' if args.mode else ''}: done{note}")
     return 0
+
+
+def _end_homing(args: argparse.Namespace) -> None:
+    """Stop and disable the axes of a homing whose client was interrupted; they would go on otherwise."""
+    with RobotClient.connect(args.name) as robot:  # the first connection still waits for its answer
+        robot.ask(AxisRequest(action="disable", node=args.node, joint=args.joint, source="axis"), TIMEOUT_S)
+    print("canopen-control: interrupted: the homing has ended, and its drives are disabled", file=sys.stderr)

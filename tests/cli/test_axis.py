@@ -1,5 +1,7 @@
 import pytest
+from support.fake_client import FakeClient
 
+from canopen_control.cli import axis
 from canopen_control.cli.main import main
 
 
@@ -43,3 +45,18 @@ def test_homing_and_modes_are_asked_of_the_robot(mock_robot, capsys):
     assert main(["axis", "home", "all", "--method", "37"]) == 0
     assert main(["axis", "mode", "all", "PV"]) == 0
     assert capsys.readouterr().out == "home all: done\nmode all PV: done\n"
+
+
+@pytest.mark.parametrize(("action", "asked"), [("home", ["home", "disable"]), ("enable", ["enable"])])
+def test_an_interrupted_homing_is_stopped(monkeypatch, capsys, action, asked):
+    class Interrupted(FakeClient):
+        def ask(self, request, timeout=None):
+            super().ask(request, timeout)
+            if request.action == action:
+                raise KeyboardInterrupt
+
+    client = Interrupted()
+    monkeypatch.setattr(axis.RobotClient, "connect", lambda _name: client)
+    assert main(["axis", action, "left_drive"]) == 130
+    assert [(request.action, request.node) for request in client.asked] == [(each, "left_drive") for each in asked]
+    assert ("the homing has ended, and its drives are disabled" in capsys.readouterr().err) is (action == "home")
