@@ -1,6 +1,6 @@
 """Show the state of a running robot: once, as JSON, or as a live table.
 
-Exit codes: 0 success; 1 the robot does not answer; 2 wrong usage, or no robot runs.
+Exit codes: 0 success; 1 the robot does not answer, or has died; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
@@ -402,7 +402,7 @@ def _traffic(status: Status, node: str) -> str:
 
 
 def _watch(robot: RobotClient, *, as_json: bool) -> int:
-    """Print samples until the robot ends: as a live table on a terminal, line by line elsewhere."""
+    """Print samples until the robot or the user ends: as a live table on a terminal, line by line elsewhere."""
     from canopen_control.rpc.messages.robot import Subscribe
     from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
@@ -425,6 +425,9 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
             raise
         if not ended:  # the robot's process was killed, so the last sample is outdated
             print(f"canopen-control: {error}", file=sys.stderr)
+            return 1
+    except KeyboardInterrupt:
+        pass  # the end of a watch
     return 0
 
 

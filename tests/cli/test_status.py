@@ -192,7 +192,7 @@ def test_a_watch_reports_that_the_robot_has_died_but_not_that_it_was_ended(monke
             raise RemoteError("BusClosed", "robot gone has closed the connection")
 
     monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(Robot()))
-    assert main(["status", "--watch"]) == 0
+    assert main(["status", "--watch"]) == (1 if text else 0)
     output = capsys.readouterr()
     assert output.out.startswith("running, cycle 7")
     assert output.err == text
@@ -369,7 +369,7 @@ def test_a_watch_on_a_terminal_of_80_by_24_stands_where_it_stood(monkeypatch):
     monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(Robot()))
     monkeypatch.setattr("sys.stdout", screen)
     monkeypatch.setattr("os.get_terminal_size", lambda _descriptor: os.terminal_size((80, 24)))
-    assert main(["status", "--watch"]) == 0
+    assert main(["status", "--watch"]) == 1
     assert len(screen.rows) == screen.at == 23
     assert screen.rows[0].startswith("running, cycle 7")
     assert "more lines" in screen.rows[-1]
@@ -411,3 +411,17 @@ def test_the_advice_of_a_cause_is_its_last_clause():
     stop = event(5.0, "stop", f"stopping a, b: {LEFT}: lost: {SILENT}; to continue: canopen-control axis enable all")
     line = f"error: {LEFT}: stopping a, b; to continue: canopen-control axis enable all"
     assert cause_lines([lost, stop], {"left_drive": f"{LEFT}: {SILENT}"}) == [line]
+
+
+def test_ctrl_c_is_the_end_of_a_watch(monkeypatch, capsys):
+    class Robot:
+        def ask(self, _request):
+            return Done()
+
+        def messages(self, _timeout):
+            yield sample_of(STATE)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(Robot()))
+    assert main(["status", "--watch"]) == 0
+    assert capsys.readouterr().out.startswith("running, cycle 7")
