@@ -6,7 +6,7 @@
 # Seen: recv(0) returns None ten times. recv(0.5) returns the heartbeat, and the next one the TPDO.
 # One would guess both frames from the first two recv(0): 0 means "do not wait", and there is nothing to wait for.
 # Why it matters: a cycle that empties its bus without waiting, and a python-can Notifier with an asyncio loop, both
-# use recv(0). On this gateway they are deaf, without an error: every node seems to be gone.
+# use recv(0). On this gateway they receive nothing, without an error: every node seems to be lost.
 # Exit code 0 while that is so, 1 when it has changed, 2 when the package cannot be installed.
 set -u
 folder=$(mktemp -d) || exit 2
