@@ -98,10 +98,10 @@ def _can_go(joint: JointDrive) -> bool:
 _SUPERVISE_NS: Final = 100_000_000
 FAULT_RESET: Final = "canopen-control axis fault-reset all"
 _ENABLE: Final = "canopen-control axis enable all"
-ENABLE_AFTER_LOSS: Final = f"{FAULT_RESET}, then {_ENABLE}"
-"""Advice after an NMT stop: by 0x6007 of CiA 402-2, an enabled drive that leaves OPERATIONAL may enter a fault."""
 FAULT_RESET_IF_NEEDED: Final = f"{FAULT_RESET} if a drive is in fault"
-"""Advice about a node that is absent: by 0x6007, a drive that lost its master too may return in a fault."""
+"""Advice about a node that is absent: by 0x6007 of CiA 402-2, an enabled drive that leaves OPERATIONAL, or that lost
+its master, may return in a fault."""
+ENABLE_AFTER_LOSS: Final = f"{FAULT_RESET_IF_NEEDED}, then {_ENABLE}"
 
 #: plugin names that select this component, including those of other stacks
 PLUGINS: Final[tuple[str, ...]] = (

@@ -4,12 +4,14 @@ A successful Trigger is answered with an empty message, as in ros2_canopen; the 
 reason. If an action applied to several drives, because a base controller claims them together, the answer names them.
 No service waits for another service: each request is sent to the robot at once, so that `halt`, `disable` and
 `quick_stop` are never delayed by a long `init` or `home`. `recover` resets a fault and does not enable the drive:
-nothing moves without an enable. `target` is sent through the controller that commands the drive, with the controller's
-limits and timeout; without such a controller, or while the drive does not follow commands, the answer is false and a
-warning of the bridge has the reason. A node with several axes has the services for each
-axis below its channel; the services of the node itself affect all its axes, and do not include `target`. A node without
-a joint is a proxy, and has only the services for SDO and NMT. `nmt_reset_node` boots the node again, as ros2_canopen's
-master does.
+nothing moves without an enable. Without a fault its answer is true, as in ros2_canopen, and says that nothing was
+reset. `target` is sent through the controller that commands the drive, with the controller's limits and timeout;
+without such a controller, or while the drive does not follow commands, the answer is false and a warning of the bridge
+has the reason.
+
+A node with several axes has the services for each axis below its channel; the services of the node itself affect all
+its axes, and do not include `target`. A node without a joint is a proxy, and has only the services for SDO and NMT.
+`nmt_reset_node` boots the node again, as ros2_canopen's master does.
 """
 
 from __future__ import annotations
@@ -41,6 +43,7 @@ def _axis(action: str, mode: str | None = None) -> RequestFactory:
     return lambda node, joint: AxisRequest(node=node, joint=joint, action=action, mode=mode, source=COMMANDER)
 
 
+_RESET: Final = "fault-reset"
 #: service -> function that makes the request to the robot from a node and the joint of an axis (None: all axes)
 PROXY_TRIGGERS: Final[dict[str, RequestFactory]] = {
     "nmt_reset_node": _nmt("reset-node", boot=True),
@@ -54,7 +57,7 @@ TRIGGERS: Final[dict[str, RequestFactory]] = {
     "disable": _axis("disable"),
     "halt": _axis("halt"),
     "quick_stop": _axis("quick-stop"),
-    "recover": _axis("fault-reset"),
+    "recover": _axis(_RESET),
     "home": _axis("home"),
     "position_mode": _axis("mode", "PP"),
     "velocity_mode": _axis("mode", "PV"),
@@ -114,12 +117,20 @@ class DriveServices(Endpoint):
         def handler(_request: RosMessage, response: RosMessage, reply: Reply) -> None:
             def answer(result: AxisDone | Done | None, error: str | None) -> None:
                 text = result.text if isinstance(result, AxisDone) else ""
-                response.success, response.message = error is None, error or text
+                response.success, response.message = error is None or self._resets_nothing(request), error or text
                 reply(response)
 
             self._ros.ask(request, answer)
 
         return handler
+
+    def _resets_nothing(self, request: Request[Any]) -> bool:
+        """Whether a request is a fault reset of drives whose states are known, and none has a fault."""
+        if not isinstance(request, AxisRequest) or request.action != _RESET:
+            return False
+        node = None if self._state is None else self._state.nodes.get(self._node.name)
+        axes = [] if node is None else [axis for axis in node.axes if request.joint in (None, axis.joint)]
+        return bool(axes) and not any(axis.state is None or axis.in_fault for axis in axes)
 
     def _target(self, channel: Channel | None) -> Handler:
         def handler(request: RosMessage, response: RosMessage, reply: Reply) -> None:

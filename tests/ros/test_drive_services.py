@@ -71,6 +71,17 @@ def test_recover_resets_the_fault_and_does_not_enable(fresh, call):
     assert [command["action"] for command in fresh.robot.commands("axis")] == ["fault-reset"]
 
 
+@pytest.mark.parametrize(("state", "success"), [("SWITCHED_ON", True), ("FAULT", False), (None, False)])
+def test_recover_without_a_fault_is_a_success_as_in_ros2_canopen(fresh, call, state, success):
+    nothing = "nothing was reset, because node 3 (left_drive) has no fault"
+    fresh.robot.refusals["axis"] = {"kind": "ControlError", "message": nothing}
+    left = {**ros.node(3, "left"), "axes": [{"joint": "left", "cia402_state": state}]}
+    nodes = {**fresh.robot.nodes, "left_drive": left}
+    fresh.robot.more = {"nodes": {name: {"name": name, **fields} for name, fields in nodes.items()}}
+    assert ros.eventually(lambda: call("/left_drive/recover") == {"success": success, "message": nothing})
+    assert call("/left_drive/halt")["success"] is False
+
+
 def test_a_trigger_that_was_done_to_the_whole_base_reports_this(fresh, call):
     together = "base moves left_drive and right_drive together: halt applies to all of them"
     fresh.robot.answers["axis"] = {"text": together}

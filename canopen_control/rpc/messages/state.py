@@ -50,6 +50,11 @@ class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"})
         """Whether the drive is in OPERATION_ENABLED."""
         return self.state == State.OPERATION_ENABLED.name
 
+    @property
+    def in_fault(self) -> bool:
+        """Whether the drive is in FAULT or FAULT_REACTION_ACTIVE."""
+        return self.state in (State.FAULT.name, State.FAULT_REACTION_ACTIVE.name)
+
 
 class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age_s"}):
     """State of a node: NMT state such as "OPERATIONAL", `age` of the last frame in s, and errors.
