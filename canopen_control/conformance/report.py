@@ -199,6 +199,7 @@ DEVIATIONS = (
     Deviation("polarity_of_targets", "D51p"),
     Deviation("one_ramp", "D50d"),
     Deviation("own_velocity_unit", "D15v"),
+    Deviation("own_ramp_unit", "D50"),
     Deviation("target_reached_flickers", "D56m"),
     Deviation("set_point_alone", "D55s"),
     Deviation("one_set_point", "D55b"),

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 INTERRUPTED = 130  #: exit code of a program that SIGINT or SIGTERM has ended: 128 + SIGINT, as shells report it
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 _IMPORT = "<frozen importlib._bootstrap>"  # the file of the frames of an import
+_STARTS = ("Popen.__init__", "Popen.__enter__")  # functions that start a process, up to its `with` block
 _AGAIN_S = 0.01
 _LONGEST_IMPORT_S = 10.0  # imports take seconds on a busy computer; a second signal does not wait
 
@@ -87,8 +88,8 @@ class ProcessSignals:
     Each signal raises KeyboardInterrupt on the main thread, and sets `received`, because the exception may be lost: a C
     library that calls Python replaces it by another exception, and it cannot be raised while Python frees an object.
     During an import it is raised afterwards, or at a second signal, because an extension module that is partly imported
-    crashes. After `finish` the process ends anyway: the first signal is ignored, and a second signal ends the process
-    at once.
+    crashes; likewise while a process is started, which would not be reaped. After `finish` the process ends anyway: the
+    first signal is ignored, and a second signal ends the process at once.
     """
 
     def __init__(self) -> None:
@@ -118,7 +119,11 @@ class ProcessSignals:
                 os._exit(INTERRUPTED)
             return
         first, self.received = not self.received, True
-        if _imports(frame) and (first or number == signal.SIGALRM) and self._deferred < _LONGEST_IMPORT_S / _AGAIN_S:
+        if (
+            _must_complete(frame)
+            and (first or number == signal.SIGALRM)
+            and self._deferred < _LONGEST_IMPORT_S / _AGAIN_S
+        ):
             self._deferred += 1
             self._handle_soon()
         else:
@@ -149,9 +154,9 @@ def _stop_timer() -> bool:
     return isinstance(owner, ProcessSignals) and signal.setitimer(signal.ITIMER_REAL, 0)[0] > 0
 
 
-def _imports(frame: FrameType | None) -> bool:
-    """Whether a frame, or one of the frames that called it, belongs to an import."""
-    while frame is not None and frame.f_code.co_filename != _IMPORT:
+def _must_complete(frame: FrameType | None) -> bool:
+    """Whether a frame, or one of the frames that called it, belongs to an import or to the start of a process."""
+    while frame is not None and frame.f_code.co_filename != _IMPORT and frame.f_code.co_qualname not in _STARTS:
         frame = frame.f_back
     return frame is not None
 

@@ -2,6 +2,7 @@
 
 import atexit
 import signal
+import subprocess
 import sys
 
 import pytest
@@ -99,3 +100,22 @@ def test_a_signal_at_any_step_ends_a_verb_without_a_traceback(run_as_process, ca
         err = capsys.readouterr().err
         assert code in (0, 130), (at, code, err)
         assert err == "", at
+
+
+_INTERRUPTED_IMPORT = """
+import os, signal, sys
+class Interrupts:
+    def find_spec(self, name, path=None, target=None):
+        if name == "canopen_control.cli.verbs":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupts())
+sys.argv = ["canopen-control", "--version"]
+from canopen_control.__main__ import main
+main()
+"""
+
+
+@pytest.mark.process
+def test_an_interrupt_while_the_program_is_imported_ends_it_without_a_traceback():
+    ended = subprocess.run([sys.executable, "-c", _INTERRUPTED_IMPORT], capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, "", "")
