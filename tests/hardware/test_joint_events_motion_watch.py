@@ -293,6 +293,7 @@ def test_event_driven_feedback_that_is_lost_stops_the_robot_by_its_event_timer(t
         tested_robot.close()
 
 
+@pytest.mark.sources  # stand-ins
 @pytest.mark.parametrize(
     ("counts", "speed", "seconds", "stops"),
     [

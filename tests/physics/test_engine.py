@@ -65,12 +65,27 @@ def test_the_torque_of_a_drive_is_read_on_the_bus(robot):
 @pytest.mark.parametrize(
     "robot", [{"config": "diffbot_sim", "controllers": ["diff_drive_base_controller"]}], indirect=True
 )
-def test_a_blocked_wheel_is_a_fault_of_its_drive_an_emcy_and_a_stop_of_the_robot(robot):
+def test_a_blocked_wheel_stops_its_base_before_its_drive_reports_a_fault(robot):
     robot.start()
     twist(robot, 0.3, ms=1500)
     assert robot.texts("fault") == []
     robot.plant(3).stalled = True
-    twist(robot, 0.3, ms=4000)
+    twist(robot, 0.3, ms=2500)
+    assert any(
+        "although a motion is commanded, so the base would leave its path" in event.text for event in robot.events
+    )
+    assert robot.texts("fault") == []
+    assert abs(robot.plant(2).velocity) < 100.0  # the other wheel was stopped too
+    assert not robot.joint(2).following
+
+
+@pytest.mark.rest
+def test_a_blocked_wheel_without_a_base_is_a_fault_of_its_drive_an_emcy_and_a_stop_of_the_robot(robot):
+    robot.start()
+    robot.hold(5.0, 5.0, ms=1500)
+    assert robot.texts("fault") == []
+    robot.plant(3).stalled = True
+    robot.hold(5.0, 5.0, ms=6000)
     assert robot.drives[3].emcy.active
     assert any("0x8611" in text or "0x2310" in text for text in [event.text for event in robot.events])
     assert abs(robot.plant(2).velocity) < 100.0  # the other wheel was stopped too
