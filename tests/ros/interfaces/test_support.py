@@ -397,7 +397,7 @@ else:
         goal.trajectory.joint_names = ["a"]
     request = COWrite.Request(index=0x6040, data=7) if friend else COWrite.Request(a=1)
     answers = [service.call_async(request), action.send_goal_async(goal)]
-    answered = spin_until(lambda: all(each.done() for each in answers), 20 if friend else 0.5)
+    answered = spin_until(lambda: all(each.done() for each in answers), 60 if friend else 0.5)
     assert answered == friend
     action.destroy()
 executor.shutdown()
