@@ -3,6 +3,9 @@
 An `EnableRequest` is a goal together with a command that may not be confirmed yet. `ENABLE_TABLE` has the next
 request for each trigger; a trigger without a row changes nothing. Only ENABLE and OVERTAKE lead to the goal ENABLED;
 a fault, and the loss of OPERATION_ENABLED without a command, lead away from it. A new goal starts a new step.
+
+The request is apart from `drive`, which evaluates statuswords: this module holds what the master requests, `drive` what
+the drive shows.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ class Params:
     def _of_known(self, names: Collection[str], keys: Sequence[str]) -> Params:
         """Return a copy without the sections of other names, such as `gains.OTHER`; warn once for each such name.
 
-        Without any name, because their list has an error, there is no warning.
+        Without any name, because their list has an error, nothing is warned of.
         """
         pairs = {key.text: (key, value) for key, value in self.flat.pairs()}
         for above in [key.removesuffix("{}") for key in keys if len(key) > len("{}")]:

@@ -6,12 +6,15 @@ they continue with the set-point of the newest edge, but for at most `CAUGHT_UP`
 dropped, since a drive that has stopped meanwhile must not be commanded the whole distance in one period. Written
 targets always apply to one period: no target moves further than the drive's velocity allows in one period. Timeouts
 of frames and of supervision use the actual time. A simulated robot without buses has no frames to wait for: its
-components are read at the edges too, and while its time is paused (`robot_clock`) there is no cycle.
+components are read at the edges too, and its cycle does not run while its time is paused (`robot_clock`).
+
+The cycle is apart from `core`, which starts and stops the robot and takes its commands: it alone runs in each period.
 """
 
 from __future__ import annotations
 
 import contextlib
+from abc import ABCMeta, abstractmethod
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.hardware.interfaces import ERROR
@@ -31,26 +34,26 @@ RAISED_CYCLES: Final = 3  # consecutive cycles with an exception, after which th
 _RAISED_NS: Final = 1_000_000_000  # time for quick stops of a robot whose cycle cannot be completed
 
 
-class CycledRobot:
+class CycledRobot(metaclass=ABCMeta):
     """Robot as its cycle sees it; `advances` is True while `advance` must be called in each cycle."""
 
     advances: bool
 
+    @abstractmethod
     def advance(self, now: int) -> None:
         """Execute the next step of starting or stopping."""
-        raise NotImplementedError
 
+    @abstractmethod
     def after_cycle(self, now: int) -> None:
         """Settle requests, report new events and call the observers, after the frames of a cycle are sent."""
-        raise NotImplementedError
 
+    @abstractmethod
     def fail(self, text: str) -> None:
         """Report `text` as the failure of the run, and shut down."""
-        raise NotImplementedError
 
+    @abstractmethod
     def end_without_cycle(self) -> None:
         """Close the buses of a robot whose cycle cannot confirm a stop; the drives miss the master's heartbeat."""
-        raise NotImplementedError
 
 
 class RobotCycle:

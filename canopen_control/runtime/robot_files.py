@@ -242,19 +242,22 @@ def find_robot(
     if launched is None:
         return robot
     options = {"bus": bus, "controllers": controllers, "description": description}
-    unasked = {kind: path for kind, path in launched.files.items() if options[kind] is None}
+    return _with_launch(robot, launched, {kind for kind, path in options.items() if path is None})
+
+
+def _with_launch(robot: RobotFiles, launched: Launched, unasked: Collection[str]) -> RobotFiles:
+    """Return the files of a robot with all else that its launch file gives; `unasked` are files without an option."""
+    control, bus = robot.controllers, robot.bus or Path()
+    files = {kind: path for kind, path in launched.files.items() if kind in unasked}
     if any(source.path.resolve() == control.resolve() for source in launched.parameters):
-        unasked.pop("controllers", None)
-    instead = _used_instead({"bus": main, "controllers": control, "description": described}, unasked)
-    spawned = () if alone else launched.spawned
-    parameters = () if alone else _parameters_with(control, launched)
+        files.pop("controllers", None)
     return replace(
         robot,
         idle=launched.idle,
-        spawned=spawned,
+        spawned=() if robot.bus_alone else launched.spawned,
         variables=launched.variables,
-        not_launched=instead,
-        parameters=parameters,
+        not_launched=_used_instead({"bus": bus, "controllers": control, "description": robot.description}, files),
+        parameters=() if robot.bus_alone else _parameters_with(control, launched),
     )
 
 

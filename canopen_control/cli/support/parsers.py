@@ -116,7 +116,7 @@ class _VerbParser(argparse.ArgumentParser):
         return filled, unknown
 
     def _parse(self, words: list[str], namespace: argparse.Namespace | None) -> tuple[argparse.Namespace, list[str]]:
-        """Parse once, and again with options first if words are left over that are no options."""
+        """Parse once, and again with options first if words other than options are left over."""
         filled, unknown = super().parse_known_args(words, namespace)
         positional = [action for action in self._actions if not action.option_strings]
         may_be_omitted = {"?", "*"} & {action.nargs for action in positional}
