@@ -69,7 +69,8 @@ class LimitedTwist:
     @property
     def is_requested(self) -> bool:
         """Whether a twist is requested; it may be zero."""
-        return not math.isnan(sum(self.desired))
+        total = sum(self.desired)
+        return total == total  # False for nan
 
     @property
     def is_zero(self) -> bool:

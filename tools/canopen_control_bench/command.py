@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         options = Options(args.quick, args.seconds, lambda text: print(text, file=sys.stderr), args.as_is)
         report = run_families(names, options)
         if args.check and args.quick and (families := report.fell_short()):
-            print(f"{report}\n\nonce more, for a neighbour of this machine is over by now: {', '.join(families)}\n")
+            print(f"{report}\n\nonce more, because other load on this machine may have ended: {', '.join(families)}\n")
             report.take(run_families(families, options))
     if args.json is not None:
         report.put_beside(args.json)

@@ -292,7 +292,7 @@ def measure(options: Options) -> list[Figure]:
 
 def _paced_figures(label: str, turns: dict[str, list[Turn]], options: Options) -> list[Figure]:
     paced = {name: turns[name] for name in turns if name in PACED}
-    return [*cpu_figures(label, paced, as_is=options.as_is), wake_figure(label, turns)]
+    return [*cpu_figures(label, paced, as_is=options.as_is), *wake_figures(label, turns, quick=options.quick)]
 
 
 def _fleets(options: Options) -> list[Figure]:
@@ -374,19 +374,21 @@ def cpu_figures(label: str, turns: dict[str, list[Turn]], *, as_is: bool = False
     ]
 
 
-def wake_figure(label: str, turns: dict[str, list[Turn]]) -> Figure:
-    """Return the p99 of the time from wake-up to the last frame of the cycle on the bus."""
-    rounds = [
-        (percentiles(ours.work_ns, 1e-3)["p99"], percentiles(peer.work_ns, 1e-3)["p99"])
-        for ours, peer in zip(turns[OURS], turns[CANOPEN], strict=True)
-    ]
-    return compared(
-        f"cycle, {label}: wake to RPDO, p99",
-        "us",
-        rounds,
-        peer_name=CANOPEN,
-        limit=WAKE_LIMIT if label == "1 kHz" else None,
-    )
+def wake_figures(label: str, turns: dict[str, list[Turn]], *, quick: bool = False) -> list[Figure]:
+    """Return p90 and p99 of the time from wake-up to the last frame of the cycle on the bus.
+
+    A quick run has a limit for p90 only: ten cycles decide the p99 of its turns, and on a shared machine the host takes
+    the processor away in more than ten, from ours and from the peer, so that the ratio approaches 1.
+    """
+    figures = []
+    for name in ("p90", "p99"):
+        rounds = [
+            (percentiles(ours.work_ns, 1e-3)[name], percentiles(peer.work_ns, 1e-3)[name])
+            for ours, peer in zip(turns[OURS], turns[CANOPEN], strict=True)
+        ]
+        limit = WAKE_LIMIT if label == "1 kHz" and (name == "p90" or not quick) else None
+        figures.append(compared(f"cycle, {label}: wake to RPDO, {name}", "us", rounds, peer_name=CANOPEN, limit=limit))
+    return figures
 
 
 def absolutes_of(turns: Sequence[Turn]) -> dict[str, float]:

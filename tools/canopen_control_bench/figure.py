@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 AT_MOST, AT_LEAST = "at most", "at least"
 OWN_CPU = "CPU"  # peer of a figure that is a quantity per second of this process's CPU time: the ratio is the result
-_POINTS = (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0))
+_POINTS = (("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,5 +100,5 @@ def percentile(values: Sequence[float], part: float) -> float:
 
 
 def percentiles(values: Sequence[float], scale: float = 1.0) -> dict[str, float]:
-    """Return p50, p99, p99.9 and max of the values, each times `scale`."""
+    """Return p50, p90, p99, p99.9 and max of the values, each times `scale`."""
     return {name: percentile(values, part) * scale for name, part in _POINTS}

@@ -45,11 +45,13 @@ class Subject:
 
     def __init__(self, session: RunSession) -> None:
         self.session, self.robot, self.reactor = session, session.robot, session.reactor
+        self._buses, self._now, self._step = [*self.robot.buses.values()], self.reactor.now, self.robot.cycle.step_now
         self._turn: Turn | None = None
         self._left = 0
         self._free = False
         self._missed = self._tpdos = 0
         self._began = self._cpu = 0
+        self._edge = 0
         self._last: list[ReceivedPdo] = []
         self._buffer = b""
         self._observer = _SubjectObserver(self)
@@ -110,7 +112,7 @@ class Subject:
             self._end(turn)
 
     def _on_answer(self) -> None:
-        for bus in self.robot.buses.values():
+        for bus in self._buses:
             bus.receive()
         for pdo in self._last:
             if pdo.stamp < self._edge:
@@ -123,9 +125,9 @@ class Subject:
                 self._end(self._turn)
 
     def _cycle(self) -> None:
-        self._edge = self.reactor.now()
-        self.robot.cycle.step_now(self._edge)
-        if self._last and self._last[-1].stamp >= self._edge:  # a late cycle reads waiting frames without a wake-up
+        self._edge = edge = self._now()
+        self._step(edge)
+        if self._last and self._last[-1].stamp >= edge:  # a late cycle reads waiting frames without a wake-up
             self.reactor.call_soon(self._on_answer)
 
     def _count_tpdos(self) -> int:
