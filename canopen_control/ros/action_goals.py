@@ -389,10 +389,15 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         followed.is_cancelling = True
         followed.sender.client.ask(self.cancels(why), lambda _done, error: self.report(self._topic, error))
 
+    def abort_goals(self) -> bool:
+        active = list(self._goals.values())
+        for followed in active:
+            self._end(followed, self.failed("the ROS bridge has ended, which aborts the goal"))
+        return bool(active)
+
     def close(self) -> None:
         """Abort the active goals, send their results to the clients, and destroy the action server."""
-        for followed in list(self._goals.values()):
-            self._end(followed, self.failed("the ROS bridge has ended, which aborts the goal"))
+        self.abort_goals()
         self._ros.call(self._server.destroy)
 
     # ---------------------------------------------------------------------------------------------------- running goals

@@ -237,6 +237,10 @@ class Endpoint:
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
         """Handle the objects received in TPDOs, by node name."""
 
+    def abort_goals(self) -> bool:
+        """Abort the active goals of an action server; return whether there were any."""
+        return False
+
     def close(self) -> None:
         """Destroy the publishers, subscriptions, services and action servers."""
         self._created.close()

@@ -200,6 +200,7 @@ class RosTime:
 
 A = TypeVar("A")
 _JOIN_S: Final = 1.0
+_RESULTS_S: Final = 0.2  # after goals were aborted, the ROS thread still answers requests for their results
 _MAX_EVENT_LENGTH: Final = 500  # characters, the limit of the robot's API
 _LACKING_NS: Final = 1_000_000_000
 
@@ -306,9 +307,15 @@ class RosSession:
         self._spinner.start()
 
     def close(self) -> bool:
-        """Close all endpoints and connections; return False if a callback of ROS blocks."""
-        self._ended = True
+        """Close all endpoints and connections; return False if a callback of ROS blocks.
+
+        Active goals are aborted first: a client requests the result of its goal after the goal was accepted, and that
+        request may have arrived without having been read.
+        """
         self._reactor.remove_reader(self._client.fileno())
+        if any([endpoint.abort_goals() for endpoint in self._all()]):
+            time.sleep(_RESULTS_S)
+        self._ended = True
         done = self._spinner.stop(_JOIN_S)
         for name in list(self._endpoints):
             self._forget(name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import signal
 from pathlib import Path
 
 import pytest
@@ -57,11 +58,11 @@ def held(robot):
     return len(robot._held)
 
 
-def accepted(robot, peer, name, data=None, action=ACTION):
+def accepted(robot, peer, name, data=None, action=ACTION, **options):
     """Have a goal accepted; returns what the robot was sent of it."""
     robot.collected.clear()
     before = held(robot)
-    peer.order("goal", action=action, of=KIND, data=data or goal(), name=name)
+    peer.order("goal", action=action, of=KIND, data=data or goal(), name=name, **options)
     assert peer.message(name, lambda message: "accepted" in message) == {"accepted": True}
     assert eventually(lambda: held(robot) == before + 1)
     return robot.commands("send_trajectory")[-1]
@@ -194,11 +195,11 @@ def test_the_death_of_the_client_ends_its_goal_unless_that_is_to_continue(arm, r
 
 def test_the_end_of_the_bridge_ends_its_goals_and_their_clients_are_notified(arm, robot, maker):
     accepted(robot, maker, "last")
-    for second in range(3):  # by then it has asked for the result
-        robot.samples = {"arm": sample(1_700_000_030.0 + second)}
-        maker.message("last", lambda message: "feedback" in message)
+    accepted(robot, maker, "late", ask=False)
+    arm.bridge.send_signal(signal.SIGSTOP)
+    maker.order("result", name="late")  # this request and the signal wait for the bridge together
     arm.bridge.terminate()
-    status, code, text = result(maker, "last")
-    assert (status, code) == (ABORTED, -1)
-    assert text == "the ROS bridge has ended, which aborts the goal"
+    arm.bridge.send_signal(signal.SIGCONT)
+    ended = (ABORTED, -1, "the ROS bridge has ended, which aborts the goal")
+    assert (result(maker, "last"), result(maker, "late")) == (ended, ended)
     assert arm.bridge.wait(60) == 0

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import json
+import time
 from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from support.ros import eventually
 
 from canopen_control.errors import RemoteError
-from canopen_control.ros.session import Mailbox, RosTime, uses_sim_time
+from canopen_control.ros.session import Mailbox, RosSession, RosTime, uses_sim_time
 from canopen_control.rpc.messages.parameters import ParameterReading
 from canopen_control.rpc.messages.samples import ImuSample, JointStatesSample, OdometrySample
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
@@ -123,6 +125,34 @@ class Answers:
 @pytest.mark.parametrize(("client", "expected"), [(Answers(True), True), (Answers(False), False), (Answers(), False)])
 def test_the_controller_manager_of_the_file_specifies_whether_stamps_are_simulated(client, expected):
     assert uses_sim_time(client) is expected
+
+
+class ClosedSession(RosSession):
+    """A session without ROS: `done` are the steps of its end in order."""
+
+    def __init__(self):
+        self.done = []
+        self._ended, self._endpoints = False, {}
+        self._common = [SimpleNamespace(abort_goals=lambda: self.note("goals aborted"), close=lambda: None)]
+        self._spinner = SimpleNamespace(stop=lambda _timeout: self.note("ROS thread stopped"))
+        self._reactor = SimpleNamespace(remove_reader=lambda _fd: None)
+        self._client = SimpleNamespace(fileno=lambda: -1, close=lambda: None)
+        self._nodes = self._asker = SimpleNamespace(close=lambda: None)
+
+    def note(self, step):
+        self.done.append((step, self._ended))
+        return True
+
+
+def test_goals_are_aborted_and_their_results_sent_before_the_ros_thread_stops(monkeypatch):
+    session = ClosedSession()
+    monkeypatch.setattr(time, "sleep", lambda _seconds: session.note("requests for results answered"))
+    assert session.close()
+    assert session.done == [
+        ("goals aborted", False),
+        ("requests for results answered", False),
+        ("ROS thread stopped", True),
+    ]
 
 
 def test_a_controller_that_comes_again_is_stamped_again():

@@ -167,10 +167,10 @@ class Peer:
         requests, self.requests = self.requests, []
         self.say(done="served", requests=requests)
 
-    def goal(self, action, of, data, name, points=0):
+    def goal(self, action, of, data, name, points=0, ask=True):
         """Send a goal of an action; what becomes of it comes as messages of a topic of that name.
 
-        `points` is how many times its only point is sent.
+        `points` is how many times its only point is sent; with `ask` the result is requested once it is accepted.
         """
         cls = kind(of)
         if action not in self.actions:
@@ -185,13 +185,23 @@ class Peer:
         future = client.send_goal_async(
             goal, feedback_callback=lambda message: self.say(topic=name, message={"feedback": plain(message.feedback)})
         )
-        future.add_done_callback(lambda future: self._judged(name, future.result()))
+        future.add_done_callback(lambda future: self._judged(name, future.result(), ask=ask))
         self.say(done="goal")
 
-    def _judged(self, name, handle):
+    def _judged(self, name, handle, *, ask):
         self.goals[name] = handle
         self.say(topic=name, message={"accepted": handle.accepted})
-        handle.get_result_async().add_done_callback(lambda future: self._ended(name, future.result()))
+        if ask:
+            self._ask_result(name)
+
+    def result(self, name):
+        """Request the result of a goal that was sent with ask=False."""
+        self._ask_result(name)
+        self.say(done="result")
+
+    def _ask_result(self, name):
+        future = self.goals[name].get_result_async()
+        future.add_done_callback(lambda future: self._ended(name, future.result()))
 
     def _ended(self, name, response):
         self.say(topic=name, message={"status": response.status, **plain(response.result)})
