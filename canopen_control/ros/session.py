@@ -313,7 +313,8 @@ class RosSession:
         request may have arrived without having been read.
         """
         self._reactor.remove_reader(self._client.fileno())
-        if any([endpoint.abort_goals() for endpoint in self._all()]):
+        aborted = [endpoint.abort_goals() for endpoint in self._all()]  # all of them, also after the first with goals
+        if any(aborted):
             time.sleep(_RESULTS_S)
         self._ended = True
         done = self._spinner.stop(_JOIN_S)
