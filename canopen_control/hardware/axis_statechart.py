@@ -14,11 +14,14 @@ import enum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
+from canopen_control.errors import RobotConfigError
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from canopen_control.cia402.drive import DriveMachine
     from canopen_control.hardware.interfaces import CommandInterface
+    from canopen_control.urdf.ros2_control import ControlJoint
 
 
 _SECOND: Final = 1_000_000_000
@@ -123,6 +126,13 @@ LIMITS_NS: Final[Mapping[AxisPhase, int]] = MappingProxyType(
     }
 )
 """Timeouts of states in ns, after which TIMEOUT is fired; other states have no timeout."""
+
+OVERDUE_TEXTS: Final = {
+    _S.FORCED_QUICK_STOP: "has not stopped in time; quick stop commanded",
+    _S.VOLTAGE_DISABLED: "its quick stop did not end in time; voltage is disabled, so a turning motor coasts",
+    _S.STOP_FAILED: "no stop command had a visible effect, so it may have power; switch its supply off if it moves",
+}
+"""Texts about the states that a timeout leads to."""
 
 _ALWAYS: Final = {
     _T.QUICK_STOP: Row(_S.QUICK_STOPPING, (_O.QUICK_STOP,)),
@@ -293,6 +303,14 @@ class AxisStatechart:
                 command.enabled = following
                 if following:
                     command.excluded = False
+
+
+def holds_load(description: ControlJoint) -> bool:
+    """Return the parameter `holds_load` (the load would fall without power); raise RobotConfigError if invalid."""
+    text = description.parameters.get("holds_load", "false").strip().lower()
+    if text not in ("true", "false"):
+        raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it must be true or false")
+    return text == "true"
 
 
 def _prepare(machine: DriveMachine) -> None:

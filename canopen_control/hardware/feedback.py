@@ -3,9 +3,10 @@
 A value changes only with a new frame, and is nan without a node. Positions are continuous: the 32-bit wrap-around is
 removed, a restarted drive continues at its position, and a step that no motor can make is a jump, which is reported and
 does not count as motion. A step is plausible if it is at most one revolution longer than the way at three times the
-present velocity, or the drive's maximum velocity if the present one is unknown. An axis that has stood for half a
-second makes a step only if it moves: `unexplained` is a smaller step that no velocity explains, as after a new
-initialisation of the encoder.
+present velocity, or the drive's maximum velocity if the present one is unknown. `unexplained` is a smaller step that is
+probably a change of the drive's coordinates, as after a new initialisation of its encoder: of an axis that has stood
+for half a second, a step for which its velocity is too low; of an axis in motion, a step for which both its velocity
+and its velocity limit are too low. Smaller steps cannot be distinguished from a shock or an acceleration.
 """
 
 from __future__ import annotations
@@ -128,6 +129,10 @@ _SLACK: Final = math.tau  # rad: motion between two samples that is possible wit
 _RESTED_NS: Final = 500_000_000  # duration of a standstill after which a step needs a velocity
 REST_WAY: Final = 0.01  # rad (or m): a smaller step of a standing axis is noise
 _SAME_SYNC_NS: Final = 10_000_000  # a velocity that is older than its position says nothing about the step
+# Factors of the velocity limit and of the velocity that a motion does not exceed within the time of two samples. One of
+# the samples may be up to a period late, and 0x606C may be filtered.
+_LEAP_OF_LIMIT: Final = 1.2
+_LEAP_OF_VELOCITY: Final = 2.0
 
 
 def _rest_way(axis: AxisProcessData) -> int:
@@ -162,6 +167,7 @@ class Feedback:
         self._position_count = self._velocity_count = self._effort_count = -1
         self._raw_position: int | None = None
         self._raw_velocity: int | None = None
+        self._last_velocity: int | None = None  # raw velocity before its last change
         self._raw_effort: int | None = None
         self._more = self._effort is not None or bool(self._extras)
         present_pdos = [None if signal is None else signal.pdo for signal in (axis.position, axis.velocity)]
@@ -172,14 +178,15 @@ class Feedback:
         self._position_state = self.states.get(POSITION, StateInterface(description.name, POSITION))
         self._velocity_state = self.states.get(VELOCITY, StateInterface(description.name, VELOCITY))
         self.unexplained = 0
-        """Step in counts of an axis that stands, for which its velocity is too low; 0 for none since the last read."""
+        """Step in counts that no motion explains, at the last read; 0 for none."""
         self._slack = round(abs(axis.scale.pos_to_dev) * _SLACK) + 1
         self._rest_way = _rest_way(axis)
         self._rest_at = self._rested_since = 0  # position and beginning of a standstill
-        self._stamp = self._moved_at = 0
+        self._stamp = self.moved_at = 0
+        """Time of the last motion, as an oscillating axis is at standstill at each turning point."""
         self._jumps = 0
         self._jump_speed = 0.0  # counts/s that would explain the last jump
-        self._sampled = self._sampled_before = 0  # stamps of the last two positions
+        self._sampled = self._sampled_before = self._sampled_first = 0  # stamps of the last three positions
         self._checked_at = self._checked_count = self._mismatches = 0
         self._derived_from, self._derived_at = 0, -_DERIVE_NS  # count and stamp
 
@@ -209,7 +216,8 @@ class Feedback:
         self.unexplained = 0
         same = self._position_pdo.values is self._position_values
         if same and self._velocity_pdo.values is self._velocity_values and self._rests:
-            self._sampled_before, self._sampled = self._sampled, self._position_pdo.stamp
+            self._sampled_first, self._sampled_before = self._sampled_before, self._sampled
+            self._sampled = self._position_pdo.stamp
             return 0
         jump = 0
         velocity = self._velocity
@@ -220,18 +228,19 @@ class Feedback:
                 self._velocity_values = values = pdo.values
                 raw: int = values[velocity.position]  # type: ignore[assignment]  # mapped drive objects are integers
                 if raw != self._raw_velocity:
-                    self._raw_velocity = raw
+                    self._last_velocity, self._raw_velocity = self._raw_velocity, raw
                     # + 0.0: a mirrored drive at standstill has no velocity of -0.0
                     self._velocity_state.value = speed = raw * self._axis.scale.vel_from_dev + 0.0
                     self._shows_motion = self._shows_motion or not -STANDSTILL <= speed <= STANDSTILL
-                    self.at_standstill = -STANDSTILL <= speed <= STANDSTILL and not self._moves_hidden
+                    self._set_standstill(-STANDSTILL <= speed <= STANDSTILL and not self._moves_hidden, now)
         position = self._position
         if position is not None:
             pdo = position.pdo
             if pdo.count != self._position_count and pdo.stamp >= 0:
                 self._position_count = pdo.count
                 self._position_values = values = pdo.values
-                self._sampled_before, self._sampled = self._sampled, pdo.stamp
+                self._sampled_first, self._sampled_before = self._sampled_before, self._sampled
+                self._sampled = pdo.stamp
                 raw = values[position.position]  # type: ignore[assignment]  # as above
                 if raw != self._raw_position:
                     jump = self._take_position(raw, pdo.stamp)
@@ -240,6 +249,11 @@ class Feedback:
         if self._more:
             self._read_more(now)
         return jump
+
+    def _set_standstill(self, at_standstill: bool, now: int) -> None:
+        if not (at_standstill and self.at_standstill):
+            self.moved_at = now
+        self.at_standstill = at_standstill
 
     def ramp_ns(self, default: int) -> int:
         """Return the time in ns to allow for the drive's ramp from the current velocity to 0, at most `default`."""
@@ -266,12 +280,15 @@ class Feedback:
         count = unwrap.update(raw)
         self._raw_position, self._stamp = raw, stamp
         if last is None or not -self._rest_way <= raw - self._rest_at <= self._rest_way:
-            if last is not None and stamp - self._rested_since >= _RESTED_NS:
-                self._check_step(count - before, stamp, since)
+            if last is not None:
+                if stamp - self._rested_since >= _RESTED_NS:
+                    self._check_step(count - before, stamp, since)
+                elif not -self._rest_way <= count - before <= self._rest_way:
+                    self._check_leap(count - before, stamp)
             self._rest_at, self._rested_since = raw, stamp
         self._position_state.value = count * scale.pos_from_dev + scale.offset_pos_from_dev
         if self._velocity is None:
-            self.at_standstill, self._moved_at = False, stamp
+            self.at_standstill, self.moved_at = False, stamp
         if unwrap.jumps == self._jumps:
             return 0
         self._jumps = unwrap.jumps
@@ -289,6 +306,21 @@ class Feedback:
         if abs(step) > least:
             self.unexplained = step
 
+    def _check_leap(self, step: int, stamp: int) -> None:
+        """Set `unexplained` to a step of an axis in motion that neither its velocity nor its limit explains."""
+        limits, velocity = self._axis.limits, self._velocity
+        if limits.pace >= INT32_MAX:
+            return
+        speed = _LEAP_OF_LIMIT * limits.pace
+        if velocity is not None:
+            if stamp - velocity.pdo.stamp > _SAME_SYNC_NS or self._raw_velocity is None or self._last_velocity is None:
+                return
+            fastest = max(abs(self._raw_velocity), abs(self._last_velocity))
+            scale = self._axis.scale
+            speed = max(speed, _LEAP_OF_VELOCITY * fastest * abs(scale.vel_from_dev * scale.pos_to_dev))
+        if abs(step) > self._rest_way + speed * (stamp - self._sampled_first) / 1e9:
+            self.unexplained = step
+
     def discount(self, step: int) -> None:
         """Take the last step for a change of the drive's coordinates instead of a motion."""
         axis = self._axis
@@ -298,8 +330,8 @@ class Feedback:
 
     def _without_velocity(self, stamp: int, now: int) -> None:
         """Detect standstill from positions, and compute the velocity if the description has that interface."""
-        if self._moved_at != stamp:
-            self.at_standstill = now - self._moved_at >= _STILL_NS
+        if self.moved_at != stamp:
+            self.at_standstill = now - self.moved_at >= _STILL_NS
         if self._derives:
             self._derive(stamp)
 

@@ -15,17 +15,19 @@ from canopen_control.cia402.modes import OperationMode, mode_of, require_mode
 from canopen_control.cia402.objects import POSITION_ACTUAL
 from canopen_control.cia402.setpoint import SetPointDeferred, SetPointReached, SetPointTaken
 from canopen_control.cia402.state import POWERED_STATES, State
-from canopen_control.errors import DriveError, RobotConfigError
+from canopen_control.errors import DriveError
 from canopen_control.hardware.axis import BLIND_STOP_NS, AxisProcessData, AxisStatus, configured_machine
 from canopen_control.hardware.axis_parameters import AxisParameters, has_target, listed_modes, unlisted_modes
 from canopen_control.hardware.axis_statechart import (
     ENABLING,
+    OVERDUE_TEXTS,
     STOPPED,
     AxisPhase,
     AxisStatechart,
     BaseJoints,
     PhaseTrigger,
     StopGroup,
+    holds_load,
 )
 from canopen_control.hardware.feedback import Feedback, FeedbackStatus
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, StateInterface
@@ -74,7 +76,7 @@ class JointStatus:
         self.statechart = AxisStatechart(
             self.machine,
             [command for name, command in self.commands.items() if name != DIGITAL_OUTPUTS],
-            holds_load=_holds_load(description),
+            holds_load=holds_load(description),
         )
         self.tracking = self.targets.tracking
         unknown = StateInterface(description.name, POSITION)  # always nan
@@ -168,8 +170,12 @@ class JointStatus:
             return True
         if self.axis.is_stale:
             return now - self.statechart.since > self._blind_stop_ns
-        stands = self.feedback.at_standstill and now >= self._steady_from
-        return stands and self.statechart.state is AxisPhase.AWAITING_STANDSTILL
+        return self.statechart.state is AxisPhase.AWAITING_STANDSTILL and self._stands(now)
+
+    def _stands(self, now: int) -> bool:
+        """Whether the axis has stood long enough that this is no turning point of an oscillation."""
+        feedback = self.feedback
+        return feedback.at_standstill and now >= self._steady_from and now - feedback.moved_at >= _STEADY_NS
 
     def events(self) -> list[JointEvent]:
         events = self._events.copy()
@@ -186,30 +192,17 @@ class JointStatus:
         self._events += [JointEvent("mode", text) for text in unlisted_modes(self.axis, self.parameters)]
 
 
-def _holds_load(description: ControlJoint) -> bool:
-    """Return the parameter `holds_load` (the load would fall without power); raise RobotConfigError if invalid."""
-    text = description.parameters.get("holds_load", "false").strip().lower()
-    if text not in ("true", "false"):
-        raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it must be true or false")
-    return text == "true"
-
-
 _INFO_EVENTS = (SetPointTaken, SetPointReached, SetPointDeferred)
 _FOLLOWING: Final = AxisPhase.FOLLOWING  # faster than the enum member, see `hardware.interfaces.OK`
 
 _MAY_HOME: Final = (AxisPhase.READY, AxisPhase.HOMING)
 _POSITION_NS: Final = 1_000_000_000  # time for the TPDO with the position of a drive that is being enabled
 _ZERO_NS: Final = 500_000_000  # time for the TPDO with the position after homing
-_OVERDUE_TEXTS: Final = {
-    AxisPhase.FORCED_QUICK_STOP: "has not stopped in time; quick stop commanded",
-    AxisPhase.VOLTAGE_DISABLED: "its quick stop did not end in time; voltage is disabled, so a turning motor coasts",
-    AxisPhase.STOP_FAILED: "no stop command had a visible effect, so it may have power; switch its supply off if it "
-    "moves",
-}
 _LONGEST_REST_NS: Final = 5_000_000_000
 _NEVER: Final = 1 << 62
 _TURNS_ON_TEXT: Final = "it still turns 5 s after another mode was requested; brake it, then enable it in the new mode"
 _REST_AFTER_JUMP_NS: Final = 300_000_000
+_STEADY_NS: Final = 60_000_000  # an axis below the speed of a standstill for this time stands
 _REST_NS: Final = 100_000_000  # a motor below the speed of a standstill still needs this time to stop
 _BOOTING: Final = "; booting it again"  # the end of a text that the node has reported already
 _LOST: Final = FeedbackStatus.LOST  # faster than the enum member
@@ -471,8 +464,8 @@ class JointDrive(JointStatus):
     def _take_jump(self, jump: int) -> None:
         """Report a jump, which stops the group; the drive gets its target in its new coordinates at once."""
         if jump == self.feedback.unexplained:
-            if not self.targets.rests_at(self.axis.raw_position - jump):
-                return  # an axis that is free to move, or begins a commanded motion
+            if not self.targets.is_left_by(self.axis.raw_position, jump):
+                return  # an axis that is free to move, or moves to its target
             self.feedback.discount(jump)
         self.home_position.forget()
         self.targets.shift()
@@ -529,10 +522,10 @@ class JointDrive(JointStatus):
         # CiA 402-2, 6.3: only in these states the motor may have torque
         elif state is not None and state not in POWERED_STATES:
             self._fire(PhaseTrigger.DRIVE_DISABLED)
-        elif state is not None and state is not State.OPERATION_ENABLED and self.feedback.at_standstill:
+        elif state is not None and state is not State.OPERATION_ENABLED and self._stands(now):
             self._fire(PhaseTrigger.AT_STANDSTILL)
         if not (statechart.falling and self.has_settled(now)) and statechart.overdue(now):
-            self._events.append(JointEvent("stop_overdue", _OVERDUE_TEXTS[statechart.state], Level.ERROR))
+            self._events.append(JointEvent("stop_overdue", OVERDUE_TEXTS[statechart.state], Level.ERROR))
 
     def _check_position(self, now: int) -> None:
         """Report a drive that is not enabled because its position is unknown or outside its limits."""

@@ -18,7 +18,6 @@ from canopen_control.cia402.modes import OperationMode, mode_name, mode_words, r
 from canopen_control.cia402.units import INT32_MIN, wrap_int32
 from canopen_control.errors import ControlError, DriveError
 from canopen_control.hardware.axis_parameters import choose_mode, listed_modes, require_mapped, require_targets
-from canopen_control.hardware.feedback import REST_WAY
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, CommandInterface
 from canopen_control.hardware.mode_targets import (
     HOLDING,
@@ -203,12 +202,13 @@ class JointTargets:
         """Make the next `hold` write standstill targets, because a boot has overwritten the outputs."""
         self._held = None
 
-    def rests_at(self, raw: int) -> bool:
-        """Whether an enabled drive gets a position as its target from which a raw position differs only by noise."""
+    def is_left_by(self, raw: int, step: int) -> bool:
+        """Whether a step of the position to `raw` has led an enabled axis away from its target position."""
         target = self.current
         if target is None or target.interface != POSITION or not self._machine.enabled:
             return False
-        return abs(wrap_int32(target.output.value - raw)) <= REST_WAY * abs(self._axis.scale.pos_to_dev) + 1
+        distance = wrap_int32(target.output.value - raw)
+        return abs(distance) > abs(wrap_int32(distance + step))
 
     def shift(self) -> None:
         """Keep the axis where it is after its position has jumped: the target is sent in the new coordinates."""

@@ -10,12 +10,15 @@ from support.makers import drive, folder, sentences
 from canopen_control.cia402.state import State
 from canopen_control.cia402.units import PositionUnwrapper, Scale
 from canopen_control.errors import BusConfigError
+from canopen_control.frame import CanFrame
 from canopen_control.hardware.axis import AxisObjectLimits
+from canopen_control.hardware.axis_statechart import STOPPED, AxisPhase
 from canopen_control.hardware.joint_events import MotionWatch
 from canopen_control.hardware.mode_targets import VelocityTarget
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.testing.tested_robot import TestedRobot
+from canopen_control.virtual.fault_table import FaultSwitches
 from canopen_control.virtual.plant import LoadedPlant
 from canopen_control.virtual.profile_modes import ProfilePosition
 from canopen_control.virtual.virtual_drive import Statusword, VirtualDrive
@@ -357,3 +360,81 @@ def test_a_standing_axis_that_is_pushed_has_not_jumped(robot):
     created.run(1.0)
     assert not any("jumped" in sentence for sentence in sentences(created))
     assert created.state == "running"
+
+
+def _moving(robot, mode, sign=1.0):
+    """Return a robot whose pan axis moves at 0.5 rad/s, and its shaft with a stiff position loop."""
+    created = robot(mode)
+    mover = drive(created, 2).mover
+    mover.plant = LoadedPlant(position=mover.plant.position, acceleration=10e6)
+    created.goal = 0.0
+    for _ in range(60):
+        created.goal += sign * 0.01
+        created.command("pos", created.goal, created.goal)
+        created.run(0.02)
+    return created, mover
+
+
+@pytest.mark.parametrize(
+    ("mode", "way"), [("csp", 50_000), ("csp", -50_000), pytest.param("ip", 50_000, marks=pytest.mark.rest)]
+)
+def test_a_moving_axis_whose_encoder_is_corrected_stops_on_its_way(robot, mode, way):
+    """By 0.1 rad, against the motion and with it."""
+    created, mover = _moving(robot, mode)
+    before = mover.plant.position
+    drive(created, 2).objects.units.lose_counts(way)
+    places = []
+    for _ in range(150):
+        created.run(0.01)
+        places.append(mover.plant.position)
+    assert any("pan_drive" in sentence and f"(0x6064) jumped by {way + 5215}" for sentence in sentences(created))
+    assert before - 3000 < min(places), "it does not turn back by the correction"
+    assert max(places) < before + 50_000 + 3000, "the ramp of a stop from 0.5 rad/s: 0.08 rad, and the following error"
+    assert created.state == "disabled"
+
+
+@pytest.mark.rest
+def test_fast_motions_shocks_and_late_cycles_are_no_corrections(robot):
+    created, mover = _moving(robot, "csp")
+    for step in range(200):
+        created.goal += 0.03 if step % 40 < 20 else -0.03
+        created.command("pos", created.goal, created.goal)
+        mover.plant.external = 600.0 if step % 7 == 0 else 0.0
+        if step % 30 == 0:
+            created.stall(0.03)
+        created.run(0.02)
+    assert not any("jumped" in sentence for sentence in sentences(created))
+    assert created.state == "running"
+
+
+class _Oscillation:
+    """Frames of a drive whose 0x606C, in the second half of TPDO 2, shows motion in nine of ten SYNCs while `on`."""
+
+    def __init__(self):
+        self.on, self._count = True, 0
+
+    def __call__(self, _node, frame, _now):
+        if frame.can_id == 0x282 and self.on:
+            self._count += 1
+            shown = 200_000 if self._count % 10 else 0
+            return [(0, CanFrame(frame.can_id, frame.data[:4] + shown.to_bytes(4, "little")))]
+        return [(0, frame)]
+
+
+@pytest.mark.parametrize("action", ["disable", "quick-stop"])
+def test_an_oscillating_axis_is_not_disabled_at_a_turning_point(robot, action):
+    created = robot("csv")
+    for simulated in created.simulated.drives.values():
+        simulated.device.store.set(0x605A, 0, 6)  # stays in QUICK STOP ACTIVE
+    device = created.simulated.drives[2].device
+    oscillation = _Oscillation()
+    switches = device.fault_switches or FaultSwitches(device)
+    switches.set_quirks((oscillation,), ())
+    created.run(0.5)
+    created.do("axis", name=action)
+    created.run(1.5)
+    phase = created.simulated.core.joints["pan"].statechart.state
+    assert phase in (AxisPhase.AWAITING_STANDSTILL, AxisPhase.QUICK_STOPPING)
+    oscillation.on = False
+    created.run(0.3)
+    assert created.simulated.core.joints["pan"].statechart.state in STOPPED
