@@ -225,6 +225,61 @@ class ModeBySdo:
             self.display = int.from_bytes(request.data[:1], "little", signed=True)
 
 
+class InterpolationBuffer:
+    """Buffer of the set-points of mode IP (0x60C4): open only while the axis follows commands, else closed.
+
+    Closing it also clears it: set-points that remained in it after a stop would move the axis at the next enable.
+    `used` is False for a drive whose buffer neither bus.yml nor the drive opens; it is not written then. `refusal` is
+    the reason why the last write failed, or "".
+    """
+
+    def __init__(self, axis: AxisProcessData) -> None:
+        self.used = self.is_open = False
+        self.refusal = ""
+        self._axis = axis
+        self._writing = False
+        self._next_write = 0
+
+    def booted(self, value: int | None) -> None:
+        """Take the state after a boot; `value` is that of 0x60C4:06 in the drive, None if it cannot be read."""
+        axis, place = self._axis, (self._axis.index(objects.INTERPOLATION_BUFFER), _BUFFER_CLEAR)
+        planned = [write.data for write in axis.node.plan.writes if (write.index, write.subindex) == place]
+        self.used = self.is_open = value == 1 or planned[-1:] == [_OPEN]
+        self._writing, self.refusal = False, ""
+
+    def set(self, is_open: bool, now: int) -> bool:
+        """Open or close the buffer, unless it is; return whether it is. A failed write is repeated."""
+        if not self.used or (is_open is self.is_open and not self._writing):
+            return True
+        if self._writing or now < self._next_write:
+            return False
+        self._writing, self._next_write = True, now + _REWRITE_NS
+        # CiA 402-2, 0x60C4:06 (buffer clear): 0 clears the buffer and ends the access to it, 1 permits the access
+        index, data = self._axis.index(objects.INTERPOLATION_BUFFER), _OPEN if is_open else _CLOSED
+        self._axis.node.write(index, _BUFFER_CLEAR, data, lambda request: self._written(request, is_open))
+        return False
+
+    def _written(self, request: SdoRequest, is_open: bool) -> None:
+        self._writing = False
+        if request.error is None:
+            self.is_open, self.refusal, self._next_write = is_open, "", 0
+        else:
+            node = self._axis.node
+            self.refusal = without_node(str(request.error), node.node_id, node.name)
+
+    @property
+    def failure(self) -> str:
+        """Text about a failed write, or ""."""
+        place = f"0x{self._axis.index(objects.INTERPOLATION_BUFFER):04X}:{_BUFFER_CLEAR:02X}"
+        return self.refusal and (
+            f"its buffer of set-points ({place}) could not be cleared or opened ({self.refusal}), so that it might use "
+            f"old set-points; write 0 to this object under `sdo:` in bus.yml to run without the buffer"
+        )
+
+
+_BUFFER_CLEAR: Final = 6
+_OPEN: Final = b"\x01"
+_CLOSED: Final = b"\x00"
 TORQUE_MAX: Final = (1 << 15) - 1
 HELD: Final = 1.01  # a speed above the limit by less than this factor is due to rounding and not reported
 REST: Final = 0.002  # rad (m): a position that is farther outside the limits is not due to noise at the limit

@@ -311,6 +311,7 @@ _OBJECTS: Final = (
     (objects.GEAR_RATIO, (1, 2)),
     (objects.FEED_CONSTANT, (1, 2)),
     (objects.SUPPORTED_HOMING_METHODS, tuple(range(1, 40))),
+    (objects.INTERPOLATION_BUFFER, (6,)),
 )
 _PROFILE: Final = ((objects.PROFILE_VELOCITY, (0,)), (objects.PROFILE_ACCELERATION, (0,)))
 _HOMING_SPEEDS: Final = (1, 2)  # speed during search for the switch, and for the zero

@@ -12,11 +12,17 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402.events import FaultEntered, ModeTimedOut
 from canopen_control.cia402.homing import HomingPosition
 from canopen_control.cia402.modes import OperationMode, mode_of, require_mode
-from canopen_control.cia402.objects import POSITION_ACTUAL
+from canopen_control.cia402.objects import INTERPOLATION_BUFFER, POSITION_ACTUAL
 from canopen_control.cia402.setpoint import SetPointDeferred, SetPointReached, SetPointTaken
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import DriveError
-from canopen_control.hardware.axis import BLIND_STOP_NS, AxisProcessData, AxisStatus, configured_machine
+from canopen_control.hardware.axis import (
+    BLIND_STOP_NS,
+    AxisProcessData,
+    AxisStatus,
+    InterpolationBuffer,
+    configured_machine,
+)
 from canopen_control.hardware.axis_parameters import AxisParameters, has_target, listed_modes, unlisted_modes
 from canopen_control.hardware.axis_statechart import (
     ENABLING,
@@ -71,6 +77,7 @@ class JointStatus:
         self.targets: JointTargets = JointTargets(description, self.axis, self.machine, self.parameters)
         self.commands = self.targets.commands
         self.home_position = HomePosition(self.axis, self.machine, self.parameters)
+        self.buffer = InterpolationBuffer(self.axis)
         self.feedback = Feedback(description, self.axis)
         self.states = self.feedback.states
         self.statechart = AxisStatechart(
@@ -139,7 +146,7 @@ class JointStatus:
     def is_enabled_or_ready(self) -> bool:
         """Whether the joint is enabled, or could be enabled as soon as its group permits."""
         machine = self.machine
-        if machine.enabled or not (machine.waiting and self.parameters.loaded):
+        if machine.enabled or not (machine.waiting and self.parameters.loaded) or self.buffer.is_open:
             return machine.enabled
         return self.uncommanded_motion is None and not self.targets.awaits_position(self.targets.mode)
 
@@ -188,6 +195,7 @@ class JointStatus:
     def _on_parameters(self) -> None:
         self.feedback.refresh_scale()
         self.targets.refresh()
+        self.buffer.booted(self.parameters.get(INTERPOLATION_BUFFER, 6))
         self._events += [JointEvent("parameters", text) for text in self.parameters.failed]
         self._events += [JointEvent("mode", text) for text in unlisted_modes(self.axis, self.parameters)]
 
@@ -438,7 +446,9 @@ class JointDrive(JointStatus):
     def _may_follow(self, now: int) -> bool:
         """Whether the axis waits only for the permission to follow its commands."""
         ready = self.statechart.state is AxisPhase.READY and self._mode_after_homing is None
-        return ready and self.machine.may_move and now >= self._settled_at
+        if not (ready and self.machine.may_move and now >= self._settled_at):
+            return False
+        return not self.targets.interpolates or self.buffer.set(True, now)
 
     def supervise(self) -> None:
         """Run the checks that are needed only ten times a second."""
@@ -451,6 +461,7 @@ class JointDrive(JointStatus):
             self._events.append(JointEvent("velocity_unit", unit.text, stops=unit.faster))
         if self.enabled:
             self.targets.hold_others()
+        self._supervise_buffer()
         warnings = (
             ("velocity_hidden", self.feedback.hidden_motion),
             ("feed_forward", self.targets.feed_forward.refused()),
@@ -460,6 +471,14 @@ class JointDrive(JointStatus):
         self._events += [JointEvent(kind, text) for kind, text in warnings if text is not None]
 
     # ------------------------------------------------------------------------------------------- internals
+
+    def _supervise_buffer(self) -> None:
+        """Close the buffer of mode IP while it is not needed; report an enabled axis whose buffer cannot be set."""
+        used = self.machine.may_move and self.targets.interpolates  # the set-points of a ramp are still to be used
+        if not used and (self.enable_requested or not self.buffer.refusal):
+            self.buffer.set(False, self._now)
+        if self.buffer.refusal and self.enable_requested:
+            self._events.append(JointEvent("not_enabled", self.buffer.failure, Level.ERROR, stops=True))
 
     def _take_jump(self, jump: int) -> None:
         """Report a jump, which stops the group; the drive gets its target in its new coordinates at once."""
@@ -531,10 +550,7 @@ class JointDrive(JointStatus):
         """Report a drive that is not enabled because its position is unknown or outside its limits."""
         reason = self.uncommanded_motion
         if self.targets.awaits_position(self.targets.mode) and now - self.statechart.since > _POSITION_NS:
-            reason = (
-                f"its position (0x{self.axis.index(POSITION_ACTUAL):04X}) has not arrived since the boot, so it would "
-                "move as soon as it is enabled; set `transmission: 1` for the TPDO that carries it"
-            )
+            reason = self.targets.unknown_position
         if reason is not None:
             self._events.append(JointEvent("not_enabled", reason, Level.ERROR, stops=True))
 
@@ -659,18 +675,13 @@ class JointDrive(JointStatus):
             self._mode_when_off = mode
             self._events.append(JointEvent("not_enabled", moves, Level.ERROR, stops=True))
 
-    def _leaves_interface_unserved(self, event: ModeTimedOut) -> bool:
-        """Whether an enabled drive did not change its mode, so that the claimed interface cannot be served."""
-        claimed, restored = self.claimed, event.restored
-        if not event.enabled or claimed in (None, TARGET):
-            return False
-        return restored is None or self.targets.mode_serves(restored) != claimed
-
     def _mode_event(self, event: ModeTimedOut, joint_event: JointEvent) -> JointEvent:
         """Add the reason of a refused mode to an event, and whether the event stops the group."""
         refusal = self._status.mode_refusal
         text = f"{joint_event.text}; {refusal}" if refusal else joint_event.text
-        return joint_event._replace(text=text, stops=joint_event.stops or self._leaves_interface_unserved(event))
+        return joint_event._replace(
+            text=text, stops=joint_event.stops or (event.enabled and self.targets.is_unserved_in(event.restored))
+        )
 
     def _take_events(self) -> None:
         for event in self.machine.events():

@@ -23,6 +23,7 @@ from canopen_control.hardware.mode_targets import (
     HOLDING,
     OWN_CLASSES,
     TARGET_CLASSES,
+    InterpolatedTarget,
     ModeTarget,
     PositionTarget,
     SetPointTarget,
@@ -80,6 +81,11 @@ class JointTargets:
     @property
     def handshakes(self) -> bool:
         return self.current is not None and self.current.handshakes
+
+    @property
+    def interpolates(self) -> bool:
+        """Whether the set-points are those of mode IP, which may have a buffer."""
+        return isinstance(self.current, InterpolatedTarget)
 
     def mode_for(self, interface: str) -> int:
         """Return the mode for a command interface, from bus.yml or 0x6502; raise DriveError if no mode serves it."""
@@ -150,6 +156,20 @@ class JointTargets:
         """Whether a position mode needs the actual position, whose TPDO has not arrived since the boot."""
         position = self._axis.position
         return position is not None and not position.fresh and mode is not None and self._holds_position(mode)
+
+    @property
+    def unknown_position(self) -> str:
+        """Text about the missing TPDO of `awaits_position`."""
+        return (
+            f"its position (0x{self._axis.index(objects.POSITION_ACTUAL):04X}) has not arrived since the boot, so it "
+            "would move as soon as it is enabled; set `transmission: 1` for the TPDO that carries it"
+        )
+
+    def is_unserved_in(self, mode: int | None) -> bool:
+        """Whether the claimed interface cannot be served, because the drive has stayed in `mode` (None: unknown)."""
+        if self.claimed in (None, TARGET):
+            return False
+        return mode is None or self.mode_serves(mode) != self.claimed
 
     def check_mode(self, mode: int) -> None:
         """Raise DriveError if an enabled axis would move without a command after a change to this mode."""

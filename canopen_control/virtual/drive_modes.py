@@ -337,6 +337,8 @@ class SetPointBuffer:
     def __init__(self, axis: AxisParts) -> None:
         self._objects = axis.objects
         self._waiting: deque[float] = deque()
+        self.kept = False
+        """Whether the records remain when the motor loses power or the mode changes."""
         store, shift = axis.objects.store, axis.objects.offset
         self.last_subindex = max(store.od.subindices(o.INTERPOLATION_DATA + shift), default=0)
         self._attach(store, shift)
@@ -411,7 +413,8 @@ class InterpolatedPosition(CyclicPosition):
 
     def reset(self) -> None:
         super().reset()
-        self.buffer.clear()
+        if not self.buffer.kept:
+            self.buffer.clear()
         self._dry_ns: int | None = None  # when a record was due but the buffer was empty
 
     @property

@@ -275,6 +275,13 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         strength=whole("subindex", 2, 2, 8),
     ),
     Quirk(
+        "records_kept",
+        "keeps the set-points in the buffer of IP when it is disabled or changes its mode",
+        "",
+        "unsourced",
+        lambda hooks, drive, _strength: hooks.attribute(drive.modes.interpolated.buffer, "kept", True),
+    ),
+    Quirk(
         "period_refused",
         "refuses to write 0x60C2",
         _PERIOD,

@@ -216,6 +216,22 @@ def with_record():
     return make_device(od, 5)
 
 
+def with_buffer():
+    """A drive whose IP has a buffer of eight set-points."""
+    od = servo_od()
+    for subindex, value in enumerate((8, 0, 0, 0, 4, 0), start=1):
+        od.add(entry(0x60C4, subindex, T.UNSIGNED32, value))
+    return make_device(od, 5)
+
+
+def kept(b):
+    b.enable(7)
+    b.write(0x60C4, 1, 6)
+    b.write(0x60C1, 100, 1)
+    b.control(6)
+    return b.number(0x60C4, 4) == 1
+
+
 PROBES = {
     "remote_when_enabled": lambda b: word(REMOTE, value=False)(b) and word(REMOTE, before=lambda b: b.enable(3))(b),
     "remote_never": word(REMOTE, value=False, before=lambda b: b.enable(3)),
@@ -234,6 +250,7 @@ PROBES = {
     "extrapolates": goes_on,
     "set_points_supervised": supervised,
     "record_position": recorded,
+    "records_kept": kept,
     "period_refused": refused(0x60C2, 8, READ_ONLY, 1),
     "period_rounded": lambda b: b.write(0x60C2, 10, 1) and b.number(0x60C2, 1) == 8,
     "polarity_of_targets": turned,
@@ -257,7 +274,7 @@ PROBES = {
     "homing_ignores_halt": homing_halted,
 }  # fmt: skip
 # ruff: noqa: E501 - one quirk is one line of the table
-NODES = {"record_position": with_record, "polarity_of_targets": generic}
+NODES = {"record_position": with_record, "records_kept": with_buffer, "polarity_of_targets": generic}
 
 
 def test_every_quirk_has_its_probe():

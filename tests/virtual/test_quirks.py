@@ -138,7 +138,7 @@ def test_a_drive_without_a_quirk_has_nothing_in_its_way():
 # The rows of the table of quirks.
 
 
-ALLOWED = ("mapping_count_first", "clock_drift")  # by the standard
+ALLOWED = ("mapping_count_first", "clock_drift", "records_kept")  # by the standard
 
 
 def test_every_quirk_states_its_change_its_default_and_its_source():
