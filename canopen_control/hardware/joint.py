@@ -38,7 +38,9 @@ from canopen_control.hardware.axis_statechart import (
 from canopen_control.hardware.feedback import Feedback, FeedbackStatus
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, StateInterface
 from canopen_control.hardware.joint_events import (
+    JUMP_TEXT,
     FaultWatch,
+    ForeignRpdoWatch,
     HomePosition,
     HomingPhase,
     JointEvent,
@@ -238,6 +240,7 @@ class JointDrive(JointStatus):
         self.resume = False
         self.stopped_by = ""
         """Cause of the last stop since the joint was enabled, or "" if a user requested the stop."""
+        self._foreign = ForeignRpdoWatch(node)
         self._watch = StatusWatch(self.axis, node.config.motion.following_error_action)
         self._motion = MotionWatch(self.axis, self.machine, node.config.motion.following_error_action)
         self._settle_ns = node.config.motion.enable_settle_ms * 1_000_000
@@ -330,6 +333,8 @@ class JointDrive(JointStatus):
         status = _LOST if not node.ready else _STALE if node.stale else _LIVE
         if status is not self._feedback_status:
             self._change_feedback_status(status, now)
+        if node.contradicted != self._foreign.seen:
+            self._events += self._foreign.check(now, enabled=self.enable_requested)
         if status is not _LOST:
             jump = self.feedback.read(now) or self.feedback.unexplained
             homing = self.homing is not None and self.homing.phase is HomingPhase.RUN  # it changes the zero
@@ -489,13 +494,10 @@ class JointDrive(JointStatus):
         self.home_position.forget()
         self.targets.shift()
         self._steady_from = self._now + _REST_AFTER_JUMP_NS
-        text = (
-            f"its position (0x{self.axis.index(POSITION_ACTUAL):04X}) jumped by {jump} counts; home it again, or if "
-            "its encoder is absolute start the robot again"
-        )
         command = self.targets.tracked
         sent = command.value if command is not None and command.quantity == VELOCITY else 0.0
         unit = self.feedback.unit_mismatch_of_jump(sent)
+        text = JUMP_TEXT.format(self.axis.index(POSITION_ACTUAL), jump)
         event = ("position_jump", text) if unit is None else ("velocity_unit", unit.text)
         self._events.append(JointEvent(*event, stops=True))
 
@@ -677,11 +679,9 @@ class JointDrive(JointStatus):
 
     def _mode_event(self, event: ModeTimedOut, joint_event: JointEvent) -> JointEvent:
         """Add the reason of a refused mode to an event, and whether the event stops the group."""
-        refusal = self._status.mode_refusal
+        refusal, unserved = self._status.mode_refusal, event.enabled and self.targets.is_unserved_in(event.restored)
         text = f"{joint_event.text}; {refusal}" if refusal else joint_event.text
-        return joint_event._replace(
-            text=text, stops=joint_event.stops or (event.enabled and self.targets.is_unserved_in(event.restored))
-        )
+        return joint_event._replace(text=text, stops=joint_event.stops or unserved)
 
     def _take_events(self) -> None:
         for event in self.machine.events():

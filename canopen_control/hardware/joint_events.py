@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from canopen_control.hardware.axis_parameters import AxisParameters
     from canopen_control.hardware.mode_targets import ModeTarget
     from canopen_control.master.cycle import Output
+    from canopen_control.master.remote_node import RemoteNode
 
 
 WRONG_CHECKS: Final = 5  # checks, one every 0.1 s
@@ -200,6 +201,33 @@ class StatusWatch:
         else:
             way = velocity.value if velocity is not None else 0
         return (way > 0) - (way < 0)
+
+
+class ForeignRpdoWatch:
+    """Check of RPDOs that another program sends to a node; a single frame is only overwritten by the next RPDO."""
+
+    def __init__(self, node: RemoteNode) -> None:
+        self.seen = 0
+        """Value of `contradicted` of the node at the last check."""
+        self._node = node
+        self._last = -_REPEATED_NS
+
+    def check(self, now: int, *, enabled: bool) -> list[JointEvent]:
+        """Return an event that stops the group of an enabled axis if a further frame has arrived within a second."""
+        count, self.seen = self._node.contradicted - self.seen, self._node.contradicted
+        since, self._last = now - self._last, now
+        if enabled and (count > 1 or since < _REPEATED_NS):
+            return [JointEvent("contradicted", _CONTRADICTED_TEXT, Level.ERROR, stops=True)]
+        return []
+
+
+JUMP_TEXT: Final = (
+    "its position (0x{:04X}) jumped by {} counts; home it again, or if its encoder is absolute start the robot again"
+)
+_REPEATED_NS: Final = 1_000_000_000
+_CONTRADICTED_TEXT: Final = (
+    "another program on the bus sends its RPDOs with other values, so that it follows two masters; end that program"
+)
 
 
 class FaultWatch:

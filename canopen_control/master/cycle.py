@@ -211,6 +211,7 @@ class SentPdo:
     """
 
     __slots__ = (
+        "_before",
         "_packer",
         "changed",
         "cob_id",
@@ -231,7 +232,7 @@ class SentPdo:
     ) -> None:
         self.cob_id, self.cyclic = cob_id, cyclic
         self.codec = PdoCodec(objects)
-        self.record = RECORD.pack(cob_id, self.codec.length, b"")
+        self.record = self._before = RECORD.pack(cob_id, self.codec.length, b"")
         self._packer = _packer(self.codec)
         self.enabled, self.count = False, 0
         self.refresh = 0
@@ -258,12 +259,19 @@ class SentPdo:
         """Enable the RPDO when the node becomes OPERATIONAL; an RPDO that moves an axis is sent in the next cycle."""
         self.enabled, self.changed = True, self.repeated
 
+    def was_sent(self, data: bytes) -> bool:
+        """Whether the last frame, or the one with other values before it, had these data: an adapter may echo it."""
+        return any(
+            RECORD.unpack(record)[1:] == (len(data), data.ljust(8, b"\0")) for record in (self.record, self._before)
+        )
+
     def pack(self) -> None:
         """Pack the values into the record.
 
         Raise LocalProtocolError, with the record unchanged, if a value does not fit.
         """
         packer, codec = self._packer, self.codec
+        self._before = self.record
         if packer is None:
             self.record = RECORD.pack(self.cob_id, codec.length, codec.pack(self.values))
         else:

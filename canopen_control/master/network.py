@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from canopen_control.master.boot import BootResult
     from canopen_control.master.config import BusConfig
-    from canopen_control.master.cycle import ReceivedPdo
+    from canopen_control.master.cycle import ReceivedPdo, SentPdo
 
 
 # Detection of other masters on the bus by frames that only a master sends.
@@ -422,7 +422,17 @@ class Network:
             handlers[pdo.cob_id] = self._checked(node, pdo)
             self._pdos[pdo.cob_id] = pdo
         for sent in node.sent:
-            handlers.setdefault(sent.cob_id, self._foreign.on_rpdo(sent.cob_id, node))
+            handlers.setdefault(sent.cob_id, self._on_foreign_rpdo(sent, node))
+
+    def _on_foreign_rpdo(self, sent: SentPdo, node: RemoteNode) -> Callable[[bytes, int, int], None]:
+        """Return the handler for an RPDO that another program sends."""
+        report = self._foreign.on_rpdo(sent.cob_id, node)
+
+        def on_rpdo(data: bytes, length: int, now: int) -> None:
+            report(data, length, now)
+            node.on_foreign_rpdo(sent, data[:length])
+
+        return on_rpdo
 
     def lay_out(self, node: RemoteNode, result: BootResult) -> None:
         """Set up a node's process data as configured by the boot, with the initial values read from the node."""
@@ -443,7 +453,7 @@ class Network:
                 if sent.cob_id not in self._pdos:
                     self._handlers.pop(sent.cob_id, None)
                 sent.use(layout, self.image.outputs_of(node.node_id, layout.objects))
-                self._handlers.setdefault(sent.cob_id, self._foreign.on_rpdo(sent.cob_id, node))
+                self._handlers.setdefault(sent.cob_id, self._on_foreign_rpdo(sent, node))
                 self._reroute()
         self.image.preset(node.node_id, result.presets)
 

@@ -241,6 +241,8 @@ class RemoteNode:
         self.boots = 0
         self.received: list[ReceivedPdo] = []
         self.sent: list[SentPdo] = []
+        self.contradicted = 0
+        """Number of RPDOs of other programs that moved an axis of the ready node by other values."""
         self.fault: FaultEvent | None = None
         """Fault in the last EMCY message of the node, which may be an error reset."""
         self.expected_state: NmtState | None = None  # state requested by the last NMT command of a user
@@ -439,6 +441,12 @@ class RemoteNode:
         """Update `stale`, and report a TPDO that became overdue or is received again."""
         self.stale = any(tpdo.overdue for tpdo in self.received)
         self.log.pdo(pdo, now)
+
+    def on_foreign_rpdo(self, sent: SentPdo, data: bytes) -> None:
+        """Send an RPDO again that another program has sent with other values, and count it."""
+        if self.ready and sent.enabled and sent.repeated and not sent.was_sent(data):
+            sent.changed = True
+            self.contradicted += 1
 
     def pump(self, now: int) -> None:
         """Pass completed SDO transfers to the boot and to their callers, and handle the end of the boot."""

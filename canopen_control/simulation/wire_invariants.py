@@ -9,7 +9,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.cia301.pdo import INVALID_BIT, NO_RTR_BIT
-from canopen_control.cia402.objects import HOMING_SPEEDS, PROFILE_VELOCITY, axis_of
+from canopen_control.cia402.objects import HOMING_SPEEDS, INTERPOLATION_BUFFER, PROFILE_VELOCITY, axis_of
 from canopen_control.frame import RECORD, is_restricted
 from canopen_control.master.budget import budget_of
 from canopen_control.od.codec import encode
@@ -113,6 +113,7 @@ class ConfigurationInvariants:
         if disturbed and disturbed > now - _CALM_NS:
             return
         carried = {(mapped.index, mapped.subindex) for layout in node.plan.rpdos for mapped in layout.objects}
+        carried |= {(INTERPOLATION_BUFFER + offset, 6) for offset in node.plan.axes}  # open during a motion only
         final = {write.address: write for write in node.plan.writes if write.address not in carried}
         wrong = [f"0x{write.index:04X}:{write.subindex:02X}" for write in final.values() if not _holds(device, write)]
         since = self._robot.started_ns  # a boot reports a drive that keeps another value

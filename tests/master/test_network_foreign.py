@@ -122,3 +122,47 @@ def test_two_robots_on_one_bus_name_each_other(robby):
         assert len(collected(robby)) == 1
         assert len(collected(other)) == 1
         assert robby.robot.state is not RobotState.STOPPED
+
+
+def _own(bench, can_id):
+    """Return the data of the master's last frame with an identifier."""
+    return [frame.data for label, frame in bench.bus.history if label == "master" and frame.can_id == can_id][-1]
+
+
+@pytest.fixture
+def driving(robby):
+    robby.hold(5.0, 5.0, ms=600)
+    robby.events.clear()
+    return robby
+
+
+def test_a_foreign_rpdo_is_overwritten_in_the_next_cycle_and_one_of_them_stops_nothing(driving):
+    own = _own(driving, 0x303)
+    driving.bus.clear_history()
+    driving.bus.inject(CanFrame(0x303, own[:4] + bytes(4)))
+    driving.run(21)
+    assert _own(driving, 0x303) == own
+    driving.hold(5.0, 5.0, ms=2000)
+    assert driving.found("stop") == []
+    assert abs(driving.speed(LEFT)) > 1000
+
+
+def test_a_program_that_goes_on_sending_other_rpdos_stops_the_robot_within_two_cycles(driving):
+    own, driving.began = _own(driving, 0x303), driving.reactor.now()
+    for _ in range(2):
+        driving.bus.inject(CanFrame(0x303, own[:4] + bytes(4)))
+        driving.run(20)
+    event, after = driving.collected("contradicted", ms=1)
+    assert after <= 3 * 20
+    assert "another program on the bus sends its RPDOs with other values" in event.text
+    assert "canopen-control axis enable all" in driving.texts("stop")[-1]
+    driving.disabled_after()
+
+
+def test_an_echo_of_its_own_rpdos_stops_nothing(driving):
+    for _ in range(40):
+        driving.bus.inject(CanFrame(0x303, _own(driving, 0x303)))
+        driving.publish(5.0, 5.0)
+        driving.run(20)
+    assert driving.found("contradicted") == []
+    assert driving.found("stop") == []
