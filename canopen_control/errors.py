@@ -32,6 +32,7 @@ CanopenError
     TrajectoryRefused      a trajectory violates a rule: code
     UnknownInterface       no component exports the interface: name
     UnknownName            the robot has no node, joint, controller, component or mode with this name
+    WrongValueCount        a command has another number of values than its controller
   RemoteError            a running robot refused a request: kind
     UnreadableMessage      a pushed message cannot be read
 
@@ -80,6 +81,8 @@ __all__ = [
     "UnknownName",
     "UnreadableMessage",
     "UnsupportedMode",
+    "WrongValueCount",
+    "closest",
     "nearest",
     "without_node",
 ]
@@ -340,6 +343,10 @@ class UnknownName(ControlError):
     """Unknown name of a node, joint, controller, component or mode; nothing was done. The command line exits with 2."""
 
 
+class WrongValueCount(ControlError):
+    """Command with another number of values than its controller has, which was discarded (exit code 2)."""
+
+
 class RemoteError(CanopenError):
     """Request refused by a running robot; `kind` is the class name of the error."""
 
@@ -361,7 +368,7 @@ class UnreadableMessage(RemoteError):
         super().__init__("RemoteProtocolError", message)
 
 
-_OF_USAGE = (ConfigError, InterfaceDown, InterfaceNotFound, UnknownName)
+_OF_USAGE = (ConfigError, InterfaceDown, InterfaceNotFound, UnknownName, WrongValueCount)
 
 
 _MIN_RATIO = 0.6  # minimum ratio of difflib for a suggestion
@@ -374,9 +381,16 @@ def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
     The words of a name may be in another order, and the letters of another case; a name with the opposite meaning
     (left, right) is not suggested.
     """
+    names = [str(name_of_known) for name_of_known in known]
+    if best := closest(name, names):
+        return f" (did you mean {best!r}?)"
+    return f"; known: {', '.join(names)}" if names and listed else ""
+
+
+def closest(name: str, known: Iterable[str]) -> str:
+    """Return the most similar known name, as `nearest` suggests it, or ""."""
     import difflib  # needed only for a mistake
 
-    names = [str(name_of_known) for name_of_known in known]
     words = _words(name)
 
     def ratio(candidate: str) -> float:
@@ -387,10 +401,8 @@ def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
         same = 1.0 if name.lower() == candidate.lower() else 0.0
         return max(same, *(difflib.SequenceMatcher(None, *order).ratio() for order in orders))
 
-    best = max(names, key=ratio, default="")
-    if best and ratio(best) >= _MIN_RATIO:
-        return f" (did you mean {best!r}?)"
-    return f"; known: {', '.join(names)}" if names and listed else ""
+    best = max(known, key=ratio, default="")
+    return best if best and ratio(best) >= _MIN_RATIO else ""
 
 
 def _words(name: str) -> list[str]:

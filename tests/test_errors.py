@@ -113,7 +113,13 @@ def test_the_nearest_name_has_the_same_words_in_any_order_and_no_opposite_one():
 
 
 def test_what_was_typed_wrong_is_of_usage_here_and_over_there():
-    usage = (errors.ConfigError, errors.InterfaceDown, errors.InterfaceNotFound, errors.UnknownName)
+    usage = (
+        errors.ConfigError,
+        errors.InterfaceDown,
+        errors.InterfaceNotFound,
+        errors.UnknownName,
+        errors.WrongValueCount,
+    )
     for name, member in TREE.items():
         over_there = errors.RemoteError(name, "refused")
         assert over_there.of_usage is issubclass(member, usage), name

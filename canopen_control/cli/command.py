@@ -4,7 +4,7 @@ Outputs of a GPIO command controller can be named, as in `io/lamp=1`; the others
 ends, the named outputs go to their safe values.
 
 Exit codes: 0 sent; 1 the robot refused the command or stopped, or a joint does not follow; 2 wrong usage, no robot
-runs, or no such controller.
+runs, no such controller or output, or a wrong number of values.
 """
 
 from __future__ import annotations

@@ -405,9 +405,10 @@ def _diff(args: argparse.Namespace) -> int:
     changes = list(changes_of(a, b))
     if args.json:
         print(json_text(changes))
-    else:
-        for change in changes:
-            print(_change_line(change))
+    elif not changes:
+        print(f"{args.a} and {args.b}: {len(a.entries)} entries, equal")
+    for change in [] if args.json else changes:
+        print(_change_line(change))
     return 1 if changes else 0
 
 

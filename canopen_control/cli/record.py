@@ -160,6 +160,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_robot_name(parser)
     parser.add_argument("--bus", metavar="NAME", help="bus of a robot with several buses")
+    parser.add_argument("--overwrite", action="store_true", help="replace an existing file")
     add_duration(parser, "end after S seconds", former="--duration", dest="duration")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
@@ -172,6 +173,8 @@ def run(args: argparse.Namespace) -> int:
     if args.bag is not None:
         return _bag(args)
     format_of(args.output, writing=True)  # a wrong name is reported before a bus is opened
+    if Path(args.output).is_file() and not args.overwrite:
+        raise ConfigError(f"{args.output} already exists; choose another name, or replace it with --overwrite")
     channel, owner = _bus_of(args)
     recorded, problem = record_frames(open_listener(channel, LABEL, owner=owner), args.output, args.duration)
     print(json_text(recorded, indent=None) if args.json else recorded.sentence())

@@ -21,7 +21,7 @@ from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.command_timeout import MOVING, CommandTimeout
 from canopen_control.controllers.params import CommonParams
-from canopen_control.errors import ControlError, NotEnabled
+from canopen_control.errors import ControlError, NotEnabled, WrongValueCount
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.urdf.joint_element import POSITION
 
@@ -355,10 +355,10 @@ class Controller:
         """Return the Unix time of the last publication in s, for the field `time` of a sample."""
         return (self.stamp + wall_offset_ns) / 1e9
 
-    def refusal(self, reason: str) -> ControlError:
-        """Count a refused command, and return the ControlError to raise."""
+    def refusal(self, reason: str, kind: type[ControlError] = ControlError) -> ControlError:
+        """Count a refused command, and return the ControlError to raise, by default of the base class."""
         self.rejected += 1
-        return ControlError(f"{self.name} {reason}")
+        return kind(f"{self.name} {reason}")
 
     def checked(self, values: Sequence[object], names: Sequence[str]) -> None:
         """Raise ControlError unless the controller is active and `values` has one finite number for each name."""
@@ -366,7 +366,8 @@ class Controller:
             raise self.refusal(f"is {self.state.value}; activate it before commanding it")
         if len(values) != len(names):
             raise self.refusal(
-                f"expects {len(names)} values ({', '.join(names)}), got {len(values)}; nothing was applied"
+                f"expects {len(names)} values ({', '.join(names)}), got {len(values)}; nothing was applied",
+                WrongValueCount,
             )
         for name, value in zip(names, values, strict=True):
             if not _finite(value):

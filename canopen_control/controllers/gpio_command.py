@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, StateCopy
 from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, timeout_warning
 from canopen_control.controllers.params import CommonParams, refuse, repeated
-from canopen_control.errors import ControlError, RobotConfigError, nearest
+from canopen_control.errors import ControlError, RobotConfigError, UnknownName, nearest
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.rpc.messages.samples import GpioSample
 from canopen_control.rpc.messages.state import DRIVE_SERVICES, NODE_SERVICES
@@ -233,7 +233,8 @@ class GpioCommandController(Controller):
         self._refuse_unless_active()
         for name in values:
             if name not in self._names:
-                raise self.refusal(f"has no output {name!r}{nearest(name, self._names)}; nothing was applied")
+                text = f"has no output {name!r}{nearest(name, self._names)}; nothing was applied"
+                raise self.refusal(text, UnknownName)
         self.checked(list(values.values()), list(values))
         places = [self._names.index(name) for name in values]
         for index, value in zip(places, values.values(), strict=True):

@@ -39,7 +39,8 @@ def test_a_suspended_command_moves_nothing_when_it_is_resumed(mock_robot, monkey
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "words"), [([FORWARD, "1"], 1, "1"), (["nobody", "1", "1"], 2, "nobody")]
+    ("arguments", "code", "words"),
+    [([FORWARD, "1"], 2, "got 1; nothing was applied"), (["nobody", "1", "1"], 2, "nobody")],
 )
 def test_what_the_controller_refuses_is_one_sentence(mock_robot, capsys, arguments, code, words):
     assert main(["command", *arguments, "--for", "1"]) == code
@@ -86,6 +87,11 @@ def test_outputs_by_name_stay_after_once_and_the_others_are_left_alone(cell):
 def test_outputs_are_safe_when_a_command_that_repeats_has_ended(cell, values):
     assert main(["command", "outputs", *values, "--for", "0.2"]) == 0
     assert eventually(lambda: outputs(cell) == [0.0, 0.5])
+
+
+def test_an_output_that_the_robot_does_not_have_is_wrong_usage(cell, capsys):
+    assert main(["command", "outputs", "io/lmp=1", "--once"]) == 2
+    assert "has no output 'io/lmp' (did you mean 'io/lamp'?); nothing was applied" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("values", [["io/lamp=1", "1"], ["io/lamp=1", "io/lamp=0"]])

@@ -162,8 +162,9 @@ def test_values_that_json_lacks_are_text(cli_json, tmp_path):
     assert [entry["default"] for entry in entries] == ["0x7FF8000000000000", "0102"]
 
 
-def test_files_with_the_same_objects_do_not_differ(cli):
-    assert cli("diff", TMCM, TMCM) == (0, "", "")
+def test_files_with_the_same_objects_are_stated_to_be_equal(cli, cli_json):
+    assert cli("diff", TMCM, TMCM) == (0, f"{TMCM} and {TMCM}: 243 entries, equal\n", "")
+    assert cli_json("diff", TMCM, TMCM) == (0, [])
 
 
 def test_differences_are_reported_value_by_value(cli, cli_json, tmp_path):

@@ -194,3 +194,18 @@ def test_what_is_not_in_the_file_is_reported():
     assert plain(whole) == {
         "file": "x.trc", "channel": "can0", "frames": 10, "lost": 2, "left_out": 3, "seconds": 1.5,
     }  # fmt: skip
+
+
+@pytest.mark.process
+def test_an_existing_recording_is_kept_unless_an_option_permits_to_replace_it(folders, tmp_path, capsys):
+    path = tmp_path / "x.log"
+    path.write_text("(1.0) can0 080#\n")
+    port = open_local("kept", "other")
+    record = ["record", "--can", "local:kept", "-o", str(path), "--for", "0.1"]
+    assert main(record) == 2
+    advice = "choose another name, or replace it with --overwrite"
+    assert capsys.readouterr().err == f"canopen-control: {path} already exists; {advice}\n"
+    assert path.read_text() == "(1.0) can0 080#\n"
+    assert main([*record, "--overwrite"]) == 1  # no frame
+    assert path.read_text() == ""
+    port.close()
