@@ -171,10 +171,13 @@ class _Checker:
     def _read_controllers(self) -> ControllersFile | None:
         path = self._files.controllers
         try:
-            return self._files.read_controllers()
+            control, files = self._files.inspect_controllers()
         except ConfigError as error:
             self.findings += rules.findings_of(str(error), str(path), 0, Severity.ERROR)
-        return None
+            return None
+        errors = [problem for problems in files for problem in problems.errors]
+        self.findings += [_of_problem(problem, Severity.ERROR) for problem in errors]
+        return control if control.controllers else None
 
     def _read_description(self) -> UrdfDescription | None:
         path = self._files.description

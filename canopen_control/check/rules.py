@@ -14,12 +14,9 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.check.drive_rules import DRIVE_RULES
 from canopen_control.check.finding import CheckedRobot, Finding
+from canopen_control.check.parameter_rules import PARAMETER_RULES
 from canopen_control.cia402 import objects
-from canopen_control.controllers.base import sample_type_of
-from canopen_control.controllers.command_timeout import DEFAULT_TIMEOUT_S, UNLIMITED
-from canopen_control.controllers.controllers_file import ManagerParams, is_within
-from canopen_control.controllers.limiters import SLOW_STOP
-from canopen_control.controllers.mobile_base import IMMOBILE, ONE_UPDATE
+from canopen_control.controllers.controllers_file import is_within
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, nearest
 from canopen_control.hardware.axis_parameters import PLUGINS
@@ -27,11 +24,9 @@ from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.plugins import KNOWN, PluginKind
 from canopen_control.master.keys import SCALES
 from canopen_control.od.issues import Severity
-from canopen_control.rpc.messages.robot import STREAM_RATE
 from canopen_control.runtime.setup import started_controllers
 from canopen_control.runtime.sync_choice import axis_number, node_of
 from canopen_control.urdf.joint_element import EFFORT
-from canopen_control.yamlfile.convert import keys_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -317,19 +312,6 @@ def _configure(robot: CheckedRobot) -> Iterator[Finding]:
         yield from findings_of(text, control.path, 0, severity)
 
 
-def _shared_names(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find misspelt parameter names in a block for all ROS nodes (`/**`)."""
-    control = robot.control
-    if control is None or len(robot.configured) < len(control.controllers):
-        return
-    keys = set(keys_of(ManagerParams)).union(*(controller.params.known for controller in control.controllers.values()))
-    for name, key in control.shared.items():
-        close = difflib.get_close_matches(name, keys, 1, 0.8)
-        if name not in keys and close:
-            text = f"no controller has a parameter {name!r}"
-            yield Finding(key.path, key.line, Severity.WARNING, text, f"did you mean {close[0]!r}?")
-
-
 def _unknown_controllers(robot: CheckedRobot) -> Iterator[Finding]:
     control = robot.control
     if control is None:
@@ -569,18 +551,6 @@ def _component_types(robot: CheckedRobot) -> Iterator[Finding]:
             yield Finding(description.path, tag.place.line, Severity.WARNING, text, 'give it type="system"')
 
 
-def _controller_rates(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find controllers whose own update_rate is above that of the controller manager (ros2_control warns too)."""
-    control = robot.control
-    for name, config in () if control is None else control.controllers.items():
-        key, node = config.params.flat.keys().get("update_rate"), config.params.flat.get("update_rate")
-        rate = 0 if node is None or type(node.value) is not int else node.value
-        if control is not None and key is not None and rate > control.update_rate:
-            text = f"{name}: update_rate {rate} Hz is above that of the controller manager, {control.update_rate} Hz"
-            fix = "remove it, or raise the manager's: a controller runs at most at that rate"
-            yield Finding(key.path, key.line, Severity.WARNING, text, fix)
-
-
 def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
     bus, control = robot.bus, robot.control
     if bus is None or control is None:
@@ -618,65 +588,9 @@ def _whole(syncs: float) -> int:
     return max(1, math.ceil(syncs - 0.5))
 
 
-def _publish_rates(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find controllers that publish faster than the default rate of the ROS bridge and bags."""
-    if robot.control is None:
-        return
-    sync = robot.bus.master.sync_period if robot.bus is not None else 0
-    most = min(robot.control.update_rate, 1_000_000 / sync if sync else math.inf)
-    for name, controller in robot.configured.items():
-        updates = min(controller.update_rate or most, most)
-        rate = 0.0 if sample_type_of(controller) is None else min(controller.publish_rate or updates, updates)
-        if rate > STREAM_RATE:
-            config = robot.config(name)
-            line = config.params.line("publish_rate") or config.params.line("update_rate") or config.line
-            text = f"{name} publishes at {rate:g} Hz, but ROS and bags request {STREAM_RATE:g} Hz by default"
-            fix = f"run the bridge with --ros-args -p rate:={rate:.1f}, record with --rate {rate:g}"
-            yield Finding(config.path, line, Severity.NOTE, text, fix)
-
-
-def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
-    for name, controller in robot.configured.items():
-        config = robot.config(name)
-        for key in ("cmd_vel_timeout", "reference_timeout", "command_timeout"):
-            timeout = getattr(getattr(controller, "params", None), key, None)
-            setting = config.params.flat.get(key)
-            if timeout is None and setting is not None and isinstance(setting.value, int | float):
-                timeout = setting.value
-            if timeout and 0.0 < timeout < 2 * COMMAND_PERIOD_S:
-                text = f"{name}: {key} {timeout:g} s is below two command periods, so the robot stutters"
-                fix = f"give {2 * COMMAND_PERIOD_S:g} s or more: teleop and `twist` send every {COMMAND_PERIOD_S:g} s"
-                yield Finding(config.path, config.params.line(key) or config.line, Severity.WARNING, text, fix)
-
-        for notice in controller.notices:
-            if notice.kind == ONE_UPDATE:
-                line = config.params.line("reference_timeout") or config.params.line("cmd_vel_timeout") or config.line
-                fix = "the robot stutters unless each update receives a twist; 0.5 s is usual"
-                yield Finding(config.path, line, Severity.WARNING, notice.text, fix)
-            if notice.kind == UNLIMITED:
-                line = config.params.line("command_timeout") or config.params.line("cmd_vel_timeout") or config.line
-                fix = f"give the time without a command after which the joints stop, such as {DEFAULT_TIMEOUT_S:g} s"
-                yield Finding(config.path, line, Severity.WARNING, notice.text, fix)
-            if notice.kind == IMMOBILE:
-                key = notice.text.removeprefix(f"{name}: ").partition(" ")[0]
-                line = config.params.line(key) or config.line
-                yield Finding(config.path, line, Severity.WARNING, notice.text, "give a value above 0, or remove it")
-            if notice.kind == SLOW_STOP:
-                text, _, fix = notice.text.partition("; ")
-                key = fix.rpartition(" ")[2]  # without it the acceleration limit is that of a stop, too
-                default = f"{key.partition('max_')[0]}max_acceleration"
-                line = config.params.line(key) or config.params.line(default) or config.line
-                yield Finding(config.path, line, Severity.WARNING, text, fix)
-
-
-COMMAND_PERIOD_S: Final = 0.1
-"""Period in s at which teleop and this package's command line send commands."""
-
-
 RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
     _guesses,
     *DRIVE_RULES,
-    _shared_names,
     _unknown_controllers,
     _illegal_names,
     _namespaces,
@@ -686,8 +600,6 @@ RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
     _joints,
     _devices,
     _update_rate,
-    _controller_rates,
     _component_types,
-    _publish_rates,
-    _timeouts,
+    *PARAMETER_RULES,
 )

@@ -130,7 +130,7 @@ def read_checked(params: Params, cls: type[P], renames: Mapping[str, str] | None
     `renames` is passed to `Params.read`.
     """
     settings = params.read(cls, renames)
-    refuse(params.name, settings.mistakes())
+    refuse(params, settings.mistakes())
     return settings
 
 
@@ -314,6 +314,13 @@ class SwitchedLimits(TwistAxisLimits):
         return limits if self.has_jerk_limits else replace(limits, min_jerk=NAN, max_jerk=NAN)
 
 
+_MULTIPLIERS: Final = (
+    "wheel_separation_multiplier",
+    "left_wheel_radius_multiplier",
+    "right_wheel_radius_multiplier",
+)
+
+
 @dataclass(frozen=True)
 class DiffDriveParams(PrefixedParams):
     """Parameters of diff_drive_controller/DiffDriveController, in units of m, s, Hz and rad."""
@@ -376,10 +383,6 @@ class DiffDriveParams(PrefixedParams):
 
     def mistakes(self) -> Iterator[str]:
         left, right = self.left, self.right
-        given, scaled = (
-            (self.wheel_separation, self.wheel_radius),
-            (self.separation, self.left_radius, self.right_radius),
-        )
         if not left:
             yield "no left_wheel_names; give the joints of the left wheels"
         if not right:
@@ -392,8 +395,10 @@ class DiffDriveParams(PrefixedParams):
             yield "wheel_separation is missing or 0; give the distance between the wheels in m"
         if self.wheel_radius <= 0.0:
             yield "wheel_radius is missing or 0; give it in m"
-        if all(size > 0.0 for size in given) and not all(size > 0.0 for size in scaled):
-            yield "a multiplier of wheel_separation or wheel_radius is 0 or less; give a factor above 0"
+        each = math.isnan(self.wheel_radius_multiplier)
+        for key in _MULTIPLIERS if each else (_MULTIPLIERS[0], "wheel_radius_multiplier"):
+            if getattr(self, key) <= 0.0:
+                yield f"{key} is {getattr(self, key):g}; give a factor above 0"
 
 
 RENAMES: Final = {
@@ -424,7 +429,7 @@ def read_params(
     ):  # noetic: this multiplier overrides the multipliers of both sides
         both = settings.wheel_radius_multiplier
         settings = replace(settings, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
-    refuse(params.name, settings.mistakes())
+    refuse(params, settings.mistakes())
     params.source = settings
     return settings
 

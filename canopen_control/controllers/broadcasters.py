@@ -150,7 +150,7 @@ def read_params(params: Params, name: str) -> BatteryParams:
             ),
         )
     result = dataclasses.replace(settings, facts=facts)
-    refuse(name, result.mistakes())
+    refuse(params, result.mistakes(), name)
     return result
 
 
@@ -463,7 +463,7 @@ class PoseBroadcaster(SensorBroadcaster):
 
     def on_configure(self, params: Params) -> None:
         self.params = settings = params.read(PoseParams)
-        refuse(self.name, settings.mistakes())  # before `names`, which need all keys
+        refuse(params, settings.mistakes(), self.name)  # before `names`, which need all keys
         self._set_up(settings, settings.names)
         if settings.tf.publish_rate:
             self.report(

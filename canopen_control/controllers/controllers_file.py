@@ -14,18 +14,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from canopen_control.controllers.params import Params, flattened, like, scalar_node, warn_ineffective
-from canopen_control.errors import ControlError, RobotConfigError, nearest
-from canopen_control.rpc.messages.parameters import MANAGER
+from canopen_control.controllers.params import CommonParams, Params, flattened, like, scalar_node, warn_ineffective
+from canopen_control.errors import RobotConfigError, closest, nearest
 from canopen_control.yamlfile.convert import convert, keys_of, setting
 from canopen_control.yamlfile.node import LINE_END, Node, Problems, raise_all
 from canopen_control.yamlfile.reader import read as read_tree
 from canopen_control.yamlfile.reader import read_text, tree
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from canopen_control.rpc.messages.parameters import ParameterValue
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
 
 PARAMETERS: Final = "ros__parameters"
@@ -192,7 +189,22 @@ def read_controllers(
     variables: Mapping[str, str] | None = None,
     sources: Sequence[ParameterSource] = (),
 ) -> ControllersFile:
-    """Read a ros2_controllers.yaml; raise RobotConfigError with all errors, each with file, line and column.
+    """Read a ros2_controllers.yaml like `inspect_controllers`; raise RobotConfigError with all errors."""
+    control, files = inspect_controllers(path, strict=strict, variables=variables, sources=sources)
+    raise_all(files, RobotConfigError)
+    return control
+
+
+def inspect_controllers(
+    path: str | os.PathLike[str],
+    *,
+    strict: bool = False,
+    variables: Mapping[str, str] | None = None,
+    sources: Sequence[ParameterSource] = (),
+) -> tuple[ControllersFile, list[Problems]]:
+    """Read a ros2_controllers.yaml; return the readable part, and the problems of all files, each with its place.
+
+    Raise RobotConfigError with the errors of files that are not YAML.
 
     The parameters of a controller are checked when it is configured. With `strict`, warnings are errors. `variables`
     are the arguments of a launch file: they replace `$(var NAME)` and `<namespace>`, as in launch_ros's ParameterFile
@@ -206,7 +218,7 @@ def read_controllers(
     blocks: dict[str, _Block] = {}
     for source in sources:
         if source.values:
-            _add(blocks, MANAGER_SECTION, _inline(source))
+            _add_inline(blocks, source)
         elif not source.controllers:
             _collect(roots[str(source.path)], blocks)
     empty = _Block(root, like(root))
@@ -219,15 +231,17 @@ def read_controllers(
     declared, untyped, manager = _manager(flat, root)
     spawned = _of_spawners([source for source in sources if source.controllers], roots)
     blocks = {name: block for name, block in blocks.items() if name not in untyped or block.value.get("type")}
+    _rename_misspelt(blocks, declared, spawned)
     controllers = _controllers(declared, blocks, everywhere, manager_block.namespace, spawned)
     if not controllers and not any(node.problems.errors for node in roots.values()):
         manager_block.key.error("no controller has a type; give types under controller_manager: <name>: type: ...")
     files = {id(node.problems): node.problems for node in (*roots.values(), *flat.keys().values())}
-    raise_all(files.values(), RobotConfigError)
+    own = list(files.values())
     files |= {id(problems): problems for config in controllers.values() for problems in config.params.files}
     warnings = [str(warning) for problems in files.values() for warning in problems.warnings]
     place = str(path), manager_block.key.line, manager_block.namespace, flat.keys()
-    return ControllersFile(manager.update_rate, controllers, warnings, manager, *place, everywhere.values.keys())
+    shared = everywhere.values.keys()
+    return ControllersFile(manager.update_rate, controllers, warnings, manager, *place, shared), own
 
 
 _VARIABLE: Final = re.compile(r"\$\(var +([\w.-]+)\)|<((?:robot_)?namespace)>")
@@ -276,8 +290,8 @@ def _roots(
     return roots
 
 
-def _inline(source: ParameterSource) -> _Block:
-    """Return the parameters of the controller manager that are in the launch file itself (launch_ros: as in YAML)."""
+def _add_inline(blocks: dict[str, _Block], source: ParameterSource) -> None:
+    """Add parameters of the controller manager that are in the launch file itself (launch_ros: as in YAML)."""
     problems = Problems(str(source.path), read_text(source.path, RobotConfigError))
     pairs: dict[str, tuple[Node, Node]] = {}
     for name, text, line in source.values:
@@ -286,7 +300,9 @@ def _inline(source: ParameterSource) -> _Block:
         node = Node.scalar(Node(value.kind, line, 1, name, problems), text, value.value, quoted=False)
         pairs[name] = (scalar_node(name, place), node)
     key = next(key for key, _ in pairs.values())
-    return _Block(key, Node.mapping(like(key), pairs))
+    values = Node.mapping(like(key), pairs)
+    previous = blocks.get(MANAGER_SECTION)
+    _add(blocks, MANAGER_SECTION, dataclasses.replace(previous, value=values) if previous else _Block(key, values))
 
 
 def _of_spawners(sources: Iterable[ParameterSource], roots: Mapping[str, Node]) -> dict[str, Node]:
@@ -518,6 +534,41 @@ def _controllers(
     return controllers
 
 
+def _rename_misspelt(blocks: dict[str, _Block], declared: Mapping[str, _Declared], spawned: Collection[str]) -> None:
+    """Report each block that is meant for a controller of another name, and give it that name.
+
+    Such a controller has no parameters, and a similar name; or it is the only one whose type has keys of the block.
+    """
+    strange = [name for name, block in blocks.items() if name not in declared and block.value.get("type") is None]
+    bare = {
+        name: entry
+        for name, entry in declared.items()
+        if name not in blocks and name not in spawned and not entry.files and not entry.further.pairs()
+    }
+    for name in [name for name in strange if name not in spawned]:
+        similar = closest(name, bare)
+        fitting = (
+            [similar]
+            if similar
+            else [other for other, entry in bare.items() if _has_keys_of(blocks[name].value, entry.type)]
+        )
+        if len(fitting) == 1:
+            entry, block = bare.pop(fitting[0]), blocks.pop(name)
+            block.key.error(
+                f"no controller is called {name!r}, and {fitting[0]!r} (line {entry.key.line}) has no parameters; "
+                f"give both the same name"
+            )
+            blocks[fitting[0]] = block
+
+
+def _has_keys_of(block: Node, type_name: str) -> bool:
+    """Whether a block has parameters that this type has, and not every controller."""
+    from canopen_control.controllers.types import class_of  # needed only for a mistake
+
+    reads = getattr(class_of(type_name), "reads", CommonParams)
+    return not {*keys_of(reads)}.difference(keys_of(CommonParams)).isdisjoint(block.keys())
+
+
 def _check_fallbacks(declared: dict[str, _Declared], controllers: dict[str, ControllerConfig]) -> None:
     for name, entry in declared.items():
         for fallback in entry.fallbacks:
@@ -550,102 +601,3 @@ def _config(
 ) -> ControllerConfig:
     where = block.namespace, block.ros1, block.key.line
     return ControllerConfig(name, type_name, params, place.line, place.path, fallbacks, *where)
-
-
-# Controllers that a spawner defines by parameters of the manager: type, parameter files and fallbacks.
-#
-# Rules (spawner of ros2_control, Jazzy): before it loads a controller, the spawner sets `NAME.params_file` (a file or a
-# list of files), `NAME.type`, `NAME.fallback_controllers` and, for --controller-ros-args, `NAME.node_options_args`.
-# These files take precedence over the robot's own file, and a later file over earlier files. A relative path begins at
-# the folder of the robot's ros2_controllers.yaml; the bridge makes a path in the spawner's own folder absolute.
-
-
-_TEXTS: Final = ("string", "string_array")
-_KEYS: Final = {"type": ("string",), "params_file": _TEXTS, "fallback_controllers": _TEXTS, "node_options_args": _TEXTS}
-
-
-@dataclasses.dataclass(frozen=True)
-class SpawnerArguments:
-    """Parameters that a spawner has set for one controller."""
-
-    type: str = ""
-    params_file: tuple[str, ...] = ()
-    fallback_controllers: tuple[str, ...] = ()
-    node_options_args: tuple[str, ...] = ()
-
-    def changed(self, key: str, texts: tuple[str, ...]) -> SpawnerArguments:
-        """Return a copy with the values `texts` for the setting `key`, one of `_KEYS`."""
-        if key == "type":
-            return dataclasses.replace(self, type=texts[0])
-        if key == "params_file":
-            return dataclasses.replace(self, params_file=texts)
-        if key == "node_options_args":
-            return dataclasses.replace(self, node_options_args=texts)
-        return dataclasses.replace(self, fallback_controllers=texts)
-
-
-class SpawnedControllers:
-    """Parameters that spawners have set, for each controller.
-
-    The resulting controllers are added to `control`, the contents of the robot's file.
-    """
-
-    def __init__(self, control: ControllersFile) -> None:
-        self._control = control
-        self._of_file = dict(control.controllers)
-        self.arguments: dict[str, SpawnerArguments] = {}
-
-    def set(self, parameters: Sequence[ParameterValue]) -> None:
-        """Set parameters named `CONTROLLER.KEY`; if one is invalid, set none and raise ControlError or ConfigError."""
-        arguments_by_name = dict(self.arguments)
-        for parameter in parameters:
-            name, _, key = parameter.name.rpartition(".")
-            arguments_by_name[name] = arguments_by_name.get(name, SpawnerArguments()).changed(
-                key, _spawner_texts(parameter, key)
-            )
-        changed = {
-            name: self._config(name, arguments)
-            for name, arguments in arguments_by_name.items()
-            if arguments != self.arguments.get(name)
-        }
-        self.arguments = arguments_by_name
-        self._control.controllers.update(changed)
-
-    def _config(self, name: str, arguments: SpawnerArguments) -> ControllerConfig:
-        before = self._of_file.get(name) or ControllerConfig(name, "", Params.of({}, name))
-        problems = Problems(self._control.path or f"params_file of {name}", strict=False)
-        place, values = Node("scalar", 0, 0, f"{name}.params_file", problems), before.params.flat
-        for path in arguments.params_file:
-            values = flattened(from_file(place, path, name)).merged_over(values)
-        problems.raise_if_any(RobotConfigError)
-        for fallback in arguments.fallback_controllers:
-            controllers = self._control.controllers
-            if fallback not in controllers or fallback == name:
-                raise ControlError(
-                    f"fallback_controllers of {name}: no controller {fallback!r}{nearest(fallback, controllers)}"
-                )
-        if (mistake := node_options_mistake(arguments.node_options_args)) is not None:
-            raise ControlError(f"node_options_args of {name}: {mistake}")
-        kind = values.get("type")
-        return dataclasses.replace(
-            before,
-            type=arguments.type or (str(kind.value) if kind is not None else before.type),
-            params=Params(values, name),
-            fallbacks=arguments.fallback_controllers or before.fallbacks,
-            node_options=arguments.node_options_args or before.node_options,
-        )
-
-
-def _spawner_texts(parameter: ParameterValue, key: str) -> tuple[str, ...]:
-    """Return a parameter's value as texts; raise ControlError for an unknown key or a wrong type."""
-    if key not in _KEYS:
-        keys = ", ".join(_KEYS)
-        raise ControlError(
-            f"{MANAGER}: parameter '{parameter.name}' cannot be set; a controller has the parameters: {keys}"
-        )
-    if parameter.kind not in _KEYS[key]:
-        raise ControlError(
-            f"{MANAGER}: wrong parameter type, parameter '{parameter.name}' is of type {_KEYS[key][-1]}, "
-            f"setting it to {parameter.kind} is not allowed"
-        )
-    return tuple(map(str, parameter.value)) if isinstance(parameter.value, list) else (str(parameter.value),)

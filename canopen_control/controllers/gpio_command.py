@@ -108,7 +108,7 @@ def read_params(params: Params, name: str, joints: Sequence[str]) -> GpioParams:
     `joints` are the movable joints of the description, whose motion interfaces are not allowed as outputs.
     """
     settings = params.read(GpioParams)
-    refuse(name, [*_of_names(settings), *_of_safe_values(settings), *_of_joints(settings, joints)])
+    refuse(params, [*_of_names(settings), *_of_safe_values(settings), *_of_joints(settings, joints)], name)
     return settings
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar, cast
 
 from canopen_control.controllers.base import Controller, ControllerState, finite
 from canopen_control.controllers.command_timeout import GoalState
+from canopen_control.controllers.limiters import IMMOBILE, immobile_text
 from canopen_control.controllers.params import CommonParams, LoopGains, refuse
 from canopen_control.controllers.pid import Pid
 from canopen_control.controllers.request_protocols import GripperGoal, GripStatus, StallDetector
@@ -110,7 +111,7 @@ def read_params(params: Params, name: str, cls: type[P]) -> P:
     settings = params.read(_with_gains(cls, joint))
     if isinstance(settings, EffortGripperParams):
         settings = dataclasses.replace(settings, gains=getattr(settings, "loop"))  # noqa: B009 - of the class that is made
-    refuse(name, settings.mistakes())
+    refuse(params, settings.mistakes(), name)
     return settings
 
 
@@ -145,6 +146,11 @@ class PositionGripperActionController(Controller):
         self.params = settings = read_params(params, self.name, self.reads)
         self.update_rate, self.joints, self.interface = settings.update_rate, (settings.joint,), self.commanded
         self._is_limited = self.commanded == EFFORT or bool(settings.max_effort_interface)
+        given = params.flat.keys()
+        if self._is_limited and settings.max_effort == 0.0 and "max_effort" in given:
+            self.report(IMMOBILE, immobile_text("max_effort", "goals without an effort do not move the gripper"))
+        if settings.max_velocity_interface and settings.max_velocity == 0.0:
+            self.report(IMMOBILE, immobile_text("max_velocity", "goals without a velocity do not move the gripper"))
         self._progress = StallDetector(
             settings.goal_tolerance, settings.stall_velocity_threshold, settings.stall_timeout
         )

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 NAN: Final = math.nan
 SLOW_STOP: Final = "slow_stop"
+IMMOBILE: Final = "immobile"
+"""Kind of the event for a limit of 0, which permits no motion."""
 LONGEST_STOP_S: Final = 10.0  # maximum duration of a controlled stop, as in `hardware.axis_statechart`
 
 
@@ -69,6 +71,11 @@ def slow_stop(name: str, seconds: float, key: str) -> str | None:
     if seconds <= LONGEST_STOP_S or math.isinf(seconds):  # an infinite velocity limit is none
         return None
     return f"{name} needs {round(seconds):.6g} s to stop from its velocity limit; raise the magnitude of {key}"
+
+
+def immobile_text(key: str, effect: str) -> str:
+    """Return the text of the event IMMOBILE about the parameter `key`, whose value is 0."""
+    return f"{key} is 0, so {effect}; give a value above 0, or remove it"
 
 
 class RateLaw:

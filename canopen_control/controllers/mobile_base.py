@@ -23,10 +23,12 @@ from canopen_control.controllers.base import Controller, ControllerState, zero_t
 from canopen_control.controllers.base_params import BaseParams
 from canopen_control.controllers.command_timeout import UNLIMITED, timeout_warning
 from canopen_control.controllers.limiters import (
+    IMMOBILE,
     SLOW_STOP,
     RateLaw,
     RateLimiter,
     VelocityLimits,
+    immobile_text,
     slow_stop,
 )
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose
@@ -189,9 +191,6 @@ BASELINE: Final = -1.0
 """Return value of `elapsed` for the first step."""
 TOO_SHORT: Final = 0.0
 """Return value of `elapsed` for a time step that is too short and is added to the next step."""
-IMMOBILE: Final = "immobile"
-"""Kind of the event for a limit of 0, which permits no motion along an axis."""
-
 ONE_UPDATE: Final = "one_update"
 """Kind of the event that reports a timeout of 0, with which a twist applies to a single update."""
 _NEVER: Final = -1
@@ -267,6 +266,10 @@ class MobileBase(Controller):
 
     def apply_parameters(self, params: BaseParams, timeout: float, limits: Sequence[TwistAxisLimits] = ()) -> None:
         """Apply the parameters that may change at run time: timeout in s, axis limits and odometry options."""
+        if any(limit.freezes for limit in limits) and self.state is ControllerState.ACTIVE:
+            raise RobotConfigError(
+                f"{self.name}: with a max_jerk of 0 a base that moves would never brake; give a value above 0"
+            )
         if limits:
             self._twist.set_limits(self.name, limits)
         self._odometry_params = params
@@ -280,7 +283,9 @@ class MobileBase(Controller):
             if law.immobile:
                 self._immobile[axis] = f"{axis}.{law.immobile}"
                 if not limit.freezes:  # reported above
-                    self.report(IMMOBILE, f"{axis}.{law.immobile} is 0, so the base does not move along {axis}")
+                    self.report(
+                        IMMOBILE, immobile_text(f"{axis}.{law.immobile}", f"the base does not move along {axis}")
+                    )
             if (text := slow_stop(axis, law.brake_s, f"{axis}.{law.longest_brake}")) is not None:
                 self.report(SLOW_STOP, text)
         self.command_timeout.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never

@@ -244,10 +244,24 @@ class CommonParams:
     thread_priority: int = setting(50, help="has no effect: `run --realtime` sets the priority of the control cycle")
 
 
-def refuse(name: str, mistakes: Iterable[str]) -> None:
-    """Raise RobotConfigError with all error texts, each on a line, if there are any; `name` is the controller."""
-    if texts := list(mistakes):
-        raise RobotConfigError("\n".join(f"{name}: {text}" for text in texts))
+def refuse(params: Params | str, mistakes: Iterable[str], name: str = "") -> None:
+    """Raise RobotConfigError with all error texts, each on a line, if there are any.
+
+    A text that begins with the name of a parameter in the file gets its place. `name` is the controller, by default
+    that of `params`, which may also be the name alone.
+    """
+    owner = name or (params if isinstance(params, str) else params.name)
+    keys = {} if isinstance(params, str) else params.flat.keys()
+    places = [(text, keys.get(text.split(maxsplit=1)[0].rstrip(":"))) for text in mistakes]
+    if places:
+        raise RobotConfigError(
+            "\n".join(
+                f"{key.path}:{key.line}:{key.column}: {owner}: {text}"
+                if key is not None and key.line
+                else f"{owner}: {text}"
+                for text, key in places
+            )
+        )
 
 
 def repeated(key: str, names: Sequence[str]) -> Iterator[str]:
@@ -445,6 +459,12 @@ class PidParams(CommonParams):
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
     gains: tuple[DofGains, ...] = derived(())
 
+    def immobile(self) -> Iterator[str]:
+        """Yield the text of the event IMMOBILE for each degree of freedom whose loop always commands 0."""
+        for dof, gains in zip(self.dof_names, self.gains, strict=True):
+            if not any((gains.p, gains.i, gains.d, gains.feedforward_gain)):
+                yield f"gains.{dof}.p, i and d are 0, so {dof} does not move; give a gain above 0"
+
     @property
     def measured(self) -> tuple[str, ...]:
         """Names of the degrees of freedom in references and states; by default `dof_names`."""
@@ -471,5 +491,5 @@ class PidParams(CommonParams):
 def read_pid_params(params: Params, name: str) -> PidParams:
     """Return the parameters of PID controller `name`; raise RobotConfigError if they are invalid."""
     settings = params.read_each(PidParams, params.names("dof_names"), {"gains": ("gains.{}", DofGains)})
-    refuse(name, settings.mistakes())
+    refuse(params, settings.mistakes(), name)
     return settings

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, finite, zero_targets
 from canopen_control.controllers.command_timeout import MOVING, UNLIMITED, timeout_ns, timeout_warning
+from canopen_control.controllers.limiters import IMMOBILE
 from canopen_control.controllers.params import DofGains, PidParams, read_pid_params
 from canopen_control.controllers.pid import Pid
 from canopen_control.controllers.trajectory.point import shortest_angular_distance
@@ -126,6 +127,8 @@ class PidController(Controller):
         kind = settings.reference_and_state_interfaces[:1]
         if (text := timeout_warning("command_timeout", settings.command_timeout, kind)) is not None:
             self.report(UNLIMITED, text)
+        for text in settings.immobile():
+            self.report(IMMOBILE, text)
         self._references = [
             self._reference(dof, interface)
             for interface in settings.reference_and_state_interfaces

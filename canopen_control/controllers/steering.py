@@ -179,7 +179,7 @@ class AckermannSteeringController(SteeringController):
         if not is_ros1(params):
             return super().read(params)
         settings = read_ros1(params, self.geometry, self._report_size)
-        refuse(self.name, settings.mistakes())
+        refuse(params, settings.mistakes())
         return settings
 
     def _report_size(self, text: str) -> None:

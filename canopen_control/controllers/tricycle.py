@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import DriveGeometry
 from canopen_control.controllers.base_params import BaseParams, read_checked
-from canopen_control.controllers.limiters import NAN, RateLaw, RateLimiter, VelocityLimits
+from canopen_control.controllers.limiters import (
+    IMMOBILE,
+    NAN,
+    RateLaw,
+    RateLimiter,
+    VelocityLimits,
+    immobile_text,
+)
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.planar_pose import PlanarPose, RollingMean
 from canopen_control.hardware.interfaces import OK, ReturnType
@@ -34,6 +41,8 @@ if TYPE_CHECKING:
 _ON_TARGET: Final = math.pi / 6  # deviation of the steering in rad up to which the speed is not reduced
 _SLOWEST: Final = 0.01  # fraction of the speed at a deviation of a quarter turn or more
 _PER_MS: Final = 1000.0
+_OF_ANGLE: Final = {"max_velocity": "max_position", "max_acceleration": "max_velocity", "max_jerk": "max_acceleration"}
+"""Limits of the steering angle, by the limits of a `RateLaw`, whose value is the angle instead of a velocity."""
 _RENAMES: Final = {
     "use_stamped_vel": "",
     **{f"traction.min_{quantity}": "" for quantity in ("velocity", "acceleration", "deceleration", "jerk")},
@@ -133,6 +142,11 @@ class DrivenWheelParams(BaseParams):
         low, high = self.steering.bounds()
         if low > high:
             yield f"steering.min_position {low:g} is above steering.max_position {high:g}; exchange them"
+        if not (law := self.traction.law()).brakes:  # a motion whose commands have ended would go on
+            key = "max_acceleration" if math.isnan(self.traction.max_deceleration) else "max_deceleration"
+            yield f"traction.{key} is 0, so the wheel would never brake; give a value above 0, or remove it"
+        elif law.immobile == "max_jerk":
+            yield "traction.max_jerk is 0, so the wheel can neither start nor brake; remove it"
 
 
 class DrivenWheelPose(PlanarPose):
@@ -205,15 +219,26 @@ class TricycleController(MobileBase):
         self.joints = (settings.traction_joint_name, settings.steering_joint_name)
         self._set_limits()
         self.set_up(settings, settings.cmd_vel_timeout / _PER_MS, len(self.joints), open_loop=settings.open_loop)
+        self._report_immobile()
 
     def on_set(self, params: Params) -> None:
         settings = read_checked(params, DrivenWheelParams, _RENAMES)
         self.apply_parameters(settings, settings.cmd_vel_timeout / _PER_MS)
         self.params = settings
         self._set_limits()
+        self._report_immobile()
 
     def _set_limits(self) -> None:
         self._limiter.laws = [self.params.traction.law(), self.params.steering.law()]
+
+    def _report_immobile(self) -> None:
+        """Report limits of 0 with which a joint does not move, which upstream's limiters apply too."""
+        traction, steering = self._limiter.laws
+        if traction.immobile:
+            self.report(IMMOBILE, immobile_text(f"traction.{traction.immobile}", "the wheel does not turn"))
+        if steering.immobile:
+            key = f"steering.{_OF_ANGLE[steering.immobile]}"
+            self.report(IMMOBILE, immobile_text(key, "the wheel is not steered"))
 
     def command_interface_names(self) -> list[str]:
         return [f"{self.params.traction_joint_name}/{VELOCITY}", f"{self.params.steering_joint_name}/{POSITION}"]

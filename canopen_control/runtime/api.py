@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, get_args
 
 from canopen_control.controllers.base import twist_axes_of
 from canopen_control.controllers.command_timeout import CommandSender
-from canopen_control.controllers.controllers_file import SpawnedControllers
 from canopen_control.controllers.declared import checked, declared_by
+from canopen_control.controllers.spawned_controllers import SpawnedControllers
 from canopen_control.controllers.types import TYPES
 from canopen_control.errors import ControlError, LocalProtocolError, UnknownName
 from canopen_control.hardware.axis_statechart import Action

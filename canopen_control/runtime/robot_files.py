@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NoReturn
 
 from canopen_control.bus.channel import name_and_channel
-from canopen_control.controllers.controllers_file import ParameterSource, read_controllers
+from canopen_control.controllers.controllers_file import ParameterSource, inspect_controllers, read_controllers
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import CanopenError, RobotConfigError, nearest
 from canopen_control.physics import SDF_SUFFIXES
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.runtime.launch_file import Launched
+    from canopen_control.yamlfile.node import Problems
 
 
 MAIN_BUS = "can"  # name of the bus in bus.yml; the bus in bus_NAME.yml is NAME
@@ -179,6 +180,10 @@ class RobotFiles:
     def read_controllers(self, *, strict: bool = False) -> ControllersFile:
         """Read the controllers file, and all parameters of the launch file; RobotConfigError with all errors."""
         return read_controllers(self.controllers, strict=strict, variables=self.variables, sources=self.parameters)
+
+    def inspect_controllers(self) -> tuple[ControllersFile, list[Problems]]:
+        """Read the controllers file like `read_controllers`; return the readable part, and the problems."""
+        return inspect_controllers(self.controllers, variables=self.variables, sources=self.parameters)
 
     def mappings(self, *, mock: bool = False) -> dict[str, str]:
         """Return the xacro mappings; `mock` adds use_mock_hardware for descriptions that declare this argument."""

@@ -9,91 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.properties import examples
 
-from canopen_control.controllers.controllers_file import SpawnedControllers, is_within, read_controllers
+from canopen_control.controllers.controllers_file import inspect_controllers, is_within, read_controllers
 from canopen_control.controllers.params import CommonParams
-from canopen_control.errors import ControlError, RobotConfigError
-from canopen_control.rpc.messages.parameters import ParameterValue
-
-FILE = """
-controller_manager:
-  ros__parameters:
-    update_rate: 50
-    forward:
-      type: forward_command_controller/ForwardCommandController
-forward:
-  ros__parameters:
-    joints: [l]
-    interface_name: velocity
-"""
-KIND = "velocity_controllers/JointGroupVelocityController"
-
-
-def text(name, value):
-    return ParameterValue(name=name, kind="string", value=value)
-
-
-def texts(name, *values):
-    return ParameterValue(name=name, kind="string_array", value=list(values))
-
-
-@pytest.fixture
-def folder(tmp_path):
-    (tmp_path / "ros2_controllers.yaml").write_text(FILE)
-    (tmp_path / "new.yaml").write_text(f"new:\n  ros__parameters:\n    type: {KIND}\n    joints: [r]\n")
-    (tmp_path / "more.yaml").write_text(
-        "/**:\n  ros__parameters:\n    command_timeout: 0.25\nforward:\n  ros__parameters:\n    joints: [r]\n"
-    )
-    return tmp_path
-
-
-@pytest.fixture
-def control(folder):
-    return read_controllers(folder / "ros2_controllers.yaml")
-
-
-def test_a_controller_that_the_robots_file_has_not(control, folder):
-    spawned = SpawnedControllers(control)
-    spawned.set([texts("new.params_file", str(folder / "new.yaml"))])
-    spawned.set([text("new.type", KIND)])
-    new = control.controllers["new"]
-    assert (new.type, new.params.flat.value["joints"]) == (KIND, ["r"])
-
-
-def test_files_win_over_the_robots_own_and_the_last_over_those_before(control, folder):
-    (folder / "last.yaml").write_text("forward:\n  ros__parameters:\n    command_timeout: 0.5\n")
-    spawned = SpawnedControllers(control)
-    spawned.set([texts("forward.params_file", str(folder / "more.yaml"), "last.yaml")])
-    result = control.controllers["forward"].params.flat.value
-    assert (result["joints"], result["command_timeout"], result["interface_name"]) == (["r"], 0.5, "velocity")
-    spawned.set([text("forward.params_file", "more.yaml")])
-    assert control.controllers["forward"].params.flat.value["command_timeout"] == 0.25
-
-
-def test_fallbacks_are_controllers_that_are_known(control):
-    spawned = SpawnedControllers(control)
-    spawned.set([text("new.type", KIND), texts("new.fallback_controllers", "forward")])
-    assert control.controllers["new"].fallbacks == ("forward",)
-    with pytest.raises(ControlError, match=r"fallback_controllers of new: no controller 'foward'.*'forward'"):
-        spawned.set([texts("new.fallback_controllers", "foward")])
-
-
-@pytest.mark.parametrize(
-    ("expected", "error", "why"),
-    [
-        (texts("new.params_file", "absent.yaml"), RobotConfigError, r"params_file: .*absent\.yaml"),
-        (texts("other.params_file", "new.yaml"), RobotConfigError, r"new\.yaml has no parameters for other"),
-        (ParameterValue(name="new.type", kind="integer", value=3), ControlError, "is of type string, setting it"),
-        (texts("new.node_options_args", "-p", "a:=1"), ControlError, "'-p' is not a remapping; give -r FROM:=TO here"),
-        (texts("new.node_options_args", "-r"), ControlError, "'' after -r is not a remapping"),
-        (texts("new.colour", "red"), ControlError, "a controller has the parameters: type, params_file"),
-    ],
-)
-def test_what_is_wrong_is_refused_and_changes_nothing(control, expected, error, why):
-    spawned = SpawnedControllers(control)
-    with pytest.raises(error, match=why):
-        spawned.set([text("new.type", KIND), expected])
-    assert (spawned.arguments, list(control.controllers)) == ({}, ["forward"])
-
+from canopen_control.errors import RobotConfigError
 
 CONFIG = Path(__file__).parents[2] / "config"
 JAZZY = """\
@@ -192,8 +110,8 @@ def test_a_repeated_name_is_a_warning_and_the_last_one_wins_or_an_error_if_stric
 
 
 def test_parameters_that_is_not_loaded_and_stray_lines_are_reported_with_the_nearest_name(file):
-    read = file(JAZZY.replace("\nbase:\n", "\nbsae:\n") + "stray: 3\n")
-    assert "'bsae' has parameters but no type, so it is not loaded (did you mean 'base'?)" in read.warnings[0]
+    read = file(JAZZY + "other: {ros__parameters: {k: 1}}\nstray: 3\n")
+    assert "'other' has parameters but no type, so it is not loaded; known: states, base" in read.warnings[0]
     assert "'stray' does not belong to a controller" in read.warnings[1]
 
 
@@ -387,9 +305,9 @@ def test_variables_of_a_launch_file_are_put_in_and_what_has_no_value_is_reported
 @pytest.mark.parametrize(("value", "namespace"), [("/", ""), ("r1/", "/r1")])
 def test_a_text_that_a_launch_file_replaces_is_replaced_as_it_stands(tmp_path, value, namespace):
     path = tmp_path / "c.yaml"
-    path.write_text(re.sub(r"(?m)^(\w)", r"__namespace__/\1", FILE.lstrip()))
+    path.write_text(re.sub(r"(?m)^(\w)", r"__namespace__/\1", JAZZY))
     file = read_controllers(path, variables={"__namespace__/": value})
-    assert (file.namespace, file.controllers["forward"].namespace, file.warnings) == (namespace, namespace, [])
+    assert (file.namespace, file.controllers["base"].namespace, file.warnings) == (namespace, namespace, [])
 
 
 def test_a_list_of_one_mapping_is_that_mapping(tmp_path):
@@ -466,3 +384,43 @@ def test_the_manager_may_be_in_the_block_for_all_nodes(file):
 def test_what_ros_2_would_not_read_so_is_one_warning(file, text, warning):
     (found,) = file(text + "d: {ros__parameters: {k: 1}}\n" if "no type" in warning else text).warnings
     assert warning in found
+
+
+DIFF_DRIVE = "diff_drive_controller/DiffDriveController"
+MISSPELT = f"""\
+controller_manager:
+  ros__parameters:
+    states: {{type: joint_state_broadcaster/JointStateBroadcaster}}
+    base: {{type: {DIFF_DRIVE}}}
+    forward: {{type: velocity_controllers/JointGroupVelocityController}}
+forward: {{ros__parameters: {{joints: [l]}}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("block", "name", "meant"),
+    [
+        ("bsae: {ros__parameters: {wheel_radius: 0.1}}", "bsae", "'base' (line 4)"),  # a similar name
+        ("diff_cont: {ros__parameters: {wheel_radius: 0.1}}", "diff_cont", "'base' (line 4)"),  # its keys
+        ("/robot/bsae: {ros__parameters: {k: 1}}", "bsae", "'base' (line 4)"),
+        ("stetas: {ros__parameters: {frame_id: x}}", "stetas", "'states' (line 3)"),
+    ],
+)
+def test_a_misspelt_block_is_one_error_with_both_names_and_read_for_its_controller(tmp_path, block, name, meant):
+    path = tmp_path / "c.yaml"
+    path.write_text(f"{MISSPELT}{block}\n")
+    control, (problems, *_) = inspect_controllers(path)
+    (error,) = problems.errors
+    assert (error.line, error.column) == (7, 1)
+    assert error.message == f"no controller is called {name!r}, and {meant} has no parameters; give both the same name"
+    assert control.warnings == []
+    assert any(flat(controller) for key, controller in control.controllers.items() if key != "forward")
+    with pytest.raises(RobotConfigError, match=f"c.yaml:7:1: .*no controller is called '{name}'"):
+        read_controllers(path)
+
+
+@pytest.mark.parametrize("block", ["twist_mux: {ros__parameters: {use_sim_time: false, topics: {joy: {t: 1}}}}", ""])
+def test_a_block_of_another_node_is_not_taken_for_that_of_a_controller(file, block):
+    read = file(f"{MISSPELT}{block}\n")
+    assert flat(read.controllers["base"]) == {}
+    assert [text for text in read.warnings if "twist_mux" not in text] == []

@@ -492,7 +492,7 @@ def test_multipliers_of_the_wheels_are_set_at_rest_and_the_pose_stays():
     with pytest.raises(RobotConfigError, match="base is moving; set the wheel multipliers at standstill"):
         control.set_parameters("base", [_double("wheel_separation_multiplier", 1.0)])
     control.set_parameters("base", [_double("cmd_vel_timeout", 1.0)])
-    with pytest.raises(RobotConfigError, match="0 or less"):
+    with pytest.raises(RobotConfigError, match="wheel_separation_multiplier is 0; give a factor above 0"):
         control.set_parameters("base", [_double("wheel_separation_multiplier", 0.0)])
 
 

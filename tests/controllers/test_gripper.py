@@ -6,7 +6,14 @@ import pytest
 from support.control import Hardware, add, manager
 
 from canopen_control.controllers.command_timeout import GoalState
-from canopen_control.controllers.gripper import EffortGripperParams, GripperParams, read_params
+from canopen_control.controllers.gripper import (
+    EffortGripperActionController,
+    EffortGripperParams,
+    GripperParams,
+    ParallelGripperActionController,
+    PositionGripperActionController,
+    read_params,
+)
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.request_protocols import GripperGoal
 from canopen_control.errors import ControlError, RobotConfigError
@@ -305,3 +312,21 @@ def test_all_mistakes_are_reported_at_once_each_on_a_line():
     with pytest.raises(RobotConfigError) as refused:
         read(joint="", state_interfaces=["position"])
     assert len(str(refused.value).splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "params", "key"),
+    [
+        (EffortGripperActionController, {"max_effort": 0.0}, "max_effort"),
+        (EffortGripperActionController, {}, None),  # the default
+        (PositionGripperActionController, {"max_effort": 0.0}, None),  # no interface limits the effort
+        (PositionGripperActionController, {"max_effort": 0.0, "max_effort_interface": "f/e"}, "max_effort"),
+        (ParallelGripperActionController, {"max_velocity": 0.0, "max_velocity_interface": "f/v"}, "max_velocity"),
+        (ParallelGripperActionController, {"max_velocity": 0.0}, None),
+    ],
+)
+def test_limits_of_zero_are_reported(kind, params, key):
+    controller = kind("gripper")
+    controller.on_configure(Params.of({"joint": "finger", **params}))
+    texts = [event.text for event in controller.notices if event.kind == "immobile"]
+    assert [text.partition(",")[0] for text in texts] == ([f"gripper: {key} is 0"] if key else [])

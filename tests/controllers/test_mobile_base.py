@@ -343,3 +343,13 @@ def test_a_timeout_that_is_set_acts_in_the_next_update_and_one_that_is_wrong_nev
         control.set_parameters("base", [ParameterValue(name=key, kind="double", value=-1.0)])
     assert created.command_timeout.limit_ns == 2 * S
     assert {parameter.name: parameter for parameter in control.parameters("base")}[key].value == 2.0
+
+
+def test_a_jerk_limit_of_zero_that_is_set_is_refused_since_a_moving_base_would_never_brake():
+    hardware, control, created = active(MECANUM)
+    jerk = ParameterValue(name="linear.x.max_jerk", kind="double", value=0.0)
+    with pytest.raises(RobotConfigError, match="base: with a max_jerk of 0 a base that moves would never brake"):
+        control.set_parameters("base", [jerk])
+    control.command("base", twist(created), 0)
+    control.update(STEP, 0.01)
+    assert any(velocities(hardware))

@@ -386,3 +386,10 @@ def test_a_controller_above_is_reported_when_measured_states_stay_away_and_holds
     robot.cycle(30)
     assert [interface.enabled for interface in robot.pid.reference_interfaces()] == [False, False]
     assert robot.hardware.values() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(("gains", "count"), [({"p": 0.0}, 2), ({"i": 1.0}, 0), ({"feedforward_gain": 1.0}, 0)])
+def test_loops_that_always_command_zero_are_reported(gains, count):
+    texts = [event.text for event in Robot(gains=gains).manager.new_events if event.kind == "immobile"]
+    reported = [f"pid: gains.{joint}.p, i and d are 0, so {joint} does not move; give a gain above 0" for joint in "ab"]
+    assert texts == reported[:count]

@@ -159,3 +159,31 @@ def test_what_would_keep_it_moving_has_no_effect():
     texts = [event.text for event in robot.control.events() if "no effect" in event.text]
     assert len(texts) == 2
     assert robot.command(0.0, 0.0).run(3).hardware.values()[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("limit", "text"),
+    [
+        ("traction.max_velocity", "traction.max_velocity is 0, so the wheel does not turn; give a value above 0"),
+        ("steering.max_velocity", "steering.max_velocity is 0, so the wheel is not steered; give a value above 0"),
+        ("steering.max_position", "steering.max_position is 0, so the wheel is not steered; give a value above 0"),
+        ("steering.max_acceleration", "steering.max_acceleration is 0, so the wheel is not steered"),
+    ],
+)
+def test_limits_of_zero_are_reported(limit, text):
+    notices = [event.text for event in Robot(**{limit: 0.0}).control.new_events if event.kind == "immobile"]
+    assert len(notices) == 1
+    assert notices[0].startswith(f"base: {text}")
+
+
+@pytest.mark.parametrize(
+    ("limits", "key"),
+    [
+        ({"traction.max_deceleration": 0.0}, "max_deceleration is 0, so the wheel would never brake"),
+        ({"traction.max_acceleration": 0.0}, "max_acceleration is 0, so the wheel would never brake"),
+        ({"traction.max_jerk": 0.0}, "max_jerk is 0, so the wheel can neither start nor brake"),
+    ],
+)
+def test_a_wheel_that_would_never_brake_is_refused(limits, key):
+    with pytest.raises(ConfigError, match=f"traction.{key}"):
+        Robot(**limits)

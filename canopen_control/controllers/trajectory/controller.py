@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, overload
 
 from canopen_control.controllers.base import Controller
 from canopen_control.controllers.command_timeout import GoalState
-from canopen_control.controllers.limiters import SLOW_STOP
+from canopen_control.controllers.limiters import IMMOBILE, SLOW_STOP
 from canopen_control.controllers.trajectory.executor import SpeedScaling, TrajectoryExecutor
 from canopen_control.controllers.trajectory.goal import ResultCode, TrajectoryGoal
 from canopen_control.controllers.trajectory.joint_group import JointGroup
@@ -339,6 +339,8 @@ class JointTrajectoryController(Controller):
             self.report(SLOW_STOP, slow)
         positions = tuple(settings.command_interfaces) == (POSITION,)
         self.speed = SpeedScaling(settings.initial_scaling_factor, allowed=positions)
+        for text in settings.immobile():
+            self.report(IMMOBILE, text)
 
     def on_set(self, params: Params) -> None:
         self.change(read_params(params, self.name))

@@ -10,7 +10,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.params import CommonParams, LoopGains, repeated
+from canopen_control.controllers.limiters import immobile_text
+from canopen_control.controllers.params import CommonParams, LoopGains, refuse, repeated
 from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, VELOCITY, HardLimits
 from canopen_control.yamlfile.convert import derived, setting
 
@@ -252,6 +253,15 @@ class LimitParams:
         math.nan, low=0.0, nan=True, help="limit in rad/s² or m/s² while braking; nan: `max_acceleration`"
     )
 
+    @property
+    def immobile(self) -> str:
+        """Name of a limit of 0 that permits no motion, or ""."""
+        if self.has_velocity_limits and self.max_velocity == 0.0:
+            return "max_velocity"
+        if self.has_acceleration_limits and self.max_acceleration == 0.0:
+            return "max_acceleration"
+        return "max_position" if self.has_position_limits and self.min_position == 0.0 == self.max_position else ""
+
     def hard(self, lower: float, upper: float, velocity: float) -> HardLimits:
         """Return the effective limits; the limits of the URDF (the arguments) replace nan values."""
         return HardLimits(
@@ -403,6 +413,33 @@ class TrajectoryParams(CommonParams):
         )
         return SegmentTolerances(path, goal, self.goal_time)
 
+    @property
+    def has_loops(self) -> bool:
+        """Whether PID loops compute the commands."""
+        return self.command_interfaces == (EFFORT,) or (
+            self.command_interfaces == (VELOCITY,) and not self.open_loop_control
+        )
+
+    def unstoppable(self) -> Iterator[str]:
+        """Yield the error text of each limit with which a moving joint could not brake."""
+        for joint, limits in zip(self.joints, self.joint_limits, strict=True):
+            if self.joint_limiter_type and limits.has_deceleration_limits and limits.max_deceleration == 0.0:
+                key = f"joint_limits.{joint}.max_deceleration"
+                yield f"{key} is 0, so a moving joint would never brake; give a value above 0, or remove it"
+
+    def immobile(self) -> Iterator[str]:
+        """Yield the text of the event IMMOBILE for parameters of 0 with which a joint does not move."""
+        if self.initial_scaling_factor == 0.0:
+            effect = "trajectories wait for a factor on ~/speed_scaling_input"
+            yield immobile_text("speed_scaling.initial_scaling_factor", effect)
+        for joint, limits in zip(self.joints, self.joint_limits, strict=True):
+            if self.joint_limiter_type and (key := limits.immobile):
+                yield immobile_text(f"joint_limits.{joint}.{key}", f"{joint} does not move")
+        for joint, gains in zip(self.joints, self.gains, strict=True) if self.has_loops else ():
+            if not any((gains.p, gains.i, gains.d, gains.ff_velocity_scale)):
+                keys = f"gains.{joint}.p, i, d and ff_velocity_scale"
+                yield f"{keys} are 0, so {joint} does not move; give gains, or ff_velocity_scale: 1.0"
+
     def mistakes(self) -> Iterator[tuple[str, str]]:
         """Yield contradictions as pairs of parameter and error text."""
         if not self.joints:
@@ -424,10 +461,12 @@ class TrajectoryParams(CommonParams):
 
 def read_params(params: Params, name: str) -> TrajectoryParams:
     """Return the parameters of a trajectory controller; raise RobotConfigError with all errors in them."""
-    del name  # the position of each error contains it
+    del name  # that of `params`
     joints = params.names("joints")
     old = OLD_KEYS | {key.format(joint): "" for joint in joints for key in _WITHOUT_EFFECT}
-    return params.read_each(TrajectoryParams, joints, _OF_JOINTS, old, TrajectoryParams.mistakes)
+    settings = params.read_each(TrajectoryParams, joints, _OF_JOINTS, old, TrajectoryParams.mistakes)
+    refuse(params, settings.unstoppable())
+    return settings
 
 
 OLD_KEYS: Final[dict[str, str]] = dict.fromkeys(

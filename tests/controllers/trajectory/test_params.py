@@ -219,3 +219,37 @@ def test_sections_of_a_joint_that_is_not_listed_are_one_warning_for_each_joint()
     with pytest.raises(RobotConfigError, match="no 'joints'"):
         read_params(without, "arm")
     assert without.warnings == []
+
+
+POINTS = {"joint_limiter_type": "joint_limits/JointTrajectoryPointSaturationLimiter"}
+LOOPS = {"command_interfaces": ["velocity"]}
+
+
+@pytest.mark.parametrize(
+    ("more", "texts"),
+    [
+        (POINTS | {"joint_limits": {"a": {"max_velocity": 0.0}}}, ["joint_limits.a.max_velocity is 0, so a does not"]),
+        (POINTS | {"joint_limits": {"b": {"max_acceleration": 0.0}}}, ["joint_limits.b.max_acceleration is 0, so b"]),
+        (POINTS | {"joint_limits": {"a": {"has_velocity_limits": False, "max_velocity": 0.0}}}, []),
+        (POINTS | {"joint_limits": {"a": {"min_position": 0.0, "max_position": 0.0}}}, ["joint_limits.a.max_position"]),
+        ({"joint_limits": {"a": {"max_velocity": 0.0}}}, []),  # no limiter uses it
+        ({"speed_scaling.initial_scaling_factor": 0.0}, ["speed_scaling.initial_scaling_factor is 0, so trajectories"]),
+        (LOOPS | {"gains": {"a": {"p": 1.0}}}, ["gains.b.p, i, d and ff_velocity_scale are 0, so b does not move"]),
+        (LOOPS | {"gains": {"a": {"ff_velocity_scale": 1.0}, "b": {"i": 1.0}}}, []),
+        (LOOPS | {"open_loop_control": True}, []),
+        ({}, []),
+    ],
+)
+def test_parameters_of_zero_with_which_a_joint_does_not_move(more, texts):
+    reported = list(read(**more).immobile())
+    assert len(reported) == len(texts)
+    assert all(text in item for item, text in zip(reported, texts, strict=True)), reported
+
+
+def test_a_deceleration_limit_of_zero_is_refused():
+    limits = {"joint_limits": {"a": {"max_deceleration": 0.0}}}
+    with pytest.raises(
+        RobotConfigError, match=r"joint_limits\.a\.max_deceleration is 0, so a moving joint would never"
+    ):
+        read(**POINTS, **limits)
+    assert read(**limits).joint_limits[0].max_deceleration == 0.0

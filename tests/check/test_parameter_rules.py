@@ -1,0 +1,61 @@
+"""Findings about the parameters of controllers: types that ROS 2 refuses, limits of 0, and the clock."""
+
+import pytest
+from support.configs import changed, found, line_of
+
+from canopen_control.runtime.robot_files import find_robot
+
+REFUSED = "ROS 2 refuses this value; the parameter is"
+POINT = f"{REFUSED} a number with a decimal point"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("linear.x.max_velocity: 1.0 ", "linear.x.max_velocity: 1 ", f"linear.x.max_velocity: {POINT}; write 1.0"),
+        ("linear.x.min_velocity: -1.0", "linear: {x: {min_velocity: -1}}", f"x.min_velocity: {POINT}; write -1.0"),
+        ("publish_rate: 50.0 ", "publish_rate: 50 ", f"publish_rate: {POINT}; write 50.0"),
+        ("publish_rate: 50.0 ", "publish_rate: 1e2 ", ""),
+        ("enable_odom_tf: true", "enable_odom_tf: true\n    velocity_rolling_window_size: 5", ""),
+        (
+            "pose_covariance_diagonal: [0.001, 0.001, 0.001, 0.001, 0.001, 0.01]",
+            "pose_covariance_diagonal: [0.001, 0, 0, 1.e-3, 0.001, 1]",
+            f"{REFUSED} a list of numbers with a decimal point; write [0.001, 0.0, 0.0, 1.e-3, 0.001, 1.0]",
+        ),
+        ("left_wheel_names: [left_wheel_joint]", "left_wheel_names: left_wheel_joint", "; write [left_wheel_joint]"),
+        ("command_timeout: 2.0 ", "command_timeout: 2 ", ""),  # not a parameter of ROS 2
+    ],
+)
+def test_a_value_of_a_type_that_ros_2_refuses(tmp_path, old, new, words):
+    files = changed(tmp_path, "robby", controllers={old: new})
+    texts = found(files)
+    if not words:
+        assert texts == []
+        return
+    (text,) = texts
+    line = line_of(files, "controllers", new.partition(":")[0] + ": " + new.partition(": ")[2].rstrip()[:6])
+    assert text.startswith(f"ros2_controllers.yaml:{line}:")
+    assert f"warning: robby_base_controller: {new.partition(':')[0].partition('{')[0]}" in text
+    assert text.endswith(words)
+
+
+def test_a_file_of_ros_1_may_have_integers(tmp_path):
+    files = changed(tmp_path, "mobile_base_ros1", controllers={"max_velocity: 1.0": "max_velocity: 1"})
+    assert found(files) == []
+
+
+@pytest.mark.parametrize("where", ["controller_manager", "robby_base_controller", "/**"])
+def test_use_sim_time_of_a_robot_without_a_simulation_is_one_warning(tmp_path, where):
+    head = f"{where}:\n  ros__parameters:\n"
+    edits = {head: f"{head}    use_sim_time: true\n"}
+    if where == "/**":
+        edits = {"controller_manager:\n": f"{head}    use_sim_time: true\ncontroller_manager:\n"}
+    files = changed(tmp_path, "robby", controllers=edits)
+    (text,) = found(files)
+    line = line_of(files, "controllers", "use_sim_time")
+    assert text.startswith(f"ros2_controllers.yaml:{line}: warning: use_sim_time has no effect: no part of this robot")
+
+
+def test_use_sim_time_of_a_simulated_robot_is_in_order_unless_its_drives_are_real():
+    assert found(find_robot("diffbot_sim")) == []
+    assert any("use_sim_time has no effect" in text for text in found(find_robot("diffbot_sim"), real=True))
