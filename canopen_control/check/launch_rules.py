@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.check.finding import Finding
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.od.issues import Severity
-from canopen_control.runtime.launch_file import SPAWNER_VALUES, launch_elements, read_launch, words_of
+from canopen_control.runtime.launch_file import (
+    SPAWNER_VALUES,
+    TYPE_OPTIONS,
+    launch_elements,
+    option_values,
+    read_launch,
+    words_of,
+)
 from canopen_control.runtime.launch_python import read_python
 
 if TYPE_CHECKING:
@@ -138,6 +145,7 @@ def _python_node(launch: _Launch, node: LaunchNode, outer: str) -> None:
         names, namespace = _spawned(words, _joined(outer, node.namespace or ""))
         for name in names:
             _check_spawned(launch, name, namespace, node.line)
+        _note_types(launch, words, names, node.line)
         title = f"{title} of {', '.join(names) or 'controllers that are computed'}"
     launch.findings.append(Finding(launch.path, node.line, Severity.NOTE, f"starts {title}"))
 
@@ -166,6 +174,14 @@ def _check_spawned(launch: _Launch, name: str, namespace: str, line: int) -> Non
         launch.findings.append(Finding(launch.path, line, Severity.ERROR, text, fix))
     if control is not None:
         launch.robot.launch_namespaces[name] = namespace
+
+
+def _note_types(launch: _Launch, words: Sequence[str], names: Sequence[str], line: int) -> None:
+    """Note types in the arguments of a spawner, which the spawner accepts up to Iron (ros2_control #1639)."""
+    for type_name in option_values(words, TYPE_OPTIONS):
+        text = f"the spawner of ROS 2 Jazzy and later has no option --controller-type ({type_name})"
+        fix = f"give the type in ros2_controllers.yaml: controller_manager: {names[0] if names else 'NAME'}: type"
+        launch.findings.append(Finding(launch.path, line, Severity.NOTE, text, fix))
 
 
 def _joined(namespace: str, more: str) -> str:
@@ -199,9 +215,11 @@ def _node(launch: _Launch, element: Element, namespace: str) -> None:
 
 
 def _spawner(launch: _Launch, element: Element, namespace: str) -> None:
-    names, namespace = _spawned(words_of(launch.text(element, "args")), namespace)
+    words = words_of(launch.text(element, "args"))
+    names, namespace = _spawned(words, namespace)
     for name in names:
         _check_spawned(launch, name, namespace, element.place.line)
+    _note_types(launch, words, names, element.place.line)
 
 
 def _spawned(words: Sequence[str], namespace: str) -> tuple[list[str], str]:

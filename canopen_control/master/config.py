@@ -142,6 +142,7 @@ _SECTIONS = ("options", "master", "defaults", "nodes")
 _TIME_COB_ID = 0x100  # predefined (CiA 301, 7.3.3)
 _SYNCHRONOUS: Final = (*range(241), 252)  # transmission types that wait for SYNC (CiA 301, 7.5.2.35 and 7.5.2.37)
 _NAMED_PDOS: Final = 4
+_FOR_BOTH: Final = "write it under `options`, where both use it for either side"
 _IGNORED_ID = 255  # node-ID of a node that ros2_canopen's generator leaves out
 
 
@@ -222,6 +223,7 @@ class _Reader:
         dictionaries = {name: pair[1] for name, pair in read_files.items() if pair is not None}
         plans = {name: self._plan(master, *nodes[name], dictionaries[name], paths[name]) for name in paths}
         dictionaries |= {name: plan.motors.view for name, plan in plans.items() if plan.motors is not None}
+        self._note_multipliers(master, nodes)
         self._check_cob_ids(nodes, plans)
         if not unclear:
             self._check_sync(master, plans)
@@ -375,6 +377,24 @@ class _Reader:
                 self._unused.setdefault(key, (f"has no meaning here: {unused[key]}", place.line))
 
     # ------------------------------------------------------------------------------------------- across nodes
+
+    def _note_multipliers(self, master: MasterConfig, nodes: dict[str, tuple[NodeConfig, Node]]) -> None:
+        """Note a heartbeat_multiplier whose meaning for ros2_canopen is narrower.
+
+        dcfgen uses that of a node only for the loss of this node, that of the master only for the loss of the master.
+        """
+        whole = self._options.heartbeat_multiplier
+        of_master = master.heartbeat_multiplier or whole
+        section = self._root.get("master")
+        place = None if section is None else section.keys().get("heartbeat_multiplier")
+        own = {name: key for name, (_, node) in nodes.items() if (key := node.keys().get("heartbeat_multiplier"))}
+        differing = [key for name, key in own.items() if nodes[name][0].supervision.multiplier != of_master]
+        if differing:
+            why = f"is also used for the loss of the master; ros2_canopen uses {of_master:g} for that; {_FOR_BOTH}"
+            self._unused["heartbeat_multiplier"] = why, differing[0].line
+        elif place is not None and of_master != whole and len(own) < len(nodes):
+            why = f"is also used for the loss of a node; ros2_canopen uses {whole:g} for that; {_FOR_BOTH}"
+            self._unused["master.heartbeat_multiplier"] = why, place.line
 
     def _check_node_ids(self, master: MasterConfig, nodes: dict[str, tuple[NodeConfig, Node]]) -> None:
         section = self._root.get("master")

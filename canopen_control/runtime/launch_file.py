@@ -47,6 +47,7 @@ SPAWNER_VALUES: Final = frozenset(
      "--controller-manager-timeout", "--switch-timeout", "--service-call-timeout", "--controller-ros-args", "--timeout"}
 )  # fmt: skip
 _FILE_OPTIONS: Final = ("-p", "--param-file")
+TYPE_OPTIONS: Final = ("-t", "--controller-type")
 _NOT_ACTIVE: Final = frozenset({"--inactive", "--load-only", "--stopped"})
 _TYPE: Final = re.compile(r"\btype['\"]?\s*:")
 _PAIR: Final = re.compile(r"([A-Za-z_]\w*):=(.*)", re.DOTALL)
@@ -170,7 +171,7 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
     reading = _Reading(path)
     used = reading.read(path, declared, 0)
     launched = reading.launched
-    launched.parameters = (*reading.of_manager, *reading.of_spawners)
+    launched.parameters = (*reading.of_manager, *reading.of_types, *reading.of_spawners)
     if main := _main_file(launched.parameters):
         launched.files["controllers"] = main
     if not launched.files and not reading.uncertainties:
@@ -197,6 +198,7 @@ class _Reading:
     path: Path
     launched: Launched = field(default_factory=Launched)
     of_manager: list[ParameterSource] = field(default_factory=list)
+    of_types: list[ParameterSource] = field(default_factory=list)
     of_spawners: list[ParameterSource] = field(default_factory=list)
     uncertainties: list[str] = field(default_factory=list)
 
@@ -256,10 +258,10 @@ class _Reading:
                 words = _split(words)
                 names = tuple(name for word in _controllers_in(words) if (name := launch.resolved(word)))
                 self.launched.spawned += () if _NOT_ACTIVE & set(words) else names
-                files = [value for option, value in pairwise(words) if option in _FILE_OPTIONS]
-                files += [word.partition("=")[2] for word in words if word.startswith("--param-file=")]
-                for text in files:
+                for text in option_values(words, _FILE_OPTIONS):
                     self._add_parameter(launch, LaunchText(text, node.line), self.of_spawners, names)
+                for text in option_values(words, TYPE_OPTIONS):
+                    self._add_type(launch, LaunchText(text, node.line), names)
         return used
 
     def _add_parameter(
@@ -278,6 +280,13 @@ class _Reading:
         if source not in sources:
             sources.append(source)
         return launch.arguments_in(parameter.text)
+
+    def _add_type(self, launch: LaunchFile, type_name: LaunchText, names: tuple[str, ...]) -> None:
+        """Add the controller type in a spawner's arguments, which the spawner sets as a parameter of the manager."""
+        value = None if type_name.text is None else launch.resolved(type_name.text)
+        if value and names:
+            pairs = tuple((f"{name}.type", value, type_name.line) for name in names)
+            self.of_types.append(ParameterSource(launch.path, values=pairs))
 
     def _report_unread(self, launch: LaunchFile) -> None:
         """Report computed values and missing packages that affect the robot's files."""
@@ -305,6 +314,12 @@ def spawned_names(words: Sequence[str]) -> list[str]:
     """Return the names of the controllers that a spawner with these command-line arguments activates."""
     words = _split(words)
     return [] if _NOT_ACTIVE & set(words) else _controllers_in(words)
+
+
+def option_values(words: Sequence[str], options: Collection[str]) -> list[str]:
+    """Return the values of the options of these names in a command line, as in `-p FILE` or `--param-file=FILE`."""
+    values = [value for option, value in pairwise(words) if option in options]
+    return values + [word.partition("=")[2] for word in words if word.partition("=")[0] in options and "=" in word]
 
 
 def _split(words: Iterable[str]) -> list[str]:

@@ -84,12 +84,20 @@ def _head(robot: NewRobot) -> list[str]:
         f"# Check it: canopen-control check {robot.name}. See each write: canopen-control plan {robot.name}.",
         *(f"# PROBLEM, which prevents a run: {text}" for text in robot.problems),
         "",
+        *_options(robot),
         "master:  # this computer",
         remark(f"  node_id: {robot.master_id}", "node-ID of the master; must be unique"),
         remark(f"  baudrate: {robot.baudrate}", "kbit/s, as set in the devices and in a real CAN interface"),
         remark(f"  sync_period: {robot.sync_us}", "us: period of SYNC, and of feedback, controllers and commands"),
         remark(f"  heartbeat_producer: {robot.heartbeat_ms}", "ms: devices stop when this heartbeat stops"),
     ]
+
+
+def _options(robot: NewRobot) -> list[str]:
+    """Return the section `options`, or [] if all devices use node guarding."""
+    if not any(node.supervision.consumer or not node.supervision.guarding for node in robot.nodes):
+        return []
+    return ["options:", remark("  heartbeat_multiplier: 5", "each side times out after five heartbeat periods"), ""]
 
 
 def _own_keys(node: NewNode) -> Iterator[str]:
@@ -195,8 +203,6 @@ def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
         lines.append(remark(f"heartbeat_producer: {robot.heartbeat_ms}", text))
     if watched.consumer:
         lines.append(remark("heartbeat_consumer: true", "0x1016: the device monitors the master"))
-    if watched.consumer or not watched.guarding:
-        lines.append(remark("heartbeat_multiplier: 5", "each side times out after five periods"))
     if watched.guarding:
         text = "ms (0x100C): node guarding, because it has no heartbeat consumer"
         lines.append(remark(f"guard_time: {robot.heartbeat_ms}", text))

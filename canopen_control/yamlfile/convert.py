@@ -23,7 +23,7 @@ import typing
 from dataclasses import MISSING
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.errors import nearest
+from canopen_control.errors import closest, nearest
 from canopen_control.yamlfile.node import NOWHERE, Node
 
 if TYPE_CHECKING:
@@ -384,12 +384,27 @@ _CONTAINERS: Final[dict[Any, Callable[[Node, Any, Mapping[str, Any]], Any]]] = {
 def _dataclass(node: Node, cls: type[Any], ignored: Collection[str] = ()) -> Any:
     if node.kind not in ("mapping", "null"):
         return _expected(node, "a mapping")
-    keys = keys_of(cls)
-    for key, _ in node.pairs():
-        if key.text not in keys and key.text not in ignored:
-            hint = nearest(key.text, _dotted_keys(cls), listed=False) if "." in key.text else ""
-            key.problems.deviation(key, f"unknown key {key.text!r}{hint or nearest(key.text, keys)}")
+    keys, respelled = keys_of(cls), dict[str, tuple[Node, Node]]()
+    for key, value in node.pairs():
+        if key.text in keys or key.text in ignored:
+            continue
+        hint = nearest(key.text, _dotted_keys(cls), listed=False) if "." in key.text else ""
+        meant = "" if hint else _meant(key.text, keys)
+        hint = f" (did you mean {meant!r}?)" if meant else hint or nearest(key.text, keys)
+        key.problems.deviation(key, f"unknown key {key.text!r}{hint}")
+        if meant and key.problems.strict and node.get(meant) is None:  # or errors would result from its absence
+            respelled[meant] = key, value
+    if respelled:
+        pairs = {key.text: (key, value) for key, value in node.pairs()}
+        place = Node("mapping", node.line, node.column, node.where, node.problems)
+        node = Node.mapping(place, pairs | respelled)
     return _fields(node, cls)
+
+
+def _meant(key: str, keys: Collection[str]) -> str:
+    """Return the key that a misspelt or shortened key stands for, such as `sub_index` for `sub`, or ""."""
+    longer = [known for known in keys if len(key) > 2 and known.startswith(key)]
+    return longer[0] if len(longer) == 1 else closest(key, keys)
 
 
 def _fields(node: Node, cls: type[Any]) -> Any:

@@ -185,7 +185,7 @@ class Node:
     def pairs(self) -> list[tuple[Node, Node]]:
         """Return the key and value nodes in the order of the file, with keys from merges last.
 
-        Of a repeated key, only the last pair is included.
+        Of a repeated key only the last pair is included; its mapping contains the other ones too if that is an error.
         """
         return list(self._pairs.values())
 

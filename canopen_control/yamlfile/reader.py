@@ -76,26 +76,33 @@ def _build(node: yaml.Node, dotted: str, problems: Problems) -> Node:
         return Node.scalar(place, node.value, _value(node), quoted=bool(node.style))
     if isinstance(node, yaml.SequenceNode):
         return Node.sequence(place, [_build(item, f"{dotted}[{at}]", problems) for at, item in enumerate(node.value)])
-    raw: dict[str, tuple[yaml.Node, yaml.Node]] = {}
+    raw: dict[str, list[tuple[yaml.Node, yaml.Node]]] = {}
     _flatten(node, raw)
     pairs: dict[str, tuple[Node, Node]] = {}
-    for name, (key, value) in raw.items():
+    for name, repeated in raw.items():
         below = f"{dotted}.{name}" if dotted else name
-        pairs[name] = (_build(key, below, problems), _build(value, below, problems))
+        for key, value in repeated if problems.strict else repeated[-1:]:
+            built = _build(value, below, problems)
+            if name in pairs:  # reported: both mappings are read, so that nothing is missing in addition
+                built = built.merged_over(pairs[name][1])
+            pairs[name] = (_build(key, below, problems), built)
     return Node.mapping(place, pairs)
 
 
-def _flatten(node: yaml.Node, entries: dict[str, tuple[yaml.Node, yaml.Node]]) -> None:
-    """Add the pairs of a mapping by key: own keys first, then new keys from merge keys (YAML 1.1)."""
+def _flatten(node: yaml.Node, entries: dict[str, list[tuple[yaml.Node, yaml.Node]]]) -> None:
+    """Add the pairs of a mapping by key: own keys first, then new keys from merge keys (YAML 1.1).
+
+    A repeated key has several pairs.
+    """
     merged: list[yaml.Node] = []
-    pairs: dict[str, tuple[yaml.Node, yaml.Node]] = {}
+    pairs: dict[str, list[tuple[yaml.Node, yaml.Node]]] = {}
     for key, value in node.value:
         if key.tag == _MERGE:
             merged += value.value if isinstance(value, yaml.SequenceNode) else [value]
         elif isinstance(key, yaml.ScalarNode):
-            pairs[key.value] = (key, value)
-    for name, pair in pairs.items():
-        entries.setdefault(name, pair)
+            pairs.setdefault(key.value, []).append((key, value))
+    for name, repeated in pairs.items():
+        entries.setdefault(name, repeated)
     for mapping in merged:
         if isinstance(mapping, yaml.MappingNode):
             _flatten(mapping, entries)

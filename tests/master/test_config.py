@@ -490,3 +490,44 @@ def test_a_key_in_capitals_is_an_error_with_the_key_that_is_meant(tmp_path):
 def test_a_misspelt_key_beside_the_correct_one_is_a_warning_with_the_correct_one(tmp_path):
     bus = with_node(tmp_path, "mandatory: true, mandatry: false")
     assert any("remove it, or write 'mandatory'" in note for note in bus.notes)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("  right_drive:", "nodes:\n  right_drive:", "duplicate key 'nodes' (first at line"),
+        ("sub_index: 1", "sub: 1", "unknown key 'sub' (did you mean 'sub_index'?)"),
+        ("sub_index: 2", "subindx: 2", "unknown key 'subindx' (did you mean 'sub_index'?)"),
+        ("{index: 0x6041, sub_index: 0}", "{index: 0x6041, sub: 0}", "unknown key 'sub' (did you mean 'sub_index'?)"),
+        ("master:\n", "master:\n  node_id: 1\nmaster:\n", "duplicate key 'master' (first at line"),
+    ],
+)
+def test_a_repeated_or_misspelt_key_has_no_further_errors(tmp_path, old, new, words):
+    text = data_path("config", "robby/bus.yml").read_text()
+    assert old in text
+    with pytest.raises(BusConfigError) as error:
+        read_bus(write(tmp_path, text.replace(old, new, 1)))
+    (message,) = [line for line in str(error.value).splitlines() if "bus.yml:" in line]
+    assert words in message
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"master": 5}, "master.heartbeat_multiplier: is also used for the loss of a node"),
+        ({"node": 5}, "heartbeat_multiplier: is also used for the loss of the master"),
+        ({"options": 5}, ""),
+        ({"options": 5, "node": 5}, ""),
+        ({"master": 5, "node": 5}, ""),
+    ],
+)
+def test_a_heartbeat_multiplier_that_ros2_canopen_uses_for_one_side_is_noted(tmp_path, keys, words):
+    lines = {part: f"  heartbeat_multiplier: {value}\n" for part, value in keys.items()}
+    path = tmp_path / "bus.yml"
+    path.write_text(
+        f"options:\n  retry_factor: 3\n{lines.get('options', '')}master:\n  node_id: 1\n{lines.get('master', '')}"
+        f"defaults:\n  dcf: generic_cia402.eds\n{lines.get('node', '')}nodes: {{a: {{node_id: 3}}}}\n"
+    )
+    notes = [note for note in read_bus(path).notes if "heartbeat_multiplier" in note]
+    assert len(notes) == bool(words), notes
+    assert words in "".join(notes)

@@ -565,3 +565,21 @@ def test_xml_has_spawners_conditions_and_includes_too(sources):
 )
 def test_the_names_in_the_arguments_of_a_spawner(words, names):
     assert spawned_names(words) == names
+
+
+@pytest.mark.parametrize("option", ['"-t", {}', '"--controller-type", {}', '"--controller-type=" + {}'])
+def test_the_type_in_the_arguments_of_a_spawner_is_that_of_its_controllers(sources, option):
+    kind = "velocity_controllers/JointGroupVelocityController"
+    spawner = ", " + option.format(f'"{kind}"')
+    files = with_parameters(sources, '[share / "config" / "rrbot.yaml"]', spawner)
+    control = files.read_controllers()
+    controller = control.controllers["forward_position_controller"]
+    assert (controller.type, controller.params.flat.value["joints"]) == (kind, ["joint1"])
+    assert (controller.path, controller.line) == (str(sources / "rrbot.launch.py"), 16)
+    assert "joint_state_broadcaster" in control.controllers
+    (text,) = [str(item) for item in check_robot(files, CheckOptions(launch=sources / "rrbot.launch.py")).findings
+               if "--controller-type" in str(item)]  # fmt: skip
+    assert "rrbot.launch.py:16: note: the spawner of ROS 2 Jazzy and later has no option --controller-type" in text
+    assert text.endswith(
+        "give the type in ros2_controllers.yaml: controller_manager: forward_position_controller: type"
+    )
