@@ -46,12 +46,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         try:
             _signals.begin()
+            _open_closed_streams()
             return _run_and_flush(sys.argv[1:])
         finally:
             _signals.finish()
     except KeyboardInterrupt:  # outside the verb
         _signals.finish()
         return INTERRUPTED
+
+
+def _open_closed_streams() -> None:
+    """Open the null device for each standard stream that the caller has closed (`<&-`, `>&-`, `2>&-`).
+
+    Otherwise Python has no such stream, and a socket would get its number, which is that of the stream in a child.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            fd = os.open(os.devnull, os.O_RDWR)  # the smallest free number, which is that of the stream
+            os.set_inheritable(fd, True)
+            stream = open(fd, mode)  # noqa: SIM115 - as long as the process
+            setattr(sys, name, stream)
+            setattr(sys, f"__{name}__", stream)
 
 
 def _run_and_flush(arguments: list[str]) -> int:

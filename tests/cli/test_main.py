@@ -147,6 +147,42 @@ def test_an_output_that_is_full_is_one_sentence(private_folders, arguments):
     assert process.returncode == 1
 
 
+def with_closed(streams, *command):
+    """Run a command of Python with closed streams, written as in a shell."""
+    shell = ["sh", "-c", f'exec "$@" {streams}', "sh", sys.executable, *command]
+    return subprocess.run(shell, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(
+    ("streams", "verb", "code", "error"),
+    [
+        ("<&-", ["preflight", "robby", "--can", "memory:closed"], 2, "standard input is not a terminal"),
+        ("2>&-", ["eds", "check", "TMCM-1270.eds"], 0, ""),  # it shows a progress
+        ("<&- >&- 2>&-", ["eds", "check", "TMCM-1270.eds"], 0, ""),
+    ],
+)
+def test_a_closed_standard_stream_is_an_empty_one(private_folders, streams, verb, code, error):
+    done = with_closed(streams, "-m", "canopen_control", *verb)
+    assert done.returncode == code, done
+    assert error in done.stderr
+    assert "fault of this program" not in done.stdout + done.stderr
+
+
+@pytest.mark.process
+def test_no_other_file_gets_the_number_of_a_closed_stream():
+    code = """if True:
+        import os, sys
+        from canopen_control.cli import main
+        main._open_closed_streams()
+        assert [stream.fileno() for stream in (sys.stdin, sys.stdout, sys.stderr)] == [0, 1, 2]
+        fds = range(3)
+        assert {os.readlink(f"/proc/self/fd/{fd}") for fd in fds} == {os.devnull}
+        assert all(map(os.get_inheritable, fds))
+    """
+    assert with_closed("<&- >&- 2>&-", "-c", code).returncode == 0
+
+
 @pytest.mark.process
 def test_what_a_lost_terminal_did_not_take_does_not_change_the_exit_code(private_folders):
     program = """if True:
