@@ -110,10 +110,14 @@ class Robot:
 
         Raise CanopenError if the start or the connection fails.
         """
-        if self._background is not None:
-            self._background.start()
-        self._open = True
-        self._client()
+        try:
+            if self._background is not None:
+                self._background.start()
+            self._open = True
+            self._client()
+        except BaseException:  # also an interrupt: a `with` block that has not begun does not end the robot
+            self.close()
+            raise
 
     def close(self) -> None:
         """Shut down a robot that this program started, or disconnect from another robot, which continues to run."""

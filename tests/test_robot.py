@@ -83,6 +83,19 @@ def test_a_robot_that_cannot_start_raises_why_and_leaves_nothing():
         robot.status()
 
 
+def test_an_interrupt_during_the_start_ends_the_robot(private_folders, monkeypatch):
+    robot = Robot.from_config("robby", mock=True)
+
+    def interrupted():
+        assert find_robots() == ["robby"]
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(robot, "_client", interrupted)
+    with pytest.raises(KeyboardInterrupt), robot:
+        pass
+    assert find_robots() == []
+
+
 def test_starting_and_ending_twice_does_nothing():
     robot = Robot.from_config("robby", mock=True)
     robot.start()

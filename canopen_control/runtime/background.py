@@ -54,6 +54,7 @@ class BackgroundRobot:
         self._thread: threading.Thread | None = None
         self._start_complete = threading.Event()  # the robot runs or has failed
         self._failure: CanopenError | None = None
+        self._ended = False  # before the robot exists, `shutdown` can only set this
 
     @property
     def running(self) -> bool:
@@ -68,6 +69,8 @@ class BackgroundRobot:
         """
         if self._thread is not None:
             return
+        self._ended, self._failure, self._session = False, None, None
+        self._start_complete.clear()
         self._thread = threading.Thread(target=self._run, name=f"robot {self.name}", daemon=True)
         self._thread.start()
         in_time = self._start_complete.wait(START_S)
@@ -80,6 +83,7 @@ class BackgroundRobot:
 
     def shutdown(self) -> None:
         """Ramp the drives to a standstill and disable them, leave the buses and join the thread."""
+        self._ended = True  # before the session is read: see `_run`
         thread, session = self._thread, self._session
         if thread is None:
             return
@@ -92,6 +96,8 @@ class BackgroundRobot:
         try:
             self._session = session = RunSession(self._setup, self._options)
             try:
+                if self._ended:
+                    return
                 session.robot.observers.append(_StartObserver(self._start_complete))
                 if self._prepare is not None:
                     self._prepare(session.robot)

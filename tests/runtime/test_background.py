@@ -1,11 +1,15 @@
+import threading
+
 import pytest
+from support.host import eventually
 
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.errors import CanopenError, RobotConfigError
 from canopen_control.rpc.messages.robot import GetStatus
+from canopen_control.runtime import background
 from canopen_control.runtime.background import BackgroundRobot
 from canopen_control.runtime.robot_files import find_robot
-from canopen_control.runtime.run_session import RunOptions
+from canopen_control.runtime.run_session import RunOptions, RunSession
 from canopen_control.runtime.setup import read_robot
 
 pytestmark = pytest.mark.robot
@@ -39,3 +43,40 @@ def test_what_keeps_it_from_running_is_raised():
     setup = read_robot(find_robot("robby"), can=["memory:nobody"])
     with pytest.raises(CanopenError, match="left_drive"):
         BackgroundRobot(setup, RunOptions(drives=False)).start()
+
+
+def test_a_shutdown_before_the_robot_exists_boots_nothing(monkeypatch):
+    """An interrupt may come while the session waits for a channel that a former run has not released yet."""
+    waiting, released, started = threading.Event(), threading.Event(), []
+
+    def slow_session(*arguments):
+        waiting.set()
+        assert released.wait(30)
+        session = RunSession(*arguments)
+        start = session.start
+        session.start = lambda: (started.append(session), start())
+        return session
+
+    monkeypatch.setattr(background, "RunSession", slow_session)
+    robot = mock("early")
+    starting = threading.Thread(target=robot.start)
+    starting.start()
+    assert waiting.wait(30)
+    ending = threading.Thread(target=robot.shutdown)
+    ending.start()
+    assert eventually(lambda: robot._ended)
+    released.set()
+    ending.join(30)
+    starting.join(30)
+    assert not ending.is_alive()
+    assert started == []
+    assert find_robots() == []
+
+
+def test_it_can_be_started_again():
+    robot = mock("again")
+    for _ in range(2):
+        robot.start()
+        with RobotClient.connect("again") as client:
+            assert client.ask(GetStatus()).state == "running"
+        robot.shutdown()
