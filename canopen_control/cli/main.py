@@ -1,7 +1,7 @@
 """Entry point of the command line; the module of a verb is imported only when the verb is used.
 
 Exit codes: 0 success, 1 failure, 2 usage or configuration (`errors.CanopenError.of_usage`), also if a running robot
-reports it; 130 interrupted by SIGINT or SIGTERM, unless the verb handles these signals itself. A user sees one
+reports it; 130 interrupted by SIGINT, SIGTERM or SIGHUP, unless the verb handles these signals itself. A user sees one
 sentence, never a traceback, unless CANOPEN_CONTROL_DEBUG is set.
 """
 
@@ -35,7 +35,7 @@ _signals = ProcessSignals()
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code, or complete words if a shell requests completion.
 
-    Without `argv` this process is the program itself, and SIGINT and SIGTERM end it at any moment.
+    Without `argv` this process is the program itself, and SIGINT, SIGTERM and SIGHUP end it at any moment.
     """
     if "_ARGCOMPLETE" in os.environ:
         from canopen_control.cli.support.completion_words import answer_shell

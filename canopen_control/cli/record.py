@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 _POLL_S = 0.25  # interval of the checks for Ctrl-C while no message arrives
-_ENDS = (signal.SIGINT, signal.SIGTERM)  # they set a flag, so that the bag is completed
+_ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # they set a flag, so that the bag is completed
 
 
 @dataclass(slots=True)

@@ -124,7 +124,7 @@ EXAMPLE = """canopen-control trajectory play wave.yaml
 
 _MARGIN_S: Final = 3600.0  # added to the duration: time may be scaled, and a goal may be waited for without limit
 _POLL_S: Final = 0.2  # interval at which a recording checks whether to end
-_ENDS: Final = (signal.SIGINT, signal.SIGTERM)
+_ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _rate = number("rate in Hz above 0 and up to 200", lambda value: 0.0 < value <= 200.0)
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from types import FrameType
 
-INTERRUPTED = 130  #: exit code of a program that SIGINT or SIGTERM has ended: 128 + SIGINT, as shells report it
-_ENDING = (signal.SIGINT, signal.SIGTERM)
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # SIGHUP: the terminal was closed
+INTERRUPTED = 130  #: exit code of a program that one of these signals has ended: 128 + SIGINT, as shells report it
 _IMPORT = "<frozen importlib._bootstrap>"  # the file of the frames of an import
 _STARTS = ("Popen.__init__", "Popen.__enter__")  # functions that start a process, up to its `with` block
 _AGAIN_S = 0.01
@@ -83,13 +83,14 @@ def interrupt() -> None:
 
 
 class ProcessSignals:
-    """SIGINT and SIGTERM of one process, from the start to the end of its `main`.
+    """SIGINT, SIGTERM and SIGHUP of one process, from the start to the end of its `main`.
 
     Each signal raises KeyboardInterrupt on the main thread, and sets `received`, because the exception may be lost: a C
     library that calls Python replaces it by another exception, and it cannot be raised while Python frees an object.
     During an import it is raised afterwards, or at a second signal, because an extension module that is partly imported
-    crashes; likewise while a process is started, which would not be reaped. After `finish` the process ends anyway: the
-    first signal is ignored, and a second signal ends the process at once.
+    crashes; likewise while a process is started, which would not be reaped. A SIGHUP after another signal
+    is ignored, because kernel and shell both send one when a terminal is closed. After `finish` the process ends
+    anyway: the first signal is ignored, and a second signal ends the process at once.
     """
 
     def __init__(self) -> None:
@@ -117,6 +118,8 @@ class ProcessSignals:
             self._ignored += 1
             if self._ignored > 1:
                 os._exit(INTERRUPTED)
+            return
+        if number == signal.SIGHUP and self.received:
             return
         first, self.received = not self.received, True
         if (
@@ -162,7 +165,7 @@ def _must_complete(frame: FrameType | None) -> bool:
 
 
 def block_for_exec() -> None:
-    """Keep SIGINT and SIGTERM pending across `exec`, until `ProcessSignals.begin` of the new program."""
+    """Keep SIGINT, SIGTERM and SIGHUP pending across `exec`, until `ProcessSignals.begin` of the new program."""
     signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
     if _stop_timer():  # a signal came during an import
         raise KeyboardInterrupt

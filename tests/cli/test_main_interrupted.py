@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM at any step of a verb: exit code 130 or its own, and no traceback."""
+"""SIGINT, SIGTERM and SIGHUP at any step of a verb: exit code 130 or its own, and no traceback."""
 
 import atexit
 import signal
@@ -11,7 +11,7 @@ from canopen_control.cli import main as program
 from canopen_control.errors import CanopenError
 from canopen_control.host.signals import ProcessSignals
 
-NUMBERS = (signal.SIGINT, signal.SIGTERM)
+NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @pytest.fixture

@@ -57,7 +57,7 @@ def test_a_suspension_that_is_longer_than_a_command_may_last_is_a_sentence(clock
 @pytest.fixture
 def process_signals(monkeypatch):
     """Signals of this process, as the command line has them; restored afterwards."""
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)
     before = {number: signal.getsignal(number) for number in numbers}
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
     signals = ProcessSignals()
@@ -69,7 +69,7 @@ def process_signals(monkeypatch):
         signal.signal(number, handler)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_of_a_process_interrupts_it_until_it_has_finished(process_signals, monkeypatch, number):
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(number)
@@ -83,6 +83,16 @@ def test_a_signal_of_a_process_interrupts_it_until_it_has_finished(process_signa
 
 def interrupt_with_code(code):
     raise SystemExit(code)
+
+
+@pytest.mark.parametrize("first", [signal.SIGHUP, signal.SIGINT])
+def test_a_terminal_that_is_closed_during_the_end_does_not_interrupt_it(process_signals, first):
+    """The kernel and the shell send one SIGHUP each, and the end of a verb may ramp drives down."""
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(first)
+    signal.raise_signal(signal.SIGHUP)
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGTERM)
 
 
 def test_at_the_end_of_a_process_its_signals_are_ignored(process_signals):
