@@ -163,9 +163,10 @@ def limit_switch(drive: VirtualDrive, on: bool, now: int) -> None:
 
 
 @_each
-def switches_gone(drive: VirtualDrive, on: bool, _now: int) -> None:
-    """Move limit and home switches out of reach of homing, or back."""
+def homing_endless(drive: VirtualDrive, on: bool, _now: int) -> None:
+    """Move limit and home switches out of reach of homing, or back; homing that begins meanwhile does not end."""
     drive.mover.switches.place(reachable=not on)
+    drive.modes.homing.endless.switch(on, True)
 
 
 def clock_off_by(ppm: float) -> Switch:

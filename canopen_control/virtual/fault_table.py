@@ -119,7 +119,7 @@ _ROWS = (
     Fault(34, "hand_moved", "axis", "its shaft is moved by 500 counts", "sets its targets to the actual position", switched=effects.shaft_moved, once=True),
     Fault(36, "limit_switch", "axis", "reaches the positive limit switch", "reports the side and moves only in the other direction; the axes that move together with it (the wheels of a base) stop too, and require a new enable", switched=effects.limit_switch),
     Fault(37, "homing_fails", "axis", "ends homing with an error", "clears bit 4, restores the previous mode, and reports the axis as not homed", switched=effects.homing_failing),
-    Fault(37, "homing_endless", "axis", "never ends homing, because its switches are out of reach", "reports a timeout, and clears bit 4", switched=effects.switches_gone),
+    Fault(37, "homing_endless", "axis", "never ends homing: its switches are out of reach, and methods without a search do not end either", "reports a timeout, and clears bit 4", switched=effects.homing_endless),
     Fault(38, "position_jump", "axis", "its position jumps by a million counts", "reports an error, and does not use the jump for odometry", switched=effects.count_lost, once=True),
     Fault(38, "position_wrap", "axis", "its position is about to overflow 32 bits", "continues without a jump", switched=effects.count_wraps, once=True),
     Fault(39, "error_passive", "node", "reports that its CAN controller is error passive", "shows this", switched=effects.error_passive),

@@ -81,12 +81,14 @@ class _Leg(NamedTuple):
 class HomingMode(Mode):
     """Homing mode (HM): a rising edge of controlword bit 4 starts homing, a falling edge aborts it.
 
-    While the injection point `fails` is True, every homing ends with an error.
+    While the injection point `fails` is True, every homing ends with an error; a homing that begins while `endless` is
+    True never ends by itself, whatever its method.
     """
 
     def __init__(self, axis: AxisParts) -> None:
         super().__init__(axis)
         self.fails: InjectionPoint[bool] = InjectionPoint(False)
+        self.endless: InjectionPoint[bool] = InjectionPoint(False)
 
     def reset(self) -> None:
         """Discard homing in progress and the result bits; an earlier home position is kept."""
@@ -140,13 +142,17 @@ class HomingMode(Mode):
         allowed = self.model.homing_methods
         method = METHODS.get(number)
         unknown = (allowed is not None and number not in allowed) or (method is None and number != 0)
+        speeds = self.objects.number(o.HOMING_SPEEDS, FAST) and self.objects.number(o.HOMING_SPEEDS, SLOW)
+        searches = method is not None and bool(method.edge or method.pulse)
         if unknown or self.fails.value:
             self._fail(now)
+        elif self.endless.value and not (searches and speeds):
+            self._running = True  # without a motion
         elif method is None:  # method 0: no search and no motion
             self._attained = True
-        elif not method.edge and not method.pulse:
+        elif not searches:
             self._finish(self.mover.plant.position)
-        elif not (self.objects.number(o.HOMING_SPEEDS, FAST) and self.objects.number(o.HOMING_SPEEDS, SLOW)):
+        elif not speeds:
             self._fail(now)
         else:
             self._plan(method, now)
@@ -180,6 +186,8 @@ class HomingMode(Mode):
         else:
             after = now
         crossing = demand.time_of(leg.position, after)
+        if self.endless.value:
+            return
         if crossing is None:
             self._fail(now)
         else:

@@ -403,3 +403,21 @@ def test_a_flash_that_is_slow_is_busy_for_long(programmed):
 def test_a_drive_without_a_program_area_has_no_such_faults():
     with pytest.raises(ConfigError, match=r"only on devices with a loadable program \(0x1F51\)"):
         bench().set("flash_slow")
+
+
+@pytest.mark.parametrize("method", [17, 35])
+@pytest.mark.parametrize("speed", [0, 2000])
+def test_homing_without_end_on_a_tmcm_1270(method, speed):
+    """Whose speeds are 0 until they are written."""
+    b = Faulty(tmcm())
+    for index, value in ((0x6099, 1), (0x6099, 2), (0x609A, 0)):
+        b.write(index, speed, value)
+    b.write(0x6098, method)
+    b.set("homing_endless")
+    b.enable(6)
+    b.control(0x1F)
+    b.on(100)
+    assert b.statusword & 0x3400 == 0
+    b.control(0x0F)
+    b.on(1)
+    b.set("homing_endless", False)
