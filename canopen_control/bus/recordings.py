@@ -87,10 +87,11 @@ _STATUS: Final = (  # bit of PCAN-Basic, error class, controller detail
 )
 
 
-def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
+def read_trc(file: TextIO, buses: set[str]) -> Iterator[tuple[int, CanFrame] | None]:
     """Yield the Unix time in ns and the frame of each row of a PEAK trace; None for rows without a classic frame.
 
-    Raise EOFError for a truncated last row. Without a start time the times begin at 0.
+    The bus numbers of the frames are added to `buses`. Raise EOFError for a truncated last row. Without a start time
+    the times begin at 0.
     """
     columns, start = _COLUMNS["1.0"], 0.0
     for line in file:
@@ -107,6 +108,8 @@ def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
             row = _parsed(text, columns)
             if row is None and not line.endswith("\n"):
                 raise EOFError
+            if row is not None and "B" in columns:
+                buses.add(text.split(maxsplit=len(columns) - 1)[columns.index("B")])
             yield None if row is None else (round((start + row[0] / 1000) * 1e6) * _NS_PER_US, row[1])
 
 
@@ -360,9 +363,7 @@ FORMATS = {
         _asc_writer, _asc_reader, lambda frame: not frame.is_error
     ),  # it stores only that there was an error
     ".blf": _Format(_blf_writer, _blf_reader, lambda _frame: True, is_text=False),
-    ".trc": _Format(
-        _trc_writer, None, lambda frame: not frame.is_error and not frame.is_remote, lambda file, _: read_trc(file)
-    ),
+    ".trc": _Format(_trc_writer, None, lambda frame: not frame.is_error and not frame.is_remote, read_trc),
 }
 _PACKED: Final = ".gz"
 
@@ -480,8 +481,8 @@ class Recording:
     After reading, `skipped` counts rows without a classic CAN frame, and `problem` is the reason why reading
     stopped early or found no frames, or "". Raise ConfigError for a missing file or an unknown suffix.
 
-    `buses` are the interfaces (.log) or channels (.asc, .blf) of the frames read. Frames of several buses are read as
-    those of one; `mixture` says so.
+    `buses` are the interfaces (.log), channels (.asc, .blf) or bus numbers (.trc) of the frames read. Frames of several
+    buses are read as those of one; `mixture` says so.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -505,7 +506,7 @@ class Recording:
             return ""
         names = sorted(self.buses)
         text = f"{self.path} contains the frames of {len(names)} buses ({', '.join(names)}); keep those of one"
-        if self._format.reader is not None:
+        if self._format.reader is not None or self._format.lines is not read_lines:
             return text
         grep, path = "zgrep" if _is_packed(self.path) else "grep", shlex.quote(str(self.path))
         return f"{text}: {grep} ' {names[0]} ' {path} > {names[0]}.log"

@@ -12,6 +12,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.modes import mode_name
+from canopen_control.cia402.objects import VELOCITY_ACTUAL
 from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.rpc.messages.samples import JointStatesSample
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from canopen_control.simulation.wire_view import DisturbedNodes, ObservedNode, WireView
     from canopen_control.urdf.ros2_control import Transmission
     from canopen_control.virtual.scenario import ScenarioEvent
+    from canopen_control.virtual.virtual_node import VirtualNode
 
 
 _MS: Final = 1_000_000
@@ -96,6 +98,11 @@ class _Shaft:
             truth.popleft()
         if self._bounds:
             self._bounds = {}
+
+    def shows(self, device: VirtualNode, velocity: float) -> bool:
+        """Whether 0x606C of the device is a velocity within its unit."""
+        shown = device.store.get(VELOCITY_ACTUAL) if device.store.has(VELOCITY_ACTUAL) else None
+        return isinstance(shown, int) and abs(shown - velocity / self._velocity) <= 1.0
 
     def agrees(self, which: int, value: float | None) -> bool:
         """Whether a reported position or velocity is within the range of the last cycles; True if unknown."""
@@ -259,9 +266,16 @@ class StatusInvariants:
         if not calm or shaft.agrees(which, value):
             if self._wrong_since:
                 self._wrong_since.pop((reports, shaft.joint, quantity), None)
+        elif which == _VELOCITY and self._is_shown(shaft, value):
+            self._wrong_since.pop((reports, shaft.joint, quantity), None)
         elif self._lasts((reports, shaft.joint, quantity), _EVERY_NS, now):
             true = shaft.truth[-1][which]
             self._report_shown(reports, f"the {quantity} of {shaft.joint} is reported as {value} but is {true:.4f}")
+
+    def _is_shown(self, shaft: _Shaft, velocity: float | None) -> bool:
+        """Whether the drive itself shows this velocity (0x606C), which need not be that of its shaft."""
+        device = self._robot.drives[shaft.view.node_id].device
+        return device is not None and velocity is not None and shaft.shows(device, velocity)
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
         """Check the values and the time stamp of the published `/joint_states`."""

@@ -102,7 +102,7 @@ LONG = CanFrame(0x18EFC034 | EXTENDED_FLAG, bytes(range(1, 9)))
     ids=["1.0", "1.1", "1.2", "1.3", "2.0", "2.1"],
 )
 def test_every_row_is_a_frame_or_counted(text, frames):
-    assert [item and item[1] for item in read_trc(io.StringIO(text))] == frames
+    assert [item and item[1] for item in read_trc(io.StringIO(text), set())] == frames
 
 
 @pytest.mark.parametrize(
@@ -110,20 +110,20 @@ def test_every_row_is_a_frame_or_counted(text, frames):
 )
 def test_a_status_becomes_what_a_controller_of_linux_would_report(status, detail):
     text = [*V21.splitlines(keepends=True)[:3], f"      9      1334.231 ST 1         - Rx -  4    {status}\n"]
-    [(_, frame)] = read_trc(io.StringIO("".join(text)))
+    [(_, frame)] = read_trc(io.StringIO("".join(text)), set())
     assert frame == error(0x004, f"00{detail}000000000000")
 
 
 def test_a_row_that_is_cut_is_the_end():
-    rows = read_trc(io.StringIO(V21.rstrip()[:-12]))
+    rows = read_trc(io.StringIO(V21.rstrip()[:-12]), set())
     with pytest.raises(EOFError):
         list(rows)
 
 
 @given(st.text())
 def test_no_text_is_another_error(text):
-    before = list(read_trc(io.StringIO(V21)))
-    assert list(read_trc(io.StringIO(V21 + text + "\n")))[: len(before)] == before
+    before = list(read_trc(io.StringIO(V21), set()))
+    assert list(read_trc(io.StringIO(V21 + text + "\n"), set()))[: len(before)] == before
 
 
 frames = st.one_of(
@@ -293,12 +293,19 @@ ASC = (
 )
 
 
+TRC = (
+    ";$FILEVERSION=2.1\n;$STARTTIME=45244.425\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
+    "1 0.000 DT 1 0183 Rx - 2 37 02\n2 0.100 DT 2 0183 Rx - 2 18 00\n"
+)
+
+
 @pytest.mark.parametrize(
     ("name", "text", "buses", "advice"),
     [
         ("run.log", LOG, ["can0", "can1"], ": grep ' can0 ' {path} > can0.log"),
         ("my run.log", LOG, ["can0", "can1"], ": grep ' can0 ' '{path}' > can0.log"),
         ("run.asc", ASC, ["1", "2"], ""),
+        ("run.trc", TRC, ["1", "2"], ""),
     ],
 )
 def test_frames_of_several_buses_are_reported_after_reading(tmp_path, name, text, buses, advice):

@@ -189,3 +189,11 @@ def test_a_place_is_the_shafts_from_boot_on_whatever_the_bus_has_lost_since(judg
     assert {text.split(" is reported")[0] for _, text in judged.collected} == {
         f"{face}: the position of right_wheel_joint" for face in ("status", "sample", "joint_states")
     }
+
+
+def test_a_velocity_that_the_drive_itself_shows_is_not_reported(judged):
+    """Quirk velocity_shown_zero: an event says that 0x606C is not the velocity of the shaft."""
+    for node_id in (2, 3):
+        judged.do("quirk", node_id, name="velocity_shown_zero")
+    judged.drive(5.0, 5.0, seconds=2.0).run(2.5)
+    assert judged.collected == []

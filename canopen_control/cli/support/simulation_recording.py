@@ -142,6 +142,6 @@ def recorded_scenario(path: Path, setup: RobotSetup) -> Scenario:
     [bus] = setup.buses
     recording = Recording(path)
     frames = [(now, bus, frame) for now, frame in recording]
-    if recording.problem:
-        raise ConfigError(recording.problem)
+    if problem := recording.mixture or recording.problem:
+        raise ConfigError(problem)
     return scenario_of_recording(RecordedRobot(frames), setup)

@@ -84,3 +84,10 @@ def test_a_log_of_one_bus_is_not_a_recording_of_several(tmp_path, capsys):
     log = tmp_path / "a.log"
     log.write_text("(1700000000.000000) can0 080#\n")
     assert main(["simulate", "robby", "--recording", str(log)]) == 0
+
+
+def test_a_log_of_two_buses_is_refused(tmp_path, capsys):
+    log = tmp_path / "a.log"
+    log.write_text("(1700000000.000000) can0 080#\n(1700000000.010000) can1 080#\n")
+    assert main(["simulate", "robby", "--recording", str(log)]) == 2
+    assert "contains the frames of 2 buses (can0, can1); keep those of one" in capsys.readouterr().err
