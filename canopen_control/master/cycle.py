@@ -202,6 +202,9 @@ class Output:
             pdo.changed = pdo.changed or pdo.repeated
 
 
+_ECHOES: Final = 16  # frames with other values that are recognised as those of this master
+
+
 class SentPdo:
     """RPDO of a node, with its packed frame `record`; sent only while `enabled`.
 
@@ -211,8 +214,9 @@ class SentPdo:
     """
 
     __slots__ = (
-        "_before",
         "_packer",
+        "_previous",
+        "_previous_at",
         "changed",
         "cob_id",
         "codec",
@@ -232,7 +236,8 @@ class SentPdo:
     ) -> None:
         self.cob_id, self.cyclic = cob_id, cyclic
         self.codec = PdoCodec(objects)
-        self.record = self._before = RECORD.pack(cob_id, self.codec.length, b"")
+        self.record = RECORD.pack(cob_id, self.codec.length, b"")
+        self._previous, self._previous_at = [self.record] * _ECHOES, 0
         self._packer = _packer(self.codec)
         self.enabled, self.count = False, 0
         self.refresh = 0
@@ -260,10 +265,9 @@ class SentPdo:
         self.enabled, self.changed = True, self.repeated
 
     def was_sent(self, data: bytes) -> bool:
-        """Whether the last frame, or the one with other values before it, had these data: an adapter may echo it."""
-        return any(
-            RECORD.unpack(record)[1:] == (len(data), data.ljust(8, b"\0")) for record in (self.record, self._before)
-        )
+        """Whether one of the last frames had these data: an adapter may echo them some cycles later."""
+        record = RECORD.pack(self.cob_id, len(data), data)
+        return record == self.record or record in self._previous
 
     def pack(self) -> None:
         """Pack the values into the record.
@@ -271,7 +275,8 @@ class SentPdo:
         Raise LocalProtocolError, with the record unchanged, if a value does not fit.
         """
         packer, codec = self._packer, self.codec
-        self._before = self.record
+        self._previous[self._previous_at] = self.record
+        self._previous_at = (self._previous_at + 1) % _ECHOES
         if packer is None:
             self.record = RECORD.pack(self.cob_id, codec.length, codec.pack(self.values))
         else:
