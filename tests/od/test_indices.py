@@ -9,10 +9,11 @@ NAMES = {
     for name, value in vars(indices).items()
     if name.isupper() and isinstance(value, int) and name != "FIRST_OBJECT"  # the limit of a range, not an object
 }
+VALUES = frozenset(NAMES.values())
 
 
 def module_constants(path):
-    """Yield name and value of each module constant that is written as a hexadecimal number."""
+    """Yield the name of each module constant that is the index of one of these objects, written in hexadecimal."""
     text = path.read_text(encoding="utf-8")
     for node in ast.parse(text).body:
         pairs = []
@@ -23,8 +24,10 @@ def module_constants(path):
         elif isinstance(node, ast.AnnAssign) and node.value is not None:
             pairs = [(node.target, node.value)]
         for name, value in pairs:
-            if isinstance(value, ast.Constant) and (ast.get_source_segment(text, value) or "").startswith("0x"):
-                yield ast.unparse(name), value.value
+            if not isinstance(value, ast.Constant) or value.value not in VALUES:
+                continue
+            if text.splitlines()[value.lineno - 1][value.col_offset :].startswith("0x"):
+                yield ast.unparse(name)
 
 
 def test_every_name_is_one_object_of_the_communication_profile():
@@ -38,7 +41,7 @@ def test_no_other_module_names_one_of_these_objects_again():
         f"{path.relative_to(root)}: {name}"
         for path in root.rglob("*.py")
         if path.name != "indices.py"
-        for name, value in module_constants(path)
-        if value in NAMES.values() and name != "_FIRST_OBJECT"  # the first index above the data types
+        for name in module_constants(path)
+        if name != "_FIRST_OBJECT"  # the first index above the data types
     }
     assert again == set()
