@@ -375,6 +375,8 @@ class DriveMachine:
     def _observe(self, statusword: int, now: int) -> None:
         self.statusword = statusword
         state = decode_statusword(statusword)
+        if state is State.NOT_READY_TO_SWITCH_ON and self._passes_unready():
+            return
         if state is None:
             self._count_undefined(statusword, now)
             return
@@ -393,6 +395,18 @@ class DriveMachine:
         elif state is State.OPERATION_ENABLED and self._supply.lost(statusword, now) and self.goal is DriveGoal.ENABLED:
             self._events.append(EnableLost(now, state, statusword, supply_lost=True))
             self._fire(EnableTrigger.LOST)
+
+    def _passes_unready(self) -> bool:
+        """Whether NOT READY TO SWITCH ON is ignored: shown for some updates by a drive that is being enabled.
+
+        There are drives that show 0x0000 during a transition. Their last command is kept, since the command of this
+        state would disable them. A drive that has really restarted goes on to SWITCH ON DISABLED.
+        """
+        if self.goal is not DriveGoal.ENABLED or self.state not in DISABLED_STATES:
+            return False
+        self._undefined_run += 1
+        self.next_update = _AT_ONCE
+        return self._undefined_run < self._undefined_limit
 
     def _count_undefined(self, statusword: int, now: int) -> None:
         self.undefined += 1

@@ -407,6 +407,7 @@ class Network:
                 node.nmt_state, node.last_seen = _OPERATIONAL, now  # as `on_state` does while it is ready
                 node.log.heartbeat(now, self._since)
                 return
+            node.log.check_heartbeat(length, now)
             frame = CanFrame(error_control, data[:length])
             self._consumer.receive(frame, now, self._since)
             if self._guarding is not None:
@@ -430,7 +431,9 @@ class Network:
 
         def on_rpdo(data: bytes, length: int, now: int) -> None:
             report(data, length, now)
-            node.on_foreign_rpdo(sent, data[:length])
+            if node.ready and sent.enabled and sent.repeated and not sent.was_sent(data[:length]):
+                sent.changed = True  # sent again, even if its values are unchanged
+                node.contradicted += 1
 
         return on_rpdo
 

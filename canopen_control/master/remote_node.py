@@ -67,6 +67,7 @@ class NodeLog:
         self.astray: dict[ReceivedPdo, int] = {}
         """TPDOs received with their default identifier instead of the configured one, with that identifier."""
         self._gate = EmcyGate()
+        self._odd_heartbeat = False
         self._duplicates = DuplicateWatch(period_ns)
 
     def report(
@@ -147,6 +148,24 @@ class NodeLog:
         text = f"its TPDO 0x{pdo.cob_id:03X} is too {kind}: {length} bytes instead of {pdo.codec.length}; {reaction}"
         self.report(now, f"pdo_{kind}", text, Level.WARNING)
 
+    def short_emcy(self, data: bytes, now: int) -> None:
+        """Report an EMCY message without an error register (CiA 301, 7.2.7), which cannot be processed."""
+        if self._gate.passes(now):
+            text = (
+                f"an EMCY message of {len(data)} bytes (data {data.hex(' ') or 'none'}) is ignored; the standard has 8"
+            )
+            self.report(now, "emcy_short", text, Level.WARNING)
+
+    def check_heartbeat(self, length: int, now: int) -> None:
+        """Report once per boot a heartbeat of the wrong length, which does not count."""
+        if length != 1 and not self._odd_heartbeat:
+            self._odd_heartbeat = True
+            # CiA 301, 7.2.8.3.2.2: a heartbeat has one byte
+            text = (
+                f"its heartbeat has {length} bytes instead of 1, so it does not count; correct the program of the node"
+            )
+            self.report(now, "heartbeat_malformed", text, Level.WARNING)
+
     def heartbeat(self, now: int, since: int | None = None) -> None:
         """Record a heartbeat, and report a rate that indicates two nodes with the same node-ID."""
         if self._duplicates.heartbeat(now, since):
@@ -160,6 +179,7 @@ class NodeLog:
         """Clear earlier errors after a boot-up; report two nodes with one node-ID, and endless boot-ups."""
         self.errors.forget()
         self.astray.clear()
+        self._odd_heartbeat = False
         was_stuck = self._duplicates.stuck
         if self._duplicates.boot_up(now, since):
             self._report_duplicate("two boot-ups arrived at once", now)
@@ -411,7 +431,10 @@ class RemoteNode:
 
     def on_emcy(self, frame: CanFrame, now: int) -> None:
         """Record and report an EMCY message, and update the active errors."""
+        malformed = self.log.errors.malformed
         self.log.errors.receive(frame, now)
+        if self.log.errors.malformed > malformed:
+            self.log.short_emcy(frame.data, now)
         for message in self.log.errors.events():
             self.fault, self.last_seen = FaultEvent.of_emcy(message), now
             text = self.log.emcy(self.fault, now, self._hints)
@@ -441,12 +464,6 @@ class RemoteNode:
         """Update `stale`, and report a TPDO that became overdue or is received again."""
         self.stale = any(tpdo.overdue for tpdo in self.received)
         self.log.pdo(pdo, now)
-
-    def on_foreign_rpdo(self, sent: SentPdo, data: bytes) -> None:
-        """Send an RPDO again that another program has sent with other values, and count it."""
-        if self.ready and sent.enabled and sent.repeated and not sent.was_sent(data):
-            sent.changed = True
-            self.contradicted += 1
 
     def pump(self, now: int) -> None:
         """Pass completed SDO transfers to the boot and to their callers, and handle the end of the boot."""

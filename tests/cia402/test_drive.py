@@ -935,3 +935,32 @@ def test_no_sequence_of_words_and_verbs_makes_it_raise_or_send_0x0f_without_the_
         assert machine.next_deadline() is None or machine.next_deadline() > now
         machine.reached  # noqa: B018 - properties never raise
         machine.may_move  # noqa: B018
+
+
+@pytest.mark.parametrize("cycles", [1, 4])
+def test_a_statusword_of_0_during_the_transitions_does_not_end_the_enable(cycles):
+    """The command of NOT READY TO SWITCH ON would disable the drive again."""
+    machine, now, words = DriveMachine("left_drive"), 0, []
+    machine.update(0x0250, None, now)
+    machine.enable()
+    for command, shown in ((0x06, 0x0231), (0x07, 0x0233), (0x0F, 0x0237)):
+        for word in [machine.statusword] + [0] * cycles:
+            now += 10 * MS
+            words.append(machine.update(word, None, now))
+        assert words[-cycles - 1 :] == [command] * (cycles + 1)
+        now += 10 * MS
+        machine.update(shown, None, now)
+    assert machine.enabled
+    now += 10 * MS
+    machine.update(0, None, now)
+    assert not machine.enabled, "an enabled drive has lost its state"
+
+
+def test_a_drive_that_stays_not_ready_while_it_is_enabled_is_not_commanded_further():
+    machine, now = DriveMachine("left_drive", undefined_limit=10), 0
+    machine.update(0x0250, None, now)
+    machine.enable()
+    machine.update(0x0231, None, 10 * MS)
+    words = [machine.update(0, None, (number + 2) * 10 * MS) for number in range(12)]
+    assert words == [0x07] * 9 + [0] * 3
+    assert machine.state is State.NOT_READY_TO_SWITCH_ON

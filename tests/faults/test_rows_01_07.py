@@ -8,6 +8,7 @@ from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.frame import CanFrame
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.runtime.core import RobotState
+from canopen_control.virtual.fault_table import FaultSwitches
 
 HEARTBEAT_MS = 500  # five of 100 ms
 
@@ -127,3 +128,18 @@ def test_row_07_a_drive_that_is_operational_already_is_reset_before_it_is_config
     assert reset < first
     robby.hold(10.0, 10.0, ms=600)
     assert robby.speed(LEFT) == -robby.speed(RIGHT) != 0
+
+
+def test_row_03_heartbeats_of_eight_bytes_do_not_count_and_are_named_before_the_node_is_lost(turning):
+    device = turning.drives[LEFT]
+
+    def padded(_node, frame, _now):
+        beat = frame.can_id == 0x703 and frame.data != b"\0"
+        return [(0, CanFrame(frame.can_id, frame.data.ljust(8, b"\0")) if beat else frame)]
+
+    switches = device.fault_switches or FaultSwitches(device)
+    switches.set_quirks((padded,), ())
+    lost, _ = turning.collected("heartbeat_lost")
+    (event,) = turning.found("heartbeat_malformed")
+    assert "its heartbeat has 8 bytes instead of 1, so it does not count" in event.text
+    assert event.time < lost.time

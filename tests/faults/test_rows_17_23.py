@@ -153,6 +153,12 @@ def test_row_22_an_unknown_and_short_emergency_is_shown_raw(turning):
     assert turning.robot.state is RobotState.RUNNING
 
 
+def test_row_22_an_emergency_without_a_register_is_reported(turning):
+    turning.bus.inject(CanFrame(0x083, bytes.fromhex("1043")))
+    event, _ = turning.collected("emcy_short")
+    assert "an EMCY message of 2 bytes (data 10 43) is ignored" in event.text
+
+
 def test_row_23_error_reset_with_an_error_left_keeps_the_others(turning):
     left = turning.robot.nodes["left_drive"]
     turning.bus.inject(CanFrame(0x083, bytes.fromhex("1043090000000000")))  # 0x4310, temperature
