@@ -73,9 +73,9 @@ def slow_stop(name: str, seconds: float, key: str) -> str | None:
     return f"{name} needs {round(seconds):.6g} s to stop from its velocity limit; raise the magnitude of {key}"
 
 
-def immobile_text(key: str, effect: str) -> str:
+def immobile_text(key: str, effect: str, sign: str = "above") -> str:
     """Return the text of the event IMMOBILE about the parameter `key`, whose value is 0."""
-    return f"{key} is 0, so {effect}; give a value above 0, or remove it"
+    return f"{key} is 0, so {effect}; give a value {sign} 0, or remove it"
 
 
 class RateLaw:
@@ -111,13 +111,31 @@ class RateLaw:
         return not self._has_a or self._dec < 0.0 < self._dec_reverse
 
     @property
+    def blocked(self) -> tuple[str, str]:
+        """Names of limits of 0 that permit no motion from standstill forward, and backward; "" without one."""
+        forward, backward = (
+            (
+                ("max_velocity", self._has_v, self._max_v),
+                ("max_acceleration", self._has_a, self._acc),
+                ("max_jerk", self._has_j, self._max_j),
+            ),
+            (
+                ("min_velocity", self._has_v, self._min_v),
+                ("max_acceleration_reverse", self._has_a, self._acc_reverse),
+                ("min_jerk", self._has_j, self._min_j),
+            ),
+        )
+        first, second = (
+            next((name for name, given, limit in limits if given and limit == 0.0), "")
+            for limits in (forward, backward)
+        )
+        return first, second
+
+    @property
     def immobile(self) -> str:
         """Name of a limit that permits no motion from standstill in either direction, or ""."""
-        if self._has_v and self._min_v == 0.0 == self._max_v:
-            return "max_velocity"
-        if self._has_a and self._acc == 0.0 == self._acc_reverse:
-            return "max_acceleration"
-        return "max_jerk" if self._has_j and self._min_j == 0.0 == self._max_j else ""
+        forward, backward = self.blocked
+        return forward if backward else ""
 
     @property
     def brake_s(self) -> float:

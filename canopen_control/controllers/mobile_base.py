@@ -193,6 +193,11 @@ TOO_SHORT: Final = 0.0
 """Return value of `elapsed` for a time step that is too short and is added to the next step."""
 ONE_UPDATE: Final = "one_update"
 """Kind of the event that reports a timeout of 0, with which a twist applies to a single update."""
+_DIRECTIONS: Final = {
+    "linear.x": ("move forward", "move backward"),
+    "linear.y": ("move to the left", "move to the right"),
+    "angular.z": ("turn to the left", "turn to the right"),
+}
 _NEVER: Final = -1
 # a subclass defines one method of each group
 _REQUIRED: Final = (("compute_commands",), ("velocities",), ("advance", "follow"))
@@ -227,7 +232,7 @@ class MobileBase(Controller):
         self.pose = pose
         self._twist = LimitedTwist(self.twist_axes)
         self._brake_s = 0.0
-        self._immobile: dict[str, str] = {}  # by axis: the limit that permits no motion
+        self._blocked: dict[str, tuple[str, str]] = {}  # by axis: the limits that permit no motion forward, and back
         self.desired, self.limited = self._twist.desired, self._twist.limited
         self.targets: list[float] = []
         self.braking = False
@@ -273,19 +278,14 @@ class MobileBase(Controller):
         if limits:
             self._twist.set_limits(self.name, limits)
         self._odometry_params = params
-        self._immobile.clear()
+        self._blocked.clear()
         self._brake_s = 0.0
         for axis, limit in zip(self.twist_axes, limits, strict=False):
             if limit.freezes:
                 self.report("parameter", f"{axis}.max_jerk is 0, which keeps the speed constant; remove it")
             law = RateLaw(limit.limits())
             self._brake_s = max(self._brake_s, law.brake_s)
-            if law.immobile:
-                self._immobile[axis] = f"{axis}.{law.immobile}"
-                if not limit.freezes:  # reported above
-                    self.report(
-                        IMMOBILE, immobile_text(f"{axis}.{law.immobile}", f"the base does not move along {axis}")
-                    )
+            self._find_blocked(axis, law, reported=limit.freezes)
             if (text := slow_stop(axis, law.brake_s, f"{axis}.{law.longest_brake}")) is not None:
                 self.report(SLOW_STOP, text)
         self.command_timeout.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
@@ -301,12 +301,30 @@ class MobileBase(Controller):
         return self._brake_s
 
     def why_immobile(self, values: Sequence[float]) -> str | None:
-        limits = self._immobile
-        moving = [axis for axis, value in zip(self.twist_axes, values, strict=False) if value]
-        if not moving or not all(axis in limits for axis in moving):
+        moving = [(axis, value) for axis, value in zip(self.twist_axes, values, strict=False) if value]
+        limits = [self._blocked.get(axis, ("", ""))[value < 0.0] for axis, value in moving]
+        if not all(limits) or not limits:
             return None
-        names = " and ".join(limits[axis] for axis in moving)
+        names = " and ".join(limits)
         return f"{names} of {self.name} {'is' if len(moving) == 1 else 'are'} 0, so the base does not move"
+
+    def _find_blocked(self, axis: str, law: RateLaw, *, reported: bool) -> None:
+        """Find limits of 0 that permit no motion along an axis, and report them unless `reported`.
+
+        A base that only moves forward is not reported, since its limits say so on purpose.
+        """
+        forward, backward = (f"{axis}.{name}" if name else "" for name in law.blocked)
+        if not (forward or backward):
+            return
+        ahead, back = _DIRECTIONS.get(axis, _DIRECTIONS["linear.y"])
+        both = bool(forward and backward)
+        self._blocked[axis] = forward, forward if both else backward
+        if both and not reported:
+            self.report(IMMOBILE, immobile_text(forward, f"the base does not move along {axis}"))
+        elif forward and not reported:
+            self.report(IMMOBILE, immobile_text(forward, f"the base does not {ahead}"))
+        elif not reported and axis != "linear.x":
+            self.report(IMMOBILE, immobile_text(backward, f"the base does not {back}", "below"))
 
     @abstractmethod
     def compute_commands(self, twist: Sequence[float]) -> None:

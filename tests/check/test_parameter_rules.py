@@ -59,3 +59,19 @@ def test_use_sim_time_of_a_robot_without_a_simulation_is_one_warning(tmp_path, w
 def test_use_sim_time_of_a_simulated_robot_is_in_order_unless_its_drives_are_real():
     assert found(find_robot("diffbot_sim")) == []
     assert any("use_sim_time has no effect" in text for text in found(find_robot("diffbot_sim"), real=True))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "effect"),
+    [
+        ("linear.x.max_velocity", "1.0 ", "move forward; give a value above 0"),
+        ("angular.z.max_velocity", "1.0 ", "turn to the left; give a value above 0"),
+        ("angular.z.min_velocity", "-1.0", "turn to the right; give a value below 0"),
+        ("linear.x.min_velocity", "-1.0", ""),  # a base that drives only forward
+    ],
+)
+def test_a_limit_of_zero_for_one_direction(tmp_path, key, value, effect):
+    files = changed(tmp_path, "robby", controllers={f"{key}: {value}": f"{key}: 0.0 "})
+    line = line_of(files, "controllers", key)
+    text = f"ros2_controllers.yaml:{line}: warning: robby_base_controller: {key} is 0, so the base does not {effect}"
+    assert found(files) == ([f"{text}, or remove it"] if effect else [])

@@ -201,3 +201,19 @@ def test_a_number_that_is_not_a_command_stays_with_its_history():
 )
 def test_a_limit_that_permits_no_motion_is_named(limits, name):
     assert RateLaw(VelocityLimits(**limits)).immobile == name
+
+
+@pytest.mark.parametrize(
+    ("limits", "names"),
+    [
+        ({"max_velocity": 0.0, "min_velocity": -1.0}, ("max_velocity", "")),
+        ({"max_velocity": 1.0, "min_velocity": 0.0}, ("", "min_velocity")),
+        ({"max_velocity": 0.0, "max_acceleration": 1.0, "max_acceleration_reverse": 0.0}, ("max_velocity", "min_velocity")),
+        ({"max_acceleration": 0.0, "max_acceleration_reverse": -1.0}, ("max_acceleration", "")),
+        ({"max_jerk": 1.0, "min_jerk": 0.0}, ("", "min_jerk")),
+        ({"max_velocity": 1.0}, ("", "")),
+    ],
+)
+def test_a_limit_that_permits_motion_in_one_direction_is_named_for_the_other(limits, names):
+    forward, backward = RateLaw(VelocityLimits(**limits)).blocked
+    assert (forward, backward) == names
