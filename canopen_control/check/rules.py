@@ -18,7 +18,7 @@ from canopen_control.check.parameter_rules import PARAMETER_RULES
 from canopen_control.cia402 import objects
 from canopen_control.controllers.controllers_file import is_within
 from canopen_control.controllers.types import make_controller
-from canopen_control.errors import CanopenError, ConfigError, nearest
+from canopen_control.errors import CanopenError, ConfigError, closest, nearest
 from canopen_control.hardware.axis_parameters import PLUGINS
 from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.plugins import KNOWN, PluginKind
@@ -367,13 +367,21 @@ def _joints(robot: CheckedRobot) -> Iterator[Finding]:
         for joint in tag.joints
         if not joint.command_interfaces and (robot.bus is None or _is_unreadable(robot, joint))
     }
+    misspelt: set[tuple[str, str]] = set()  # a name that is wrong for all joints of a controller is one mistake
     for name, controller in robot.configured.items():
         config = robot.config(name)
         for interface in controller.command_interface_names():
             joint, _, kind = interface.rpartition("/")
             if joint.partition("/")[0] in robot.configured:  # a reference of another controller
                 continue
-            if joint in unknown:
+            if joint in unknown or (name, kind) in misspelt:
+                continue
+            interfaces = [each for part in parts.get(joint, ()) for each in part.command_interfaces]
+            if kind not in interfaces and (meant := closest(kind, interfaces)):
+                misspelt.add((name, kind))
+                text = f"{name}: {joint} has no command interface {kind!r} (did you mean {meant!r}?)"
+                line = _line_naming(config, kind)
+                yield Finding(config.path, line, robot.severity(name), text, "use the description's name")
                 continue
             text, fix = _why_not(joint, kind, parts, description)
             if text:

@@ -239,7 +239,9 @@ def inspect_controllers(
     own = list(files.values())
     files |= {id(problems): problems for config in controllers.values() for problems in config.params.files}
     warnings = [str(warning) for problems in files.values() for warning in problems.warnings]
-    place = str(path), manager_block.key.line, manager_block.namespace, flat.keys()
+    keys = {} if manager is None else flat.keys()  # after an error, rules do not judge the defaults instead
+    place = str(path), manager_block.key.line, manager_block.namespace, keys
+    manager = manager or ManagerParams()
     shared = everywhere.values.keys()
     return ControllersFile(manager.update_rate, controllers, warnings, manager, *place, shared), own
 
@@ -417,8 +419,11 @@ def _add(blocks: dict[str, _Block], name: str, block: _Block) -> None:
     blocks[name] = dataclasses.replace(block, value=values.merged_over(previous.value) if previous else values)
 
 
-def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], frozenset[str], ManagerParams]:
-    """Return the controllers declared in the manager's block, those without a type, and the manager's parameters."""
+def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], frozenset[str], ManagerParams | None]:
+    """Return the controllers declared in the manager's block, those without a type, and the manager's parameters.
+
+    The parameters are None after an error in them.
+    """
     parameters: dict[str, tuple[Node, Node]] = {}
     pairs = _pairs(flat)
     declared: dict[str, _Declared] = {}
@@ -436,8 +441,9 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], frozenset[st
             parameters[dotted] = pair
     untyped = _untyped(parameters)
     params = Node.mapping(like(root), parameters)
-    manager = convert(params, ManagerParams, ManagerParams())
-    warn_ineffective(params, manager)
+    manager = convert(params, ManagerParams, None)
+    if manager is not None:
+        warn_ineffective(params, manager)
     return declared, frozenset(untyped), manager
 
 

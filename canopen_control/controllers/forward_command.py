@@ -45,7 +45,7 @@ class ForwardCommandController(Controller):
         settings = params.read(ForwardParams)
         if not settings.interface_name:
             raise RobotConfigError(_missing(self.name, "interface_name", "velocity"))
-        self._set_up(settings, settings.joints, settings.interface_name, settings.command_timeout)
+        self._set_up(params, settings, settings.joints, settings.interface_name, settings.command_timeout)
 
     def on_set(self, params: Params) -> None:
         interfaces = [name.rpartition("/")[2] for name in self._names]
@@ -104,6 +104,7 @@ class ForwardCommandController(Controller):
 
     def _set_up(
         self,
+        params: Params,
         common: CommonParams,
         joints: tuple[str, ...],
         interface: str,
@@ -112,7 +113,7 @@ class ForwardCommandController(Controller):
     ) -> None:
         if not joints:
             raise RobotConfigError(_missing(self.name, parameter, "[left_wheel_joint, right_wheel_joint]"))
-        refuse(self.name, repeated(parameter, joints))
+        refuse(params, repeated(parameter, joints), self.name)
         self.joints, self.interface, self.update_rate = joints, interface, common.update_rate
         self._names = tuple(f"{joint}/{interface}" for joint in joints)
         self._set_timeout(timeout, (interface,))
@@ -133,7 +134,7 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
         settings = params.read(MultiParams)
         if not settings.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
-        self._set_up(settings, settings.interface_names, "", settings.command_timeout, "interface_names")
+        self._set_up(params, settings, settings.interface_names, "", settings.command_timeout, "interface_names")
         self._set_timeout(settings.command_timeout, settings.interface_names)
         self.joints, self.interface = (settings.joint,), ", ".join(settings.interface_names)
         self._names = tuple(f"{settings.joint}/{interface}" for interface in settings.interface_names)
@@ -148,7 +149,7 @@ class _JointGroupController(ForwardCommandController):
 
     def on_configure(self, params: Params) -> None:
         settings = params.read(GroupParams)
-        self._set_up(settings, settings.joints, self.fixed_interface, settings.command_timeout)
+        self._set_up(params, settings, settings.joints, self.fixed_interface, settings.command_timeout)
 
 
 class JointGroupVelocityController(_JointGroupController):
@@ -182,7 +183,7 @@ class _JointController(ForwardCommandController):
         settings = params.read(SingleParams, self.renames)
         if not settings.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
-        self._set_up(settings, (settings.joint,), self.fixed_interface, settings.command_timeout)
+        self._set_up(params, settings, (settings.joint,), self.fixed_interface, settings.command_timeout)
 
 
 class JointVelocityController(_JointController):
@@ -231,7 +232,7 @@ class TargetController(ForwardCommandController):
         settings = params.read(SingleParams)
         if not settings.joint:
             raise RobotConfigError(f"{self.name}: no 'joint'; give it under {self.name}: ros__parameters: joint: NAME")
-        self._set_up(settings, (settings.joint,), TARGET, None)
+        self._set_up(params, settings, (settings.joint,), TARGET, None)
         self._set_timeout(settings.command_timeout, tuple(MOVING))
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:

@@ -118,6 +118,10 @@ UNUSED_NODE = {
 }
 
 
+_MICROSECONDS = "; write it in us, such as 20000"
+_MILLISECONDS = "; write it in ms, such as 100"
+
+
 @dataclass(frozen=True)
 class PdoObjectKeys:
     """Object in the mapping of a PDO; `bits` is None if the key is absent."""
@@ -135,7 +139,7 @@ class PdoConfig:
     cob_id: int | Literal["auto"] | None = setting(None, low=1, high=0xFFFFFFFF)
     transmission: int | None = setting(None, low=0, high=255)
     inhibit_time: int | None = setting(None, low=0, high=0xFFFF)
-    event_timer: int | None = setting(None, low=0, high=0xFFFF)
+    event_timer: int | None = setting(None, low=0, high=0xFFFF, hint=_MILLISECONDS)
     event_deadline: int | None = setting(None, low=0, high=0xFFFF)
     sync_start: int | None = setting(None, low=0, high=240)
     mapping: list[PdoObjectKeys] | None = None
@@ -192,14 +196,14 @@ class MasterConfig:
     baudrate: int = setting(
         1000, choices=BIT_RATES, hint="; a number in kbit/s, such as 500"
     )  # `master/config.py` converts bit/s to kbit/s before
-    sync_period: int = setting(0, low=0, high=10_000_000)
-    sync_window: int = setting(0, low=0, high=10_000_000)
+    sync_period: int = setting(0, low=0, high=10_000_000, hint=_MICROSECONDS)
+    sync_window: int = setting(0, low=0, high=10_000_000, hint=_MICROSECONDS)
     sync_overflow: int = setting(0, choices=(0, *range(2, 241)))
     sync_order: Literal["auto", "first", "last"] = "auto"
     sync_producer: Literal["auto", "master", "kernel", "other"] = "auto"
     heartbeat_multiplier: float | None = setting(None, low=1.0, high=100.0)
-    heartbeat_producer: int = setting(0, low=0, high=0xFFFF, off=True)  # dcfgen reads false as 0
-    boot_time: int = setting(DEFAULT_BOOT_MS, low=0, high=3_600_000)
+    heartbeat_producer: int = setting(0, low=0, high=0xFFFF, off=True, hint=_MILLISECONDS)  # dcfgen reads false as 0
+    boot_time: int = setting(DEFAULT_BOOT_MS, low=0, high=3_600_000, hint=_MILLISECONDS)
     boot_timeout: int | None = setting(None, low=1, high=600_000)
 
     @property
@@ -260,8 +264,8 @@ class SupervisionKeys:
     heartbeat_consumer: bool | None = setting(
         None, hint="; the time is that of the master, heartbeat_producer x heartbeat_multiplier"
     )
-    heartbeat_producer: int = setting(0, low=0, high=0xFFFF, off=True)  # dcfgen reads false as 0
-    guard_time: int = setting(0, low=0, high=0xFFFF)
+    heartbeat_producer: int = setting(0, low=0, high=0xFFFF, off=True, hint=_MILLISECONDS)  # dcfgen reads false as 0
+    guard_time: int = setting(0, low=0, high=0xFFFF, hint=_MILLISECONDS)
     life_time_factor: int = setting(0, low=0, high=0xFF)
     retry_factor: int | None = setting(None, low=0, high=255)
     error_behavior: dict[int, int] = setting(factory=dict, low=0, high=0xFF)
@@ -357,9 +361,9 @@ class UnitKeys:
 class MotionKeys:
     """Motion options of the axes: modes, targets, timeouts and reactions to errors."""
 
-    position_mode: int | None = setting(None, low=-128, high=127)
-    velocity_mode: int | None = setting(None, low=-128, high=127)
-    effort_mode: int | None = setting(None, low=-128, high=127)
+    position_mode: int | None = setting(None, low=-128, high=127, hint="; a number, such as 8 for CSP or 1 for PP")
+    velocity_mode: int | None = setting(None, low=-128, high=127, hint="; a number, such as 3 for PV or 9 for CSV")
+    effort_mode: int | None = setting(None, low=-128, high=127, hint="; a number, such as 4 for TQ or 10 for CST")
     torque_mode: int | None = setting(None, low=-128, high=127)  # another name for effort_mode
     position_target: int | str | None = None
     velocity_target: int | str | None = None

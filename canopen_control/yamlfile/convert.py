@@ -38,6 +38,7 @@ _WITH_UNIT: Final = re.compile(
     rf"({_NUMBER.pattern})\s*(%|\u00b0|([mu\u00b5nk]?(s|m|g|N|Nm|A|V|W|Hz|rad)|min|h|deg|rpm|rps|turns?|counts?|bits?|[kM]bit)"
     r"(/(s|min|rev)(\^?2|\u00b2)?)?)"
 )
+_SI_UNIT: Final = re.compile(r"(m|s|rad|N|Nm|A|V|W|Hz)(/s(\^?2|\u00b2)?)?")
 _DASHES: Final = str.maketrans(dict.fromkeys("\u2010\u2011\u2012\u2013\u2014\u2212\ufe63\uff0d", "-"))
 _Values: typing.TypeAlias = dict[str, Any]  # converted values of a dataclass by field
 _KINDS: Final[dict[Any, str]] = {
@@ -206,8 +207,11 @@ def _plain(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
     if type(value) is not target or node.kind in ("mapping", "sequence"):
         expected = meta.get("expected") or _KINDS.get(target, getattr(target, "__name__", str(target)))
         quotes = "; put it in quotes" if target is str and node.kind == "scalar" else ""
-        own_hint = _number_hint(node) if target in (int, float) else _bool_hint(node) if target is bool else ""
-        return _expected(node, expected, quotes or own_hint or meta.get("hint", ""))
+        hint = meta.get("hint", "")
+        own_hint = _bool_hint(node) if target is bool else ""
+        if target in (int, float):  # integers of bus.yml are in ms, us or counts
+            own_hint = _number_hint(node, hint, si=target is float)
+        return _expected(node, expected, quotes or own_hint or hint)
     if target in (int, float) and node.kind == "scalar" and _OTHER_BASE.fullmatch(node.text):
         base = 60 if ":" in node.text else 8
         node.warning(f"{node.text} is a number of base {base} in YAML, and means {value:g}; write it in base 10 or 16")
@@ -218,12 +222,15 @@ def _bool_hint(node: Node) -> str:
     return "; remove the quotes" if node.quoted and node.text.lower() in ("true", "false") else ""
 
 
-def _number_hint(node: Node) -> str:
+def _number_hint(node: Node, unit_hint: str, *, si: bool) -> str:
     """Return how to write the number that a text seems to mean, or "".
 
-    Copied from a data sheet or a web page, numbers have a decimal comma, a typographic minus or a unit.
+    Copied from a data sheet or a web page, numbers have a decimal comma, a typographic minus or a unit. `unit_hint` is
+    the hint of the key, which may name its unit; `si` means that its unit is probably one of the SI, without a prefix.
     """
     text = node.value
+    if isinstance(text, float) and text.is_integer() and abs(text) < 1e15:  # where an integer is expected
+        return f"; write {text:.0f}"
     if not isinstance(text, str):
         return ""
     text = text.strip()
@@ -236,7 +243,9 @@ def _number_hint(node: Node) -> str:
     if _NUMBER.fullmatch(text):  # where an integer is expected
         return f"; write {float(text):.0f}" if abs(float(text)) < 1e15 and float(text).is_integer() else ""
     if unit := _WITH_UNIT.fullmatch(plain):
-        return f"; write the number without its unit, such as {unit[1]}"
+        if si and _SI_UNIT.fullmatch(unit[4]):
+            return f"; write the number without its unit, such as {unit[1]}"
+        return unit_hint or "; write the number without a unit, converted to that of this key"
     return ""
 
 

@@ -3,6 +3,8 @@
 import pytest
 from support.configs import changed, found, line_of
 
+from canopen_control.check.checker import CheckOptions, check_robot
+from canopen_control.od.issues import Severity
 from canopen_control.runtime.robot_files import find_robot
 
 REFUSED = "ROS 2 refuses this value; the parameter is"
@@ -75,3 +77,27 @@ def test_a_limit_of_zero_for_one_direction(tmp_path, key, value, effect):
     line = line_of(files, "controllers", key)
     text = f"ros2_controllers.yaml:{line}: warning: robby_base_controller: {key} is 0, so the base does not {effect}"
     assert found(files) == ([f"{text}, or remove it"] if effect else [])
+
+
+def test_a_misspelt_interface_of_several_joints_is_one_error_at_its_name(tmp_path):
+    files = changed(tmp_path, "robby", controllers={"interface_name: velocity": "interface_name: velocty"})
+    assert found(files) == [
+        f"ros2_controllers.yaml:{line_of(files, 'controllers', 'velocty')}: error: robby_forward_controller: "
+        "left_wheel_joint has no command interface 'velocty' (did you mean 'velocity'?); use the description's name"
+    ]
+
+
+def test_a_joint_that_is_listed_twice_is_an_error_at_the_list(tmp_path):
+    files = changed(tmp_path, "robby", controllers={"      - right_wheel_joint": "      - left_wheel_joint"})
+    (text,) = found(files)
+    assert text.startswith(f"ros2_controllers.yaml:{line_of(files, 'controllers', 'joints:')}:5: error: robby_forward_")
+    assert "joints contains a name twice: left_wheel_joint" in text
+
+
+@pytest.mark.parametrize(("rate", "words"), [("50.0", "got the number 50.0; write 50"), ("'50'", "remove the quotes")])
+def test_an_update_rate_that_cannot_be_read_is_one_error(tmp_path, rate, words):
+    files = changed(tmp_path, "robby", controllers={"update_rate: 50 ": f"update_rate: {rate} "})
+    report = check_robot(files, CheckOptions())
+    (text,) = [str(item) for item in report.findings if item.severity is not Severity.NOTE]
+    assert "ros2_controllers.yaml:5:18: error: " in text
+    assert words in text

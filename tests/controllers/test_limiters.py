@@ -208,7 +208,10 @@ def test_a_limit_that_permits_no_motion_is_named(limits, name):
     [
         ({"max_velocity": 0.0, "min_velocity": -1.0}, ("max_velocity", "")),
         ({"max_velocity": 1.0, "min_velocity": 0.0}, ("", "min_velocity")),
-        ({"max_velocity": 0.0, "max_acceleration": 1.0, "max_acceleration_reverse": 0.0}, ("max_velocity", "min_velocity")),
+        (
+            {"max_velocity": 0.0, "max_acceleration": 1.0, "max_acceleration_reverse": 0.0},
+            ("max_velocity", "min_velocity"),
+        ),
         ({"max_acceleration": 0.0, "max_acceleration_reverse": -1.0}, ("max_acceleration", "")),
         ({"max_jerk": 1.0, "min_jerk": 0.0}, ("", "min_jerk")),
         ({"max_velocity": 1.0}, ("", "")),

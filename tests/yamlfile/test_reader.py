@@ -107,7 +107,8 @@ def test_a_number_that_yaml_reads_in_another_base_is_reported(text, output):
         ("\u22125", "'\u22125'; its minus is another character, write -5"),
         ("1,5", "'1,5'; write a decimal point, and no separator between thousands"),
         ("1.000,5", "'1.000,5'; write a decimal point, and no separator between thousands"),
-        ("5 ms", "'5 ms'; write the number without its unit, such as 5"),
+        ("5 ms", "'5 ms'; write the number without a unit, converted to that of this key"),
+        ("0.5s", "'0.5s'; write the number without its unit, such as 0.5"),
         ("-5.5rad/s", "'-5.5rad/s'; write the number without its unit, such as -5.5"),
         ("five", "'five'"),
     ],
@@ -117,6 +118,8 @@ def test_a_text_that_means_a_number_is_refused_with_the_way_to_write_it(text, me
         f"bus.yml:1:8: scale: expected a number, got the text {message}"
     ]
     assert messages("node_id: 1e1", Drive)[0].endswith("expected an integer, got the text '1e1'; write 10")
+    assert messages("node_id: 10.0", Drive)[0].endswith("expected an integer, got the number 10.0; write 10")
+    assert messages("node_id: 5s", Drive)[0].endswith("write the number without a unit, converted to that of this key")
 
 
 @pytest.mark.parametrize(
