@@ -296,6 +296,7 @@ def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:
         dictionaries={name: od for bus in buses.values() for name, od in bus.dictionaries.items()},
         sections={name: place for bus in buses.values() for name, place in bus.sections.items()},
         unreadable={name: node_id for bus in buses.values() for name, node_id in bus.unreadable.items()},
+        incomplete=any(bus.incomplete for bus in buses.values()),
     )
 
 

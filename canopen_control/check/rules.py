@@ -17,6 +17,7 @@ from canopen_control.check.finding import CheckedRobot, Finding
 from canopen_control.check.parameter_rules import PARAMETER_RULES
 from canopen_control.cia402 import objects
 from canopen_control.controllers.controllers_file import is_within
+from canopen_control.controllers.limiters import QUANTITIES
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, closest, nearest
 from canopen_control.hardware.axis_parameters import PLUGINS
@@ -169,7 +170,9 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
     for node in bus.nodes.values():
         scales = {key: getattr(node.units, key) for key in SCALES}
         signs = {key: math.copysign(1.0, scale) for key, scale in scales.items()}
-        if len(set(signs.values())) > 1 and all(map(math.isfinite, scales.values())):  # nan is reported elsewhere
+        unclear = any(value.kind == "null" for key in SCALES if (value := bus.sections[node.name].get(key)) is not None)
+        if len(set(signs.values())) > 1 and all(map(math.isfinite, scales.values())) and not unclear:
+            # nan and absent values are reported elsewhere
             negative = ", ".join(key for key, sign in signs.items() if sign < 0)
             text = f"node {node.node_id} ({node.name}): only {negative} is negative, but position and velocity must"
             fix = "give all four scales the same sign, or the drive runs away from its set-point"
@@ -367,21 +370,15 @@ def _joints(robot: CheckedRobot) -> Iterator[Finding]:
         for joint in tag.joints
         if not joint.command_interfaces and (robot.bus is None or _is_unreadable(robot, joint))
     }
-    misspelt: set[tuple[str, str]] = set()  # a name that is wrong for all joints of a controller is one mistake
+    misspelt = dict[Finding, None]()  # a name that is wrong for several joints is one mistake
     for name, controller in robot.configured.items():
         config = robot.config(name)
         for interface in controller.command_interface_names():
             joint, _, kind = interface.rpartition("/")
-            if joint.partition("/")[0] in robot.configured:  # a reference of another controller
+            if joint in unknown or joint.partition("/")[0] in robot.configured:  # a reference of another controller
                 continue
-            if joint in unknown or (name, kind) in misspelt:
-                continue
-            interfaces = [each for part in parts.get(joint, ()) for each in part.command_interfaces]
-            if kind not in interfaces and (meant := closest(kind, interfaces)):
-                misspelt.add((name, kind))
-                text = f"{name}: {joint} has no command interface {kind!r} (did you mean {meant!r}?)"
-                line = _line_naming(config, kind)
-                yield Finding(config.path, line, robot.severity(name), text, "use the description's name")
+            if (wrong := _misspelt_interface(robot, name, kind, parts.get(joint, []))) is not None:
+                misspelt[wrong] = None
                 continue
             text, fix = _why_not(joint, kind, parts, description)
             if text:
@@ -392,6 +389,23 @@ def _joints(robot: CheckedRobot) -> Iterator[Finding]:
                 text = f'{name}: effort="0" in the <limit> of {joint} reduces every commanded effort to 0'
                 fix = f"give the maximum effort in Nm (N of a prismatic joint) there, in {description.path}"
                 yield Finding(config.path, _line_naming(config, joint), Severity.WARNING, text, fix)
+    yield from misspelt
+
+
+def _misspelt_interface(robot: CheckedRobot, name: str, kind: str, parts: Sequence[ControlJoint]) -> Finding | None:
+    """Return an error about the name of a command interface that is similar to one of a joint, or None.
+
+    The error is in the description if only the controller's name is one of ros2_control.
+    """
+    interfaces = [interface for part in parts for interface in part.command_interfaces]
+    if kind in interfaces or not (meant := closest(kind, interfaces)):
+        return None
+    if kind in QUANTITIES and meant not in QUANTITIES and robot.description is not None:
+        text, path = f"a command interface is called {meant!r}", robot.description.path
+        return Finding(path, parts[0].place.line, robot.severity(name), text, f"call it {kind!r}")
+    config = robot.config(name)
+    text = f"{name}: no command interface is called {kind!r} (did you mean {meant!r}?)"
+    return Finding(config.path, _line_naming(config, kind), robot.severity(name), text, "use the description's name")
 
 
 def _why_not(
@@ -448,6 +462,8 @@ def _is_unreadable(robot: CheckedRobot, joint: ControlJoint) -> bool:
     """Whether the node of a joint has, or may have, keys with errors in bus.yml."""
     unreadable = {} if robot.bus is None else robot.bus.unreadable
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id")
+    if robot.bus is not None and robot.bus.incomplete and name not in robot.bus.nodes:
+        return True
     return name in unreadable or (name is None and any(str(unread) in (node_id, "0") for unread in unreadable.values()))
 
 

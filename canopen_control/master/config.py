@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cia301.sync import SYNC_COB_ID
 from canopen_control.data_files import data_path
-from canopen_control.errors import BusConfigError, ConfigError, nearest
+from canopen_control.errors import BusConfigError, ConfigError, closest, nearest
 from canopen_control.frame import Service, cob_id
 from canopen_control.master.keys import (
     MISNAMED_MASTER,
@@ -93,7 +94,9 @@ class Sources:
             return bundled
         searched = ", ".join(dict.fromkeys(str(place.parent) for place in (*places, bundled)))
         unset = "; an environment variable is not set" if "$" in searched or "$" in str(path) else ""
-        raise NotFound(f"file {name!r} not found in {searched}{unset}")
+        looked = dict.fromkeys(place.parent for place in (*places, bundled))
+        known = [file.name for folder in looked for file in _entries(folder) if file.suffix.lower() in SUFFIXES]
+        raise NotFound(f"file {name!r} not found in {searched}{nearest(path.name, known, listed=False)}{unset}")
 
     def unused_namesake(self, bundled: Path) -> Path | None:
         """Return a file near bus.yml with the name of a bundled file (in any case) but other content, or None."""
@@ -142,6 +145,7 @@ _SECTIONS = ("options", "master", "defaults", "nodes")
 _TIME_COB_ID = 0x100  # predefined (CiA 301, 7.3.3)
 _SYNCHRONOUS: Final = (*range(241), 252)  # transmission types that wait for SYNC (CiA 301, 7.5.2.35 and 7.5.2.37)
 _NAMED_PDOS: Final = 4
+_REPEATED_NODE: Final = re.compile(r"nodes\.[^.]+")
 _FOR_BOTH: Final = "write it under `options`, where both use it for either side"
 _IGNORED_ID = 255  # node-ID of a node that ros2_canopen's generator leaves out
 
@@ -153,7 +157,8 @@ class BusConfig:
     The dictionary of a device with several motors in one object set is the view of its axes. `period_line` is the line
     of sync_period, 0 without that key; `sections` maps each node name to its YAML node, `unreadable` each
     node with errors in its keys to its node-ID, 0 if unknown. `substitutes` are sentences about bundled files in use.
-    `note_lines` are the lines of the keys in `notes`.
+    `note_lines` are the lines of the keys in `notes`. `incomplete` means that two nodes have one name, so that one is
+    missing.
     """
 
     path: str
@@ -170,6 +175,7 @@ class BusConfig:
     unreadable: dict[str, int] = field(default_factory=dict)
     substitutes: tuple[str, ...] = ()
     note_lines: dict[str, int] = field(default_factory=dict)
+    incomplete: bool = False
 
     def place(self, name: str, key: str) -> Node:
         """Return the YAML node of a node's dotted key, such as `rpdo.1.mapping`, or of the nearest parent key."""
@@ -202,9 +208,9 @@ class _Reader:
     """Reader of one bus.yml; errors are collected in the `problems` of the YAML root."""
 
     def __init__(self, path: Path, root: Node, peer_merge: bool, allow_unsupervised: bool) -> None:
-        self._path, self._root, self._peer_merge = path, root, peer_merge
+        self._path, self._root, self._peer_merge = path, _with_misspelt_sections(root), peer_merge
         self._allow_unsupervised = allow_unsupervised
-        options = root.get("options")
+        options = self._root.get("options")
         self._options = FileOptions() if options is None else self._read_options(options)
         self._sources = Sources(path.parent, self._options.dcf_path)
         self._unused: dict[str, tuple[str, int]] = {}
@@ -244,6 +250,7 @@ class _Reader:
             self._unreadable,
             tuple(self._substitutes(paths, nodes)),
             unused,
+            incomplete=any(_REPEATED_NODE.fullmatch(error.where) for error in self._root.problems.repeated),
         )
 
     def _substitutes(self, paths: dict[str, Path], nodes: dict[str, tuple[NodeConfig, Node]]) -> Iterator[str]:
@@ -470,7 +477,7 @@ class _Reader:
     ) -> NodePlan:
         def complain(key: str, text: str) -> None:
             place = _place(node, key)
-            place.error(_named(config, place, text))
+            place.error(_named(config, place, text + _decimal_hint(place, od)))
 
         def warn(key: str, text: str) -> None:
             place = _place(node, key)
@@ -510,6 +517,14 @@ class _Reader:
         return ()
 
 
+def _decimal_hint(place: Node, od: ObjectDictionary) -> str:
+    """Return how to write an index whose 0x is missing: of 6041, read as 0x1799, only 0x6041 is in the dictionary."""
+    index = place.get("index")
+    if index is None or not re.fullmatch(r"[1-9]\d{3}", index.text) or int(index.text) in od.objects:
+        return ""
+    return f"; write 0x{index.text}, since {index.text} is decimal" if int(index.text, 16) in od.objects else ""
+
+
 def _warn_of_empty(root: Node) -> None:
     """Warn about keys without a value, which dcfgen refuses; keys with an error are omitted."""
     wrong = tuple(error.where for error in root.problems.errors)
@@ -522,6 +537,19 @@ def _warn_of_empty(root: Node) -> None:
         for key, value in node.pairs():
             if value.kind == "null" and key.text != "value" and not key.where.startswith(wrong or "/"):
                 key.warning("no value, so the default applies; give a value, or remove the key")
+
+
+def _with_misspelt_sections(root: Node) -> Node:
+    """Return the file with misspelt sections under the right names too, so that their keys are not missing."""
+    missing = [name for name in _SECTIONS if root.get(name) is None]
+    if "nodes" in missing:
+        return root
+    pairs = {key.text: (key, value) for key, value in root.pairs()}
+    for name, pair in list(pairs.items()):
+        misspelt = name not in _SECTIONS and name not in MISNAMED_ROOT and not name.startswith(".")
+        if misspelt and pair[1].kind == "mapping" and (meant := closest(name, missing)):
+            pairs.setdefault(meant, pair)
+    return Node.mapping(Node("mapping", root.line, root.column, root.where, root.problems), pairs)
 
 
 def _own_cob_ids(kind: str, node: Node, numbers: Sequence[int]) -> str:

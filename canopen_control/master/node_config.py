@@ -323,7 +323,10 @@ def _check_scales(keys: UnitKeys, node: Node) -> None:
         (node.get(key) or node).error(
             f"{getattr(keys, key)!r} cannot be used: expected a number between 1e-15 and 1e15, or its negative"
         )
-    if wrong:
+    empty = [value for key in SCALES if (value := node.get(key)) is not None and value.kind == "null"]
+    for value in empty:
+        value.error("there is no value, and a default would not fit the drive; give a number, or remove the key")
+    if wrong or empty:
         return
     for name in ("pos", "vel"):
         scale = node.get(f"scale_{name}_to_dev") or node.get(f"scale_{name}_from_dev")

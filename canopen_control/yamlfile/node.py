@@ -63,6 +63,7 @@ class Problems:
         self.lines = LINE_END.split(text)
         self._errors: dict[Problem, None] = {}
         self._warnings: dict[Problem, None] = {}
+        self.repeated: list[Problem] = []  # keys that occur twice in a mapping
 
     @property
     def errors(self) -> list[Problem]:

@@ -153,6 +153,7 @@ class _Walk:
             elif key.value in first:
                 text = f"duplicate key {key.value!r} (first at line {first[key.value]}); rename or remove one"
                 self._problems.deviation(here, text)
+                self._problems.repeated.append(self._problems.at(here.line, here.column, where, text))
             else:
                 first[key.value] = here.line
 

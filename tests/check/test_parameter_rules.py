@@ -83,7 +83,7 @@ def test_a_misspelt_interface_of_several_joints_is_one_error_at_its_name(tmp_pat
     files = changed(tmp_path, "robby", controllers={"interface_name: velocity": "interface_name: velocty"})
     assert found(files) == [
         f"ros2_controllers.yaml:{line_of(files, 'controllers', 'velocty')}: error: robby_forward_controller: "
-        "left_wheel_joint has no command interface 'velocty' (did you mean 'velocity'?); use the description's name"
+        "no command interface is called 'velocty' (did you mean 'velocity'?); use the description's name"
     ]
 
 
@@ -101,3 +101,18 @@ def test_an_update_rate_that_cannot_be_read_is_one_error(tmp_path, rate, words):
     (text,) = [str(item) for item in report.findings if item.severity is not Severity.NOTE]
     assert "ros2_controllers.yaml:5:18: error: " in text
     assert words in text
+
+
+def test_an_interface_that_the_description_misspells_is_one_error_there(tmp_path):
+    edits = {'<command_interface name="velocity"/>': '<command_interface name="velocty"/>'}
+    files = changed(tmp_path, "robby", description=edits)
+    (text,) = found(files)
+    assert "robby.urdf.xacro:" in text
+    assert text.endswith("error: a command interface is called 'velocty'; call it 'velocity'")
+
+
+def test_two_nodes_of_one_name_are_one_error(tmp_path):
+    files = changed(tmp_path, "robby", bus={"\n  right_drive:": "\n  left_drive:"})
+    errors = [str(each) for each in check_robot(files, CheckOptions()).findings if each.severity is Severity.ERROR]
+    assert len(errors) == 1, errors
+    assert "nodes.left_drive: duplicate key 'left_drive' (first at line 73); rename or remove one" in errors[0]

@@ -12,7 +12,7 @@ from support.properties import examples
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError, EdsError
-from canopen_control.master.config import NotFound, Sources, read_bus
+from canopen_control.master.config import NotFound, Sources, inspect_bus, read_bus
 from canopen_control.od.dcf import encode_concise, write_dcf
 from canopen_control.od.eds import read_eds
 
@@ -531,3 +531,27 @@ def test_a_heartbeat_multiplier_that_ros2_canopen_uses_for_one_side_is_noted(tmp
     notes = [note for note in read_bus(path).notes if "heartbeat_multiplier" in note]
     assert len(notes) == bool(words), notes
     assert words in "".join(notes)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("{index: 0x6041, sub_index: 0}", "{index: 6041, sub_index: 0}", "; write 0x6041, since 6041 is decimal"),
+        ("{index: 0x6083, sub_index: 0", "{index: 6083, sub_index: 0", "; write 0x6083, since 6083 is decimal"),
+        ('dcf: "TMCM-1270.eds"', 'dcf: "tmcm-1270.EDS"', "(did you mean 'TMCM-1270.eds'?)"),
+        ("defaults:\n", "default:\n", "unknown key 'default' (did you mean 'defaults'?)"),
+        ("master:\n", "Master:\n", "unknown key 'Master' (did you mean 'master'?)"),
+        ("velocity_mode: 3", "velocity_mode: PV", "got the text 'PV'; a number, such as 3 for PV or 9 for CSV"),
+        ("sync_period: 20000", "sync_period: 20ms", "got the text '20ms'; write it in us, such as 20000"),
+        ("scale_pos_to_dev: -254.64790894703253", "scale_pos_to_dev: ~", "there is no value, and a default would not"),
+    ],
+)
+def test_a_common_mistake_is_one_error_with_the_way_to_write_it(tmp_path, old, new, words):
+    text = data_path("config", "robby/bus.yml").read_text()
+    assert old in text
+    path = tmp_path / "bus.yml"
+    path.write_text(text.replace(old, new, 1))
+    _, problems = inspect_bus(path)
+    (error,) = problems.errors
+    assert words in str(error)
+    assert not [str(warning) for warning in problems.warnings]
