@@ -454,6 +454,8 @@ class DriveMachine:
                 request.display = display
                 return
         event = request.update(display, self.state is State.OPERATION_ENABLED, now)
+        if request.strays:
+            self.next_update = _AT_ONCE  # the same display must be counted again
         if self._awaits_switching_state:
             self._awaits_switching_state = not (request.may_enable or request.failed)
             self._detour()

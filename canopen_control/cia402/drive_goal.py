@@ -365,6 +365,9 @@ _CHANGING: Final = -1
 _CHANGES: Final = 4  # factor for the timeout while `_CHANGING` is shown
 
 
+_STRAYS: Final = 2  # updates in which another value of 0x6061 is not taken for another mode
+
+
 class ModeRequest:
     """Requested mode of operation, and whether 0x6061 confirms it.
 
@@ -381,6 +384,8 @@ class ModeRequest:
         self.missed: int | None = None
         self.deadline = NEVER
         self._timeout = timeout_ns
+        self.strays = 0
+        """Number of updates in a row in which an enabled drive has shown another mode than its confirmed mode."""
         self._halved = False  # the deadline is shorter, because the drive shows no mode while disabled
         self._last_confirmed: int | None = None
 
@@ -424,7 +429,11 @@ class ModeRequest:
             return None
         # CiA 402-2, 0x6061: the mode is active when it is shown here
         if display == mode:
+            self.strays = 0
             return self._confirm(mode, now)
+        if enabled and self.confirmed and self.strays < _STRAYS:
+            self.strays += 1  # a cyclic axis in motion would be stopped abruptly
+            return None
         # Some drives show 0 (no mode) in 0x6061 until they are enabled
         unshown = display == 0 and not enabled
         if self.deadline == NEVER:

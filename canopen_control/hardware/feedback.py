@@ -108,6 +108,8 @@ def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: boo
 
 
 STANDSTILL: Final = 0.05  # rad/s (or m/s): a lower speed counts as standstill
+_STEADY_NS: Final = 60_000_000  # an axis below the speed of a standstill for this time stands
+_RESTS_NS: Final = 300_000_000  # an axis whose position does not leave `REST_WAY` for this time stands
 _STILL_NS: Final = 100_000_000  # duration of a constant position that counts as standstill of a drive without velocity
 _DERIVE_NS: Final = 1_000_000_000
 _DERIVED_NS: Final = 19_000_000  # minimum time between two positions for a velocity, because counts are coarse
@@ -249,6 +251,14 @@ class Feedback:
         if self._more:
             self._read_more(now)
         return jump
+
+    def stands(self, now: int) -> bool:
+        """Whether the axis has stood long enough that this is no turning point of an oscillation.
+
+        A velocity that flickers at standstill does not count if the position shows no motion.
+        """
+        rests = self._position is not None and now - self._rested_since >= _RESTS_NS
+        return self.at_standstill and (rests or now - self.moved_at >= _STEADY_NS)
 
     def _set_standstill(self, at_standstill: bool, now: int) -> None:
         if not (at_standstill and self.at_standstill):

@@ -183,8 +183,7 @@ class JointStatus:
 
     def _stands(self, now: int) -> bool:
         """Whether the axis has stood long enough that this is no turning point of an oscillation."""
-        feedback = self.feedback
-        return feedback.at_standstill and now >= self._steady_from and now - feedback.moved_at >= _STEADY_NS
+        return now >= self._steady_from and self.feedback.stands(now)
 
     def events(self) -> list[JointEvent]:
         events = self._events.copy()
@@ -212,7 +211,6 @@ _LONGEST_REST_NS: Final = 5_000_000_000
 _NEVER: Final = 1 << 62
 _TURNS_ON_TEXT: Final = "it still turns 5 s after another mode was requested; brake it, then enable it in the new mode"
 _REST_AFTER_JUMP_NS: Final = 300_000_000
-_STEADY_NS: Final = 60_000_000  # an axis below the speed of a standstill for this time stands
 _REST_NS: Final = 100_000_000  # a motor below the speed of a standstill still needs this time to stop
 _BOOTING: Final = "; booting it again"  # the end of a text that the node has reported already
 _LOST: Final = FeedbackStatus.LOST  # faster than the enum member

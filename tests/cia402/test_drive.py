@@ -643,9 +643,11 @@ def test_a_drive_that_leaves_its_mode_by_itself_is_disabled():
     machine.enable()
     machine.update(0x0223, 1, 0)
     machine.update(0x0237, 1, 1)
-    assert machine.update(0x0237, 6, 2) == 0x0F
+    for now in (2, 3, 4):
+        assert machine.may_move
+        assert machine.update(0x0237, 6, now) == 0x0F
     assert not machine.may_move
-    assert machine.update(0x0237, 6, 102) == 0x07
+    assert machine.update(0x0237, 6, 104) == 0x07
     assert machine.goal is DriveGoal.DISABLED
 
 
@@ -964,3 +966,20 @@ def test_a_drive_that_stays_not_ready_while_it_is_enabled_is_not_commanded_furth
     words = [machine.update(0, None, (number + 2) * 10 * MS) for number in range(12)]
     assert words == [0x07] * 9 + [0] * 3
     assert machine.state is State.NOT_READY_TO_SWITCH_ON
+
+
+def test_a_mode_display_that_strays_for_two_updates_does_not_stop_an_enabled_axis():
+    rig = Rig(delay=0, mode=8).enabled()
+    machine, word = rig.machine, rig.machine.statusword
+    assert machine.may_move
+    for display in (0, -1):
+        rig.now += 10 * MS
+        machine.update(word, display, rig.now)
+        assert machine.may_move
+    rig.now += 10 * MS
+    machine.update(word, 8, rig.now)
+    for _ in range(3):
+        assert machine.may_move, "counted anew"
+        rig.now += 10 * MS
+        machine.update(word, 3, rig.now)
+    assert not machine.may_move

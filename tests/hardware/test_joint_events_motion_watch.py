@@ -1,6 +1,7 @@
 """Reactions of the master to drives that deviate from the standard, one deviation per test."""
 
 import itertools
+import math
 import re
 from types import SimpleNamespace
 
@@ -407,18 +408,30 @@ def test_fast_motions_shocks_and_late_cycles_are_no_corrections(robot):
     assert created.state == "running"
 
 
-class _Oscillation:
-    """Frames of a drive whose 0x606C, in the second half of TPDO 2, shows motion in nine of ten SYNCs while `on`."""
+class _Shown:
+    """Frames of a drive whose TPDO 2 shows another position and velocity than that of its shaft while `on`.
 
-    def __init__(self):
-        self.on, self._count = True, 0
+    The velocity is 0 in one of ten SYNCs, at which the position is `amplitude` counts away on alternate sides.
+    """
+
+    def __init__(self, amplitude):
+        self.on, self._count, self._amplitude = True, 0, amplitude
 
     def __call__(self, _node, frame, _now):
         if frame.can_id == 0x282 and self.on:
             self._count += 1
-            shown = 200_000 if self._count % 10 else 0
-            return [(0, CanFrame(frame.can_id, frame.data[:4] + shown.to_bytes(4, "little")))]
+            position = int.from_bytes(frame.data[:4], "little", signed=True)
+            position += round(self._amplitude * math.cos(math.tau * self._count / 20))
+            velocity = 200_000 if self._count % 10 else 0
+            data = b"".join(value.to_bytes(4, "little", signed=True) for value in (position, velocity))
+            return [(0, CanFrame(frame.can_id, data))]
         return [(0, frame)]
+
+    def attach(self, device):
+        """Change the frames of a virtual device from now on."""
+        switches = device.fault_switches or FaultSwitches(device)
+        switches.set_quirks((self,), ())
+        return self
 
 
 @pytest.mark.parametrize("action", ["disable", "quick-stop"])
@@ -426,10 +439,7 @@ def test_an_oscillating_axis_is_not_disabled_at_a_turning_point(robot, action):
     created = robot("csv")
     for simulated in created.simulated.drives.values():
         simulated.device.store.set(0x605A, 0, 6)  # stays in QUICK STOP ACTIVE
-    device = created.simulated.drives[2].device
-    oscillation = _Oscillation()
-    switches = device.fault_switches or FaultSwitches(device)
-    switches.set_quirks((oscillation,), ())
+    oscillation = _Shown(10_000).attach(created.simulated.drives[2].device)
     created.run(0.5)
     created.do("axis", name=action)
     created.run(1.5)
@@ -438,3 +448,11 @@ def test_an_oscillating_axis_is_not_disabled_at_a_turning_point(robot, action):
     oscillation.on = False
     created.run(0.3)
     assert created.simulated.core.joints["pan"].statechart.state in STOPPED
+
+
+def test_a_velocity_that_flickers_at_standstill_does_not_delay_the_end_of_a_stop(robot):
+    created = robot("csv")
+    _Shown(0).attach(created.simulated.drives[2].device)
+    created.run(0.5)
+    created.disable()
+    created.until(lambda: created.state == "disabled", 0.6)
