@@ -24,6 +24,7 @@ from canopen_control.check.preflight_record import SLOW, config_hash, read_seria
 from canopen_control.cli.run import add_file_arguments, find_files
 from canopen_control.cli.support.arguments import add_new_name, number
 from canopen_control.cli.support.output import json_alone, json_text, print_result
+from canopen_control.cli.support.target import robot_on
 from canopen_control.commissioning.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
 from canopen_control.errors import CanopenError, ConfigError, SdoAbort, SdoTimeout
 from canopen_control.host.files import write_whole
@@ -457,7 +458,9 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(
             "standard input is not a terminal, so no question can be asked; add --yes to confirm all, or --no-jog"
         )
-    flight = Preflight(_read_setup(args), print, (lambda _question: True) if args.yes else _ask, args.speed)
+    setup = _read_setup(args)
+    _refuse_running(setup)
+    flight = Preflight(setup, print, (lambda _question: True) if args.yes else _ask, args.speed)
     with json_alone(args):
         passed = flight.check_link() and not args.no_jog and flight.move()
         code, document = _conclude(flight, passed=passed, check_only=args.no_jog, report=args.report)
@@ -483,6 +486,16 @@ def _read_setup(args: argparse.Namespace) -> RobotSetup:
     )
     setup.require_places("preflight")
     return setup
+
+
+def _refuse_running(setup: RobotSetup) -> None:
+    """Raise ConfigError if a robot runs on one of the channels, because an SDO server has one client."""
+    for channel in setup.channels.values():
+        if (owner := robot_on(channel)) is not None:
+            raise ConfigError(
+                f"robot {owner[0]} runs on {channel} and is the one client of its nodes; end it first: "
+                f"canopen-control shutdown --name {owner[0]}"
+            )
 
 
 def _ask(question: str) -> bool:

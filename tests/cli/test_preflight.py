@@ -212,6 +212,17 @@ def test_looking_alone_moves_nothing_and_is_not_a_pass(capsys):
     assert "without the jog robby has not passed" in capsys.readouterr().out
 
 
+def test_a_running_robot_keeps_its_nodes_to_itself(monkeypatch, capsys):
+    monkeypatch.setattr(preflight, "robot_on", lambda channel: ("other", None) if channel == "memory:taken" else None)
+    assert main(["preflight", "robby", "--can", "memory:taken", "--no-jog"]) == 2
+    output = capsys.readouterr()
+    assert output.out == ""  # nothing was read
+    assert output.err == (
+        "canopen-control: robot other runs on memory:taken and is the one client of its nodes; end it first: "
+        "canopen-control shutdown --name other\n"
+    )
+
+
 def test_without_drives_it_fails_and_moves_nothing(capsys):
     assert flown("--yes", nodes=(3,)) == (1, [0.0])
     output = capsys.readouterr().out
