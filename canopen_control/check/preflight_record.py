@@ -15,10 +15,10 @@ import time
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.errors import CanopenError, SdoAbort
+from canopen_control.errors import CanopenError, ConfigError, SdoAbort
 from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.interfaces import TARGET
-from canopen_control.host.files import state_dir, write_whole
+from canopen_control.host.files import state_dir, telling, write_whole
 from canopen_control.master.direct import DirectBus
 from canopen_control.od.codec import fitted
 from canopen_control.od.model import DataType
@@ -225,12 +225,19 @@ def _file(setup: RobotSetup) -> Path:
 
 
 def save_record(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[str]) -> Path:
-    """Save a passed preflight of `joints` in place of an earlier record, and return the file's path."""
+    """Save a passed preflight of `joints` in place of an earlier record, and return the file's path.
+
+    Raise ConfigError or DiskFull if it cannot be saved.
+    """
     path = _file(setup)
-    path.parent.mkdir(parents=True, exist_ok=True)
     channels = ", ".join(setup.channels.values())
     passed = PreflightRecord(config_hash(setup), dict(serials), time.time(), channels, tuple(joints))
-    write_whole(path, f"{json.dumps(asdict(passed), indent=2)}\n".encode())
+    try:
+        with telling(path, "the pass is not recorded"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, f"{json.dumps(asdict(passed), indent=2)}\n".encode())
+    except ConfigError as error:
+        raise ConfigError(f"{error}; the pass is not recorded: set XDG_STATE_HOME to a writable folder") from error
     return path
 
 

@@ -38,6 +38,7 @@ from canopen_control.conformance.run import choose, run_checks
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusError, ConfigError, RemoteProtocolError
 from canopen_control.frame import Service, service_of
+from canopen_control.host.files import write_whole
 from canopen_control.host.reactor import Reactor
 from canopen_control.od.eds import read_eds
 
@@ -248,13 +249,6 @@ def _old_verdicts(path: Path) -> dict[str, str]:
         raise ConfigError(f"{path} is not a report of `conform --json`") from None
 
 
-def _write_file(name: str, data: bytes) -> None:
-    try:
-        Path(name).expanduser().write_bytes(data)
-    except OSError as error:
-        raise ConfigError(f"{name} cannot be written: {error.strerror}") from None
-
-
 def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, str] | None, issues: list[str]) -> None:
     """Print the report, then write its files, so that the printed report survives a full disk."""
     changes = [] if old is None else changed_verdicts(report, old)
@@ -264,9 +258,9 @@ def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, s
         for line in (*report_lines(report), *changes):
             print(line)
     if args.junit is not None:
-        _write_file(args.junit, junit(report))
+        write_whole(Path(args.junit).expanduser(), junit(report))
     if args.html is not None:
         from canopen_control.virtual.quirks import QUIRKS
 
         descriptions = {quirk.name: quirk.does for quirk in QUIRKS.values()}
-        _write_file(args.html, html_page(report, descriptions, issues).encode())
+        write_whole(Path(args.html).expanduser(), html_page(report, descriptions, issues).encode())

@@ -458,6 +458,8 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(
             "standard input is not a terminal, so no question can be asked; add --yes to confirm all, or --no-jog"
         )
+    if args.report is not None and not Path(args.report).absolute().parent.is_dir():  # before anything moves
+        raise ConfigError(f"--report {args.report}: no folder {Path(args.report).parent}")
     setup = _read_setup(args)
     _refuse_running(setup)
     flight = Preflight(setup, print, (lambda _question: True) if args.yes else _ask, args.speed)
@@ -518,20 +520,20 @@ def _conclude(flight: Preflight, *, passed: bool, check_only: bool, report: str 
     if passed and silent:
         raise CanopenError(f"{', '.join(silent)} does not answer any more; no pass was written")
     document = _findings(flight, passed, serials)
-    if report is not None:
-        write_whole(Path(report), f"{json_text(document)}\n".encode())
+    code = 0 if passed or (check_only and not failed) else 1
     if passed:
         known_serials = {name: serial for name, serial in serials.items() if serial is not None}
         path = save_record(setup, known_serials, flight.covered)
         slow = [joint for joint in jog_interfaces(setup) if joint not in flight.covered]
         remark = f"; still limited, as they were not turned: {', '.join(slow)}" if slow else ""
         print(f"{setup.name} has passed{remark}; run it with --real ({path})")
-        return 0, document
-    if check_only and not failed:
+    elif code:
+        print(f"{setup.name} has not passed: {len(failed)} of {len(flight.steps)} steps failed")
+    else:
         print(f"the checks found no problem; without the jog {setup.name} has not passed")
-        return 0, document
-    print(f"{setup.name} has not passed: {len(failed)} of {len(flight.steps)} steps failed")
-    return 1, document
+    if report is not None:  # last, so that a full disk does not cost the record of a pass
+        write_whole(Path(report), f"{json_text(document)}\n".encode())
+    return code, document
 
 
 @dataclass(frozen=True, slots=True)

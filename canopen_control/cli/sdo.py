@@ -22,6 +22,7 @@ from canopen_control.client.robot_client import periodic_call
 from canopen_control.commissioning.node_session import is_abort
 from canopen_control.commissioning.object_rows import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.host.files import write_whole
 from canopen_control.od.address import find_object, parts_of
 from canopen_control.od.codec import decode
 from canopen_control.od.eds import SUFFIXES
@@ -219,10 +220,7 @@ def _upload(args: argparse.Namespace, node: NodeSession, address: ObjectAddress)
         sys.stdout.buffer.write(data)
         sys.stdout.buffer.flush()
         return
-    try:
-        path.write_bytes(data)
-    except OSError as error:
-        raise ConfigError(f"{args.file} cannot be written: {error.strerror}") from None
+    write_whole(path, data)
     _print_transfer(args, node, address, f"{len(data)} bytes to {args.file}", len(data))
 
 

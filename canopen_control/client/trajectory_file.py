@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import ConfigError
+from canopen_control.host.files import write_whole
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.trajectory import MAX_POINTS
 from canopen_control.yamlfile.convert import convert, setting
@@ -90,16 +90,16 @@ def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPo
 
 
 def write_trajectory(path: str, joints: Sequence[str], points: Iterable[TrajectoryPoint]) -> None:
-    """Write a file for `read_trajectory`, one point per line; raise ConfigError if it cannot be written."""
+    """Write a file for `read_trajectory`, one point per line; raise ConfigError or DiskFull if it cannot be written."""
     lines = [f"joint_names: [{', '.join(joints)}]", "points:"]
     for point in points:
         values = {"positions": point.positions, "velocities": point.velocities, "accelerations": point.accelerations}
         lists = [f"{key}: [{', '.join(map(repr, numbers))}]" for key, numbers in values.items() if numbers]
         lines.append(f"  - {{{', '.join([*lists, f'time_from_start: {point.time_from_start!r}'])}}}")
     try:
-        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}; choose another name") from error
+        write_whole(path, ("\n".join(lines) + "\n").encode())
+    except ConfigError as error:
+        raise ConfigError(f"{error}; choose another name") from error
 
 
 def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]:

@@ -366,7 +366,7 @@ class KeptParameters:
         return {} if parameters is None else parameters.values
 
     def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
-        """Replace the content of the file; raise ConfigError on failure."""
+        """Replace the content of the file; raise ConfigError or DiskFull on failure."""
         session = self._session
         listed = {address: value for address, value in values.items() if address in od}
         text = kept_text(ParameterSet(od, session.node_id, self._identity, listed, str(session)))
@@ -376,12 +376,12 @@ class KeptParameters:
             with self.path.open("rb") as file:
                 os.fsync(file.fileno())
         except (OSError, CanopenError) as error:
-            full = space_advice(self.path, error) if isinstance(error, OSError) else ""
-            advice = full or ("" if isinstance(error, DiskFull) else "; set XDG_STATE_HOME to a writable folder")
-            raise ConfigError(
-                f"{session}: its values cannot be saved in {self.path}, so nothing was written to the node: "
-                f"{error}{advice}"
-            ) from None
+            title = f"{session}: its values cannot be saved in {self.path}, so nothing was written to the node"
+            cause = error if isinstance(error, OSError) else error.__cause__
+            if isinstance(cause, OSError) and (advice := space_advice(self.path, cause)):
+                raise DiskFull(title, cause.strerror or str(cause), advice.removeprefix("; ")) from None
+            reason = (cause.strerror if isinstance(cause, OSError) else None) or error
+            raise ConfigError(f"{title}: {reason}; set XDG_STATE_HOME to a writable folder") from None
 
     def forget(self) -> None:
         self.path.unlink(missing_ok=True)

@@ -372,7 +372,7 @@ class StopLatch:
         self._path = path
         try:
             self.by = str(json.loads(path.read_text())["by"])
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return
         except (OSError, ValueError, LookupError, TypeError):  # the file exists, so STOP was latched
             self.by = "an earlier client"

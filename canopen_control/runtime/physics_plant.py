@@ -17,7 +17,7 @@ from canopen_control.controllers.types import roller_wheels
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.driverless_system import WorldSensors
-from canopen_control.host.files import state_dir, write_whole
+from canopen_control.host.files import state_dir, telling, write_whole
 from canopen_control.runtime.robot_files import MAIN_BUS
 from canopen_control.urdf.robot_model import WheelGeometry
 
@@ -126,13 +126,12 @@ def write_plant(
 ) -> Path:
     """Write the plant file and a copy of the URDF; return the path of the plant file.
 
-    `folder` defaults to the folder of the robot's logs. Raise CanopenError on failure, or OSError if the folder cannot
-    be created.
+    `folder` defaults to the folder of the robot's logs. Raise CanopenError on failure.
     """
     if not joints:
         raise RobotConfigError(f"--physics: no joint of {setup.description.path} is moved by a drive of bus.yml")
     folder = state_dir(setup.name) if folder is None else folder
-    folder.mkdir(parents=True, exist_ok=True)
+    _make_folder(folder)
     write_whole(folder / _URDF, setup.description.urdf_xml.encode())
     path = folder / PLANT_FILE
     write_whole(path, plant_text(setup, joints.values(), world).encode())
@@ -211,10 +210,15 @@ def write_buses(folder: Path, robots: Iterable[tuple[RobotSetup, Path]], world: 
     """Write the buses file for robots with their plant files; return the path."""
     lines = ["engine: mujoco", *([] if world is None else [f"world: {json.dumps(str(world))}"]), "robots:"]
     lines += [line for setup, plant in robots for line in buses_of(setup, plant)]
-    folder.mkdir(parents=True, exist_ok=True)
+    _make_folder(folder)
     path = folder / BUSES_FILE
     write_whole(path, ("\n".join(lines) + "\n").encode())
     return path
+
+
+def _make_folder(folder: Path) -> None:
+    with telling(folder, "nothing was started"):
+        folder.mkdir(parents=True, exist_ok=True)
 
 
 def _rollers(setup: RobotSetup) -> dict[str, float]:

@@ -26,7 +26,7 @@ from xml.sax.saxutils import quoteattr
 from canopen_control.bus.recordings import RecordingWriter
 from canopen_control.cia402.state import State
 from canopen_control.frame import frames_of
-from canopen_control.host.files import failed
+from canopen_control.host.files import failed, telling, write_whole
 from canopen_control.runtime.core import RobotState
 from canopen_control.simulation.fault_coverage import (
     BOOT,
@@ -473,12 +473,10 @@ def make_folder(folder: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, creating its folder if necessary; raise ConfigError on failure."""
-    try:
+    """Write a text file, creating its folder if necessary; raise ConfigError or DiskFull on failure."""
+    with telling(path, "nothing was written"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise failed(path, error, "nothing was written") from error
+    write_whole(path, text.encode())
 
 
 def junit_summary(robot: str, totals: Totals) -> str:

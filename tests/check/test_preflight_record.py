@@ -25,6 +25,7 @@ from canopen_control.check.preflight_record import (
     slow_reason,
 )
 from canopen_control.cli.main import main
+from canopen_control.errors import ConfigError
 from canopen_control.hardware.axis import AxisObjectLimits
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.runtime.robot_files import find_robot
@@ -108,6 +109,12 @@ def test_a_pass_covers_the_joints_that_were_turned(tmp_path, monkeypatch, privat
     result = slow_reason(setup)
     assert (None if result is None else result.joints) == doubted
     assert why in ("" if result is None else result.why)
+
+
+def test_a_pass_that_cannot_be_saved_is_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", "/dev/null")
+    with pytest.raises(ConfigError, match=r"Not a directory; the pass is not recorded: set XDG_STATE_HOME to a wri"):
+        save_record(setup_of(copy_robby(tmp_path)), SERIALS, JOINTS)
 
 
 def test_a_robot_without_joints_needs_no_pass(tmp_path, private_folders):

@@ -316,6 +316,7 @@ def test_what_could_not_be_turned_is_reported_and_not_covered_by_the_pass(monkey
         (["--mock"], "unrecognized arguments: --mock"),
         (["--no-drives"], "unrecognized arguments: --no-drives"),
         (["--real"], "unrecognized arguments: --real"),
+        (["--yes", "--report", "/nowhere/a.json"], "--report /nowhere/a.json: no folder /nowhere"),
         (["--speed", "5", "--yes"], "'5' is not a speed above 0 and up to 1 rad/s"),
     ],
 )

@@ -188,6 +188,7 @@ def test_a_file_may_be_a_stream(bus, monkeypatch):
         (["read", "3", "0x1000", "--can", "nonsense"], 2, "no such CAN interface"),
         (["read", "3", "0x1000", "--timeout", "0"], 2, "not a time in seconds above 0 and up to 60"),
         (["upload", "3", "0x1008", "/nope/x"], 2, "no folder /nope for /nope/x"),
+        (["upload", "3", "0x1008", "/dev/full"], 1, "/dev/full: No space left on device; "),
         (["upload", "3", "0x1008", "/"], 2, "/ cannot be written: Is a directory"),
         (["download", "3", "0x1008", "/nope"], 2, "/nope cannot be read: No such file or directory"),
         (["write", "3", "0x6060"], 2, "the following arguments are required: VALUE"),

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.client.trajectory_file import parse_trajectory, read_trajectory, read_waypoints, write_trajectory
-from canopen_control.errors import ConfigError
+from canopen_control.errors import ConfigError, DiskFull
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 
 WAVE = """\
@@ -98,6 +98,8 @@ def test_what_is_written_is_read_as_it_was(tmp_path_factory, points):
 def test_a_file_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(ConfigError, match="cannot be written: "):
         write_trajectory(str(tmp_path / "no" / "wave.yaml"), ["a"], [])
+    with pytest.raises(DiskFull, match="/dev/full: No space left on device"):
+        write_trajectory("/dev/full", ["a"], [])
 
 
 def test_waypoints_rest_at_each_and_come_a_step_apart():

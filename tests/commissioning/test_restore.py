@@ -1,4 +1,7 @@
+import errno
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -27,7 +30,7 @@ from canopen_control.commissioning.restore import (
     store,
 )
 from canopen_control.data_files import data_path
-from canopen_control.errors import ConfigError, DriveError, SdoAbort, SdoTimeout
+from canopen_control.errors import ConfigError, DiskFull, DriveError, SdoAbort, SdoTimeout
 from canopen_control.host.files import state_dir
 from canopen_control.od.codec import default_of
 from canopen_control.od.eds import read_eds
@@ -121,6 +124,18 @@ def test_a_folder_that_cannot_be_written_is_reported(private_folders):
     state_dir("gains").write_text("in the way")
     with pytest.raises(ConfigError, match=r"cannot be saved in .*, so nothing was written to the node"):
         kept().keep(OD, GAINS)
+
+
+def test_a_full_disk_is_no_mistake_of_the_user(private_folders, monkeypatch):
+    def full(_self, _data):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(DiskFull) as caught:
+        kept().keep(OD, GAINS)
+    failure, advice = str(caught.value).split("; ")
+    assert failure.endswith(".dcf, so nothing was written to the node: No space left on device")
+    assert advice.startswith("free some space on the file system of /")
 
 
 TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od

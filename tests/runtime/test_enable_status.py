@@ -1,5 +1,7 @@
 """Joints that follow commands, and the reports if none does; on whole robots in simulated time."""
 
+from pathlib import Path
+
 import pytest
 from support import makers
 from support.apiclient import Client, base64_of
@@ -187,6 +189,12 @@ def test_a_release_enables_nothing_and_the_old_command_is_discarded(bench_of_lat
     robby.command(5, 5)
     robby.run(500)
     assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.02)
+
+
+def test_a_latch_whose_folder_cannot_exist_is_not_held():
+    latch = StopLatch(print)
+    latch.keep(Path("/dev/null/canopen_control/robby/stop_latched"))
+    assert not latch.held
 
 
 def test_an_ordinary_stop_latches_nothing(bench_of_latch):
