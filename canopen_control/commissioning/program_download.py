@@ -202,17 +202,17 @@ def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -
     progress.step = DownloadStep.STOPPING
     status = yield from _number(PROGRAM_CONTROL, number)
     if status != STOP:
-        yield from _command(number, STOP, _STOPPED, options.start_s, "stop")
+        yield from _command(number, STOP, _STOPPED, options.start_s, "does not stop")
     yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)  # the boot-loader may have booted meanwhile
     progress.step = DownloadStep.CLEARING
-    yield from _command(number, CLEAR, (CLEAR,), options.start_s, "be cleared")
+    yield from _command(number, CLEAR, (CLEAR,), options.start_s, "is not cleared")
     why = yield from _flash(number)
     if why:
         raise DriveError(f"the program was not cleared: {why}")
 
 
-def _command(number: int, command: int, expected: tuple[int, ...], seconds: float, word: str) -> Sequence:
-    """Write 0x1F51 until it shows an expected state; raise DriveError after `seconds`.
+def _command(number: int, command: int, expected: tuple[int, ...], seconds: float, words: str) -> Sequence:
+    """Write 0x1F51 until it shows an expected state; raise DriveError with `words` after `seconds`.
 
     While a node resets, short timeouts are used: a boot-loader that sees no master starts the program again.
     """
@@ -220,12 +220,13 @@ def _command(number: int, command: int, expected: tuple[int, ...], seconds: floa
     while seconds > 0.0:
         rounds += 1
         soon = 0.0 if command not in _RESETTING or rounds % _QUICK_ROUNDS == 0 else _QUICK_S
-        outcome = yield DownloadOrder(
-            DownloadAct.WRITE, PROGRAM_CONTROL, number, bytes((command,)), _FLASH_S if command == CLEAR else soon
-        )
+        timeout = _FLASH_S if command == CLEAR else soon
+        outcome = yield DownloadOrder(DownloadAct.WRITE, PROGRAM_CONTROL, number, bytes((command,)), timeout)
         if outcome.error is not None and is_abort(outcome.error):
             refusal = reason_of(outcome.error)
             yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)
+        elif outcome.error is not None:
+            seconds -= timeout or _SILENCE_S
         yield DownloadOrder(DownloadAct.PAUSE, seconds=_POLL_S)
         status = yield from _number(PROGRAM_CONTROL, number, soon)
         if status in expected:
@@ -239,7 +240,7 @@ def _command(number: int, command: int, expected: tuple[int, ...], seconds: floa
             )
         seconds -= _POLL_S + ((soon or _SILENCE_S) if status == _SILENT else 0.0)
     why = f": {refusal}" if refusal else ", and the node does not answer" if status == _SILENT else ""
-    raise DriveError(f"the program does not {word} (0x1F51 <- {command}){why}")
+    raise DriveError(f"the program {words} (0x1F51 <- {command}){why}")
 
 
 def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
@@ -273,11 +274,11 @@ def _verify(image: bytes, number: int, options: ProgramOptions, progress: Downlo
 
 def _run(number: int, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
     progress.step = DownloadStep.STARTING
-    yield from _command(number, START, (START, CONFIRM), options.start_s, "start")
+    yield from _command(number, START, (START, CONFIRM), options.start_s, "does not start")
     if options.confirm:
         progress.step = DownloadStep.CONFIRMING
         yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)
-        yield from _command(number, CONFIRM, (START,), options.start_s, "become permanent")
+        yield from _command(number, CONFIRM, (START,), options.start_s, "does not become permanent")
 
 
 def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequence:

@@ -388,6 +388,21 @@ def test_any_number_is_a_date_or_none(days, milliseconds):
         assert reported.milliseconds == (milliseconds if milliseconds < 86_400_000 else None)
 
 
+def test_a_node_that_loses_its_power_while_it_clears_is_given_up_within_a_minute():
+    waited = 0.0
+
+    def without_power(_number, order):
+        nonlocal waited
+        if not waited and order.data != b"\3":
+            return None
+        waited += 2.0 * (order.seconds or 1.0)  # of two tries
+        return silent(order)
+
+    with pytest.raises(DriveError, match=r"the program is not cleared .*, and the node does not answer"):
+        Bench().run(disturb=without_power)
+    assert 30.0 <= waited <= 70.0
+
+
 def test_an_erasing_node_is_awaited_and_a_resetting_one_is_polled_again_soon():
     bench = Bench()
     bench.run()
