@@ -130,6 +130,7 @@ _EXTRAS: Final = ("nmt_state", "statusword", "error_code", "age", "digital_input
 _SLACK: Final = math.tau  # rad: motion between two samples that is possible without a reported velocity
 _RESTED_NS: Final = 500_000_000  # duration of a standstill after which a step needs a velocity
 REST_WAY: Final = 0.01  # rad (or m): a smaller step of a standing axis is noise
+_RETURN_NS: Final = 50_000_000  # time in which a position that was wrong once returns
 _SAME_SYNC_NS: Final = 10_000_000  # a velocity that is older than its position says nothing about the step
 # Factors of the velocity limit and of the velocity that a motion does not exceed within the time of two samples. One of
 # the samples may be up to a period late, and 0x606C may be filtered.
@@ -186,7 +187,7 @@ class Feedback:
         self._rest_at = self._rested_since = 0  # position and beginning of a standstill
         self._stamp = self.moved_at = 0
         """Time of the last motion, as an oscillating axis is at standstill at each turning point."""
-        self._jumps = 0
+        self._jumps = self._discounted = self._discounted_at = 0  # the last step of `discount`, and its time
         self._jump_speed = 0.0  # counts/s that would explain the last jump
         self._sampled = self._sampled_before = self._sampled_first = 0  # stamps of the last three positions
         self._checked_at = self._checked_count = self._mismatches = 0
@@ -290,11 +291,8 @@ class Feedback:
         count = unwrap.update(raw)
         self._raw_position, self._stamp = raw, stamp
         if last is None or not -self._rest_way <= raw - self._rest_at <= self._rest_way:
-            if last is not None:
-                if stamp - self._rested_since >= _RESTED_NS:
-                    self._check_step(count - before, stamp, since)
-                elif not -self._rest_way <= count - before <= self._rest_way:
-                    self._check_leap(count - before, stamp)
+            if last is not None and count != before:
+                self._check(count - before - self._expected(stamp - since), stamp, since)
             self._rest_at, self._rested_since = raw, stamp
         self._position_state.value = count * scale.pos_from_dev + scale.offset_pos_from_dev
         if self._velocity is None:
@@ -304,6 +302,22 @@ class Feedback:
         self._jumps = unwrap.jumps
         self._jump_speed = unwrap.last_jump * 1e9 / max(stamp - self._sampled_before, 1)
         return unwrap.last_jump
+
+    def _expected(self, elapsed_ns: int) -> int:
+        """Return the counts by which the axis has moved in a time according to its velocity."""
+        scale, raw = self._axis.scale, 0 if self.at_standstill else self._raw_velocity or 0
+        return round(raw * scale.vel_from_dev * scale.pos_to_dev * elapsed_ns / 1e9)
+
+    def _check(self, step: int, stamp: int, since: int) -> None:
+        """Set `unexplained` to a step, apart from the motion that the velocity shows, that no motion explains."""
+        if self._discounted and stamp - self._discounted_at < _RETURN_NS:
+            # a single position was wrong: without this check, its small step back would count as a motion
+            if abs(step + self._discounted) <= max(self._rest_way, abs(self._discounted) // 4):
+                self.unexplained = step
+        elif stamp - self._rested_since >= _RESTED_NS:
+            self._check_step(step, stamp, since)
+        elif not -self._rest_way <= step <= self._rest_way:
+            self._check_leap(step, stamp)
 
     def _check_step(self, step: int, stamp: int, since: int) -> None:
         """Set `unexplained` to a step of an axis that stood until `since`, unless its velocity may explain it."""
@@ -335,6 +349,7 @@ class Feedback:
         """Take the last step for a change of the drive's coordinates instead of a motion."""
         axis = self._axis
         axis.unwrap.discount(step)
+        self._discounted, self._discounted_at = step, self._stamp
         self._position_state.value = axis.unwrap.count * axis.scale.pos_from_dev + axis.scale.offset_pos_from_dev
         self._derived_at = -_DERIVE_NS
 

@@ -363,6 +363,12 @@ def test_a_standing_axis_that_is_pushed_has_not_jumped(robot):
     assert created.state == "running"
 
 
+def _jumps(created):
+    """Return the sizes of the reported jumps of the pan axis."""
+    jumps = [event for event in created.events if (event.kind, event.node) == ("position_jump", "pan_drive")]
+    return [int(re.search(r"jumped by (-?\d+)", event.text)[1]) for event in jumps]
+
+
 def _moving(robot, mode, sign=1.0):
     """Return a robot whose pan axis moves at 0.5 rad/s, and its shaft with a stiff position loop."""
     created = robot(mode)
@@ -388,7 +394,7 @@ def test_a_moving_axis_whose_encoder_is_corrected_stops_on_its_way(robot, mode, 
     for _ in range(150):
         created.run(0.01)
         places.append(mover.plant.position)
-    assert any("pan_drive" in sentence and f"(0x6064) jumped by {way + 5215}" for sentence in sentences(created))
+    assert _jumps(created) == pytest.approx([way], abs=3000)
     assert before - 3000 < min(places), "it does not turn back by the correction"
     assert max(places) < before + 50_000 + 3000, "the ramp of a stop from 0.5 rad/s: 0.08 rad, and the following error"
     assert created.state == "disabled"
@@ -456,3 +462,34 @@ def test_a_velocity_that_flickers_at_standstill_does_not_delay_the_end_of_a_stop
     created.run(0.5)
     created.disable()
     created.until(lambda: created.state == "disabled", 0.6)
+
+
+class _Glitch:
+    """Frames of a drive of which one shows a position that is wrong by `way` counts."""
+
+    def __init__(self, way):
+        self._way, self._count = way, 0
+
+    def __call__(self, _node, frame, _now):
+        self._count += frame.can_id == 0x282
+        if frame.can_id != 0x282 or self._count != 5:
+            return [(0, frame)]
+        position = int.from_bytes(frame.data[:4], "little", signed=True) + self._way
+        return [(0, CanFrame(frame.can_id, position.to_bytes(4, "little", signed=True) + frame.data[4:]))]
+
+
+@pytest.mark.parametrize(("way", "moves"), [(16_000, False), (-100_000, False), (52_000, True)])
+def test_a_single_wrong_position_moves_an_axis_only_for_a_cycle_and_leaves_no_offset(robot, way, moves):
+    created, mover = _moving(robot, "csp")
+    if not moves:
+        created.run(1.5)
+    device = created.simulated.drives[2].device
+    (device.fault_switches or FaultSwitches(device)).set_quirks((_Glitch(way),), ())
+    before, places = mover.plant.position, []
+    for _ in range(100):
+        created.run(0.01)
+        places.append(mover.plant.position - before)
+    assert _jumps(created) == pytest.approx([way, -way], abs=3000)
+    assert -2500 < min(places) < max(places) < 2500 + (56_000 if moves else 0), "0.005 rad, and the ramp of the stop"
+    assert created.position("pan") == pytest.approx(mover.plant.position / 65536 / 50 * math.tau, abs=0.001)
+    assert created.state == "disabled"
