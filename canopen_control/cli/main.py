@@ -47,6 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             _signals.begin()
             _open_closed_streams()
+            _replace_unknown_characters()
             return _run_and_flush(sys.argv[1:])
         finally:
             _signals.finish()
@@ -67,6 +68,12 @@ def _open_closed_streams() -> None:
             stream = open(fd, mode)  # noqa: SIM115 - as long as the process
             setattr(sys, name, stream)
             setattr(sys, f"__{name}__", stream)
+
+
+def _replace_unknown_characters() -> None:
+    """Print `?` for a character that the encoding of standard output lacks, such as those of the curves of `scope`."""
+    if sys.stdout.encoding.lower() not in ("utf-8", "utf8") and hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(errors="replace")
 
 
 def _run_and_flush(arguments: list[str]) -> int:

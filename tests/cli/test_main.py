@@ -184,6 +184,19 @@ def test_no_other_file_gets_the_number_of_a_closed_stream():
 
 
 @pytest.mark.process
+def test_a_character_that_the_locale_lacks_is_replaced():
+    code = """if True:
+        import sys
+        from canopen_control.cli import main
+        main._dispatch = lambda arguments: print("\\u2581 \\u00b0") or 0
+        sys.exit(main.main())
+    """
+    environment = {**os.environ, "PYTHONIOENCODING": "latin-1"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=environment, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"? \xb0\n", b"")
+
+
+@pytest.mark.process
 def test_what_a_lost_terminal_did_not_take_does_not_change_the_exit_code(private_folders):
     program = """if True:
         import sys, time
