@@ -41,6 +41,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     node = "NODE" if names_file(args.output) else args.output
     refuse_as_node(args, args.node, f"backup {node} -o {args.output if node == 'NODE' else args.node}")
+    if args.output == "-":
+        raise ConfigError("-o -: a backup is written to a file; give its name, such as -o node3.dcf")
     path = Path(args.output).expanduser()
     if path.is_dir() or not path.parent.is_dir():
         raise ConfigError(f"{args.output} cannot be written: {'it is a folder' if path.is_dir() else 'no such folder'}")

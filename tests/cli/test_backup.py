@@ -41,6 +41,8 @@ def test_without_an_eds_or_a_folder_nothing_is_read(bus, tmp_path, capsys):
     assert main(["backup", "3", "-o", str(tmp_path / "no" / "x.dcf"), *bus.options, "--eds", TMCM]) == 2
     assert "no such folder" in capsys.readouterr().err
     assert list(tmp_path.glob("*.dcf")) == []
+    assert main(["backup", "3", "-o", "-", *bus.options, "--eds", TMCM]) == 2
+    assert "a backup is written to a file" in capsys.readouterr().err
 
 
 def test_a_full_disk_leaves_the_file_that_was_there(bus, capsys):
