@@ -27,7 +27,7 @@ from canopen_control.master.keys import SCALES
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.setup import started_controllers
 from canopen_control.runtime.sync_choice import axis_number, node_of
-from canopen_control.urdf.joint_element import EFFORT
+from canopen_control.urdf.joint_element import EFFORT, POSITION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -289,6 +289,7 @@ def _configure(robot: CheckedRobot) -> Iterator[Finding]:
     control = robot.control
     if control is None:
         return
+    errors: list[Finding] = []
     for name, config in control.controllers.items():
         try:
             controller = make_controller(name, config.type)
@@ -303,16 +304,23 @@ def _configure(robot: CheckedRobot) -> Iterator[Finding]:
             controller.on_configure(config.params)
             robot.configured[name] = controller
         except ConfigError as error:
-            yield from findings_of(str(error), config.path, config.line, robot.severity(name))
+            errors += findings_of(str(error), config.path, config.line, robot.severity(name))
         except CanopenError as error:
             yield Finding(config.path, config.line, robot.severity(name), str(error))
+    yield from errors
+    misspelt = {(error.path, error.line) for error in errors if _UNKNOWN in error.text}
     warnings = [
         *control.warnings,
         *(text for controller in control.controllers.values() for text in controller.params.warnings),
     ]
     for text in dict.fromkeys(warnings):
         severity = Severity.NOTE if any(word in text for word in _TRANSLATED) else Severity.WARNING
-        yield from findings_of(text, control.path, 0, severity)
+        for finding in findings_of(text, control.path, 0, severity):
+            if not (_UNKNOWN in finding.text and (finding.path, finding.line) in misspelt):  # its error is reported
+                yield finding
+
+
+_UNKNOWN: Final = "unknown key "
 
 
 def _unknown_controllers(robot: CheckedRobot) -> Iterator[Finding]:
@@ -480,10 +488,37 @@ def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) ->
         yield Finding(path, joint.place.line, Severity.ERROR, text, "use a name under nodes:")
     elif name is None and node_id is None:
         text = f"joint {joint.name} of {tag.name}: no device_name; the nodes of {robot.bus.path} are {', '.join(nodes)}"
-        yield Finding(path, joint.place.line, Severity.ERROR, text, 'add <param name="device_name">NODE</param>')
+        fix = 'add <param name="device_name">NODE</param>'
+        if key := closest("device_name", joint.parameters):
+            text, fix = f"joint {joint.name}: unknown <param name={key!r}>", "call it 'device_name'"
+        yield Finding(path, joint.place.line, Severity.ERROR, text, fix)
     elif name is None and node_id not in [str(node.node_id) for node in nodes.values()]:
         text = f"joint {joint.name}: no node of {robot.bus.path} has node_id {node_id}"
-        yield Finding(path, joint.place.line, Severity.ERROR, text, "use the node_id of a node")
+        fix = "call the parameter device_name" if node_id in nodes else "use the node_id of a node"
+        yield Finding(path, joint.place.line, Severity.ERROR, text, fix)
+
+
+def _joint_limits(robot: CheckedRobot) -> Iterator[Finding]:
+    """Find commanded joints whose <limit> permits no position, or is probably in degrees."""
+    description = robot.description
+    commanded = [name for each in robot.configured.values() for name in each.command_interface_names()]
+    names = {name.removesuffix(f"/{POSITION}") for name in commanded if name.endswith(f"/{POSITION}")}
+    for joint in () if description is None else description.joints.values():
+        low, high = joint.limits.lower, joint.limits.upper
+        if joint.name not in names or description is None:
+            continue
+        if low == high == 0.0:
+            text = f"joint {joint.name}: lower and upper of <limit> are 0 or absent, so it accepts no position but 0"
+            fix = 'write both, in rad or m, or type="continuous" for a joint without ends'
+            yield Finding(description.path, joint.place.line, Severity.WARNING, text, fix)
+        elif joint.type == "revolute" and max(-low, high) >= _TURNS and math.isfinite(max(-low, high)):
+            text = f"joint {joint.name}: its <limit> from {low:g} to {high:g} rad is more than four turns"
+            fix = f"if these are degrees, write {math.radians(low):.4g} and {math.radians(high):.4g}"
+            yield Finding(description.path, joint.place.line, Severity.WARNING, text, fix)
+
+
+_TURNS: Final = 8 * math.pi
+"""Position limit in rad from which degrees are probably meant."""
 
 
 def _guesses(robot: CheckedRobot) -> Iterator[Finding]:
@@ -623,6 +658,7 @@ RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
     _plugins,
     _joints,
     _devices,
+    _joint_limits,
     _update_rate,
     _component_types,
     *PARAMETER_RULES,

@@ -234,7 +234,9 @@ def inspect_controllers(
     _rename_misspelt(blocks, declared, spawned)
     controllers = _controllers(declared, blocks, everywhere, manager_block.namespace, spawned)
     if not controllers and not any(node.problems.errors for node in roots.values()):
-        manager_block.key.error("no controller has a type; give types under controller_manager: <name>: type: ...")
+        hint = closest(MANAGER_SECTION, blocks) if MANAGER_SECTION not in blocks else ""
+        text = f"unknown block {hint!r} (did you mean {MANAGER_SECTION!r}?)" if hint else _NO_TYPES
+        (blocks[hint] if hint else manager_block).key.error(text)
     files = {id(node.problems): node.problems for node in (*roots.values(), *flat.keys().values())}
     own = list(files.values())
     files |= {id(problems): problems for config in controllers.values() for problems in config.params.files}
@@ -246,6 +248,7 @@ def inspect_controllers(
     return ControllersFile(manager.update_rate, controllers, warnings, manager, *place, shared), own
 
 
+_NO_TYPES: Final = "no controller has a type; give types under controller_manager: <name>: type: ..."
 _VARIABLE: Final = re.compile(r"\$\(var +([\w.-]+)\)|<((?:robot_)?namespace)>")
 
 

@@ -44,7 +44,7 @@ class ForwardCommandController(Controller):
     def on_configure(self, params: Params) -> None:
         settings = params.read(ForwardParams)
         if not settings.interface_name:
-            raise RobotConfigError(_missing(self.name, "interface_name", "velocity"))
+            refuse(params, [_missing(self.name, "interface_name", "velocity")], self.name)
         self._set_up(params, settings, settings.joints, settings.interface_name, settings.command_timeout)
 
     def on_set(self, params: Params) -> None:
@@ -112,7 +112,7 @@ class ForwardCommandController(Controller):
         parameter: str = "joints",
     ) -> None:
         if not joints:
-            raise RobotConfigError(_missing(self.name, parameter, "[left_wheel_joint, right_wheel_joint]"))
+            refuse(params, [_missing(self.name, parameter, "[left_wheel_joint, right_wheel_joint]")], self.name)
         refuse(params, repeated(parameter, joints), self.name)
         self.joints, self.interface, self.update_rate = joints, interface, common.update_rate
         self._names = tuple(f"{joint}/{interface}" for joint in joints)
@@ -133,7 +133,7 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
     def on_configure(self, params: Params) -> None:
         settings = params.read(MultiParams)
         if not settings.joint:
-            raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
+            refuse(params, [_missing(self.name, "joint", "left_wheel_joint")], self.name)
         self._set_up(params, settings, settings.interface_names, "", settings.command_timeout, "interface_names")
         self._set_timeout(settings.command_timeout, settings.interface_names)
         self.joints, self.interface = (settings.joint,), ", ".join(settings.interface_names)
@@ -182,7 +182,7 @@ class _JointController(ForwardCommandController):
     def on_configure(self, params: Params) -> None:
         settings = params.read(SingleParams, self.renames)
         if not settings.joint:
-            raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
+            refuse(params, [_missing(self.name, "joint", "left_wheel_joint")], self.name)
         self._set_up(params, settings, (settings.joint,), self.fixed_interface, settings.command_timeout)
 
 
@@ -203,7 +203,7 @@ class JointEffortController(_JointController):
 
 
 def _missing(name: str, key: str, example: str) -> str:
-    return f"{name}: no {key!r}; give it under {name}: ros__parameters: {key}: {example}"
+    return f"no {key!r}; give it under {name}: ros__parameters: {key}: {example}"
 
 
 # TargetController: one number for one joint, as the quantity of the current mode of operation of the drive.

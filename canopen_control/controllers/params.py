@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import typing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar
 
 from canopen_control.controllers.pid import AntiWindup, Gains
-from canopen_control.errors import RobotConfigError, nearest
+from canopen_control.errors import RobotConfigError, closest, nearest
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 from canopen_control.yamlfile.convert import convert, derived, keys_of, section, setting
 from canopen_control.yamlfile.node import Node, Problems, raising
@@ -60,12 +61,16 @@ class Params:
         is a warning with the reason. `judge` returns contradictions as pairs of parameter and text; the name of the
         parameter is removed from the beginning of the text.
         """
+        self.known = {*keys_of(cls), *(renames or {})}
         with raising(self.files, RobotConfigError):
             value = convert(_gathered(self._renamed(renames or {}), cls), cls, None, ignored=self.shared)
             warn_ineffective(self.flat, value)
             for name, text in () if value is None else judge(value):
-                (self.flat.get(name) or self.flat).error(text.removeprefix(f"{name}: "))
-        self.source, self.known = value, {*keys_of(cls), *(renames or {})}
+                if (wrong := self.misspelt(text)) is not None:
+                    wrong[0].error(wrong[1])
+                else:
+                    (self.flat.get(name) or self.flat).error(text.removeprefix(f"{name}: "))
+        self.source = value
         return typing.cast("T", value)
 
     def read_each(
@@ -122,6 +127,17 @@ class Params:
         """Return a copy with other values for some parameters, by dotted name; the file is unchanged."""
         changes = Params.of(values, self.name)
         return Params(changes.flat.merged_over(self.flat), self.name, self.shared)
+
+    def misspelt(self, text: str) -> tuple[Node, str] | None:
+        """Return the misspelt key in the file that explains an error text about a missing key, and a text, or None."""
+        keys = self.flat.keys()
+        sections = tuple(f"{name}." for name in self.known)
+        known = {*self.known, *self.shared}
+        unknown = [key for key in keys if key not in known and not key.startswith(sections)]
+        for name in re.findall(r"[A-Za-z_][\w.]*\w", text) if unknown else ():
+            if name in self.known and name not in keys and (key := closest(name, unknown)):
+                return keys[key], f"unknown key {key!r} (did you mean {name!r}?)"
+        return None
 
     @property
     def warnings(self) -> list[str]:
@@ -247,12 +263,18 @@ class CommonParams:
 def refuse(params: Params | str, mistakes: Iterable[str], name: str = "") -> None:
     """Raise RobotConfigError with all error texts, each on a line, if there are any.
 
-    A text that begins with the name of a parameter in the file gets its place. `name` is the controller, by default
-    that of `params`, which may also be the name alone.
+    A text that begins with the name of a parameter in the file gets its place, and a text about a missing parameter
+    that of a misspelt one. `name` is the controller, by default that of `params`, which may also be the name alone.
     """
     owner = name or (params if isinstance(params, str) else params.name)
-    keys = {} if isinstance(params, str) else params.flat.keys()
-    places = [(text, keys.get(text.split(maxsplit=1)[0].rstrip(":"))) for text in mistakes]
+    places: list[tuple[str, Node | None]] = []
+    for text in mistakes:
+        if isinstance(params, str):
+            places.append((text, None))
+        elif (wrong := params.misspelt(text)) is not None:
+            places.append((wrong[1], wrong[0]))
+        else:
+            places.append((text, params.flat.keys().get(text.split(maxsplit=1)[0].rstrip(":"))))
     if places:
         raise RobotConfigError(
             "\n".join(

@@ -1,11 +1,18 @@
 """Findings about the parameters of controllers: types that ROS 2 refuses, limits of 0, and the clock."""
 
+import contextlib
+
 import pytest
 from support.configs import changed, found, line_of
 
 from canopen_control.check.checker import CheckOptions, check_robot
+from canopen_control.errors import ConfigError
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.timer import ManualClock
 from canopen_control.od.issues import Severity
+from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
 
 REFUSED = "ROS 2 refuses this value; the parameter is"
 POINT = f"{REFUSED} a number with a decimal point"
@@ -116,3 +123,62 @@ def test_two_nodes_of_one_name_are_one_error(tmp_path):
     errors = [str(each) for each in check_robot(files, CheckOptions()).findings if each.severity is Severity.ERROR]
     assert len(errors) == 1, errors
     assert "nodes.left_drive: duplicate key 'left_drive' (first at line 73); rename or remove one" in errors[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "meant"),
+    [
+        ("left_wheel_names: [", "left_wheel_name: [", "left_wheel_names"),
+        ("    joints:", "    joint:", "joints"),
+        ("interface_name: velocity", "interface: velocity", "interface_name"),
+    ],
+)
+def test_a_misspelt_key_that_is_needed_is_one_error_at_its_place(tmp_path, old, new, meant):
+    files = changed(tmp_path, "robby", controllers={old: new})
+    (text,) = found(files)
+    wrong = new.strip().partition(":")[0]
+    assert text.startswith(f"ros2_controllers.yaml:{line_of(files, 'controllers', new)}:5: error: robby_")
+    assert text.endswith(f"_controller: unknown key '{wrong}' (did you mean '{meant}'?)")
+    setup = read_robot(files, controllers=["robby_base_controller" if "wheel" in meant else "robby_forward_controller"])
+    clock = Reactor(ManualClock())
+    with contextlib.closing(clock) as reactor, pytest.raises(ConfigError, match=f"unknown key '{wrong}'"):
+        RobotCore(setup, reactor)
+
+
+def test_a_misspelt_block_of_the_controller_manager_is_one_error(tmp_path):
+    files = changed(tmp_path, "robby", controllers={"controller_manager:": "controler_manager:"})
+    report = check_robot(files, CheckOptions())
+    (text,) = [str(item) for item in report.findings if item.severity is not Severity.NOTE]
+    assert "unknown block 'controler_manager' (did you mean 'controller_manager'?)" in text
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        (
+            "",
+            "lower and upper of <limit> are 0 or absent, so it accepts no position but 0; write both, in rad or m, or",
+        ),
+        ('lower="-180" upper="180"', "180 rad is more than four turns; if these are degrees, write -3.142 and 3.142"),
+        ('lower="-6.3" upper="6.3"', ""),
+    ],
+)
+def test_limits_of_a_joint_that_are_absent_or_in_degrees(tmp_path, limits, words):
+    files = changed(tmp_path, "arm6", description={'lower="-3.1" upper="3.1"': limits})
+    texts = found(files)
+    assert len(texts) == bool(words)
+    assert all(text.startswith(f"arm6.urdf:{line_of(files, 'description', 'joint_1')}: warning: ") for text in texts)
+    assert words in "".join(texts)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("devicename", "unknown <param name='devicename'>; call it 'device_name'"),
+        ("node_id", "call the parameter device_"),
+    ],
+)
+def test_a_joint_whose_parameter_has_another_name(tmp_path, name, words):
+    (text,) = found(changed(tmp_path, "arm6", description={"device_name": name}))
+    assert "joint joint_1: " in text
+    assert words in text
