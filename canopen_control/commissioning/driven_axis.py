@@ -228,7 +228,7 @@ def stop_drive(client: RobotClient, drive: JogDrive, source: str) -> None:
 def ended_words(sample: StateSample | None, drive: JogDrive) -> str:
     """Return the state and the error of a drive that is no longer enabled, as text."""
     axis = axis_reading(sample, drive)
-    if axis is None:
-        return "the drive reports no state any more"
+    if axis is None or not axis.state:
+        return "the drive reports no state any more, so it may still move; check its supply and its cable"
     error = f": {axis.error}" if axis.error else ""
-    return f"the drive is {(axis.state or 'unknown').replace('_', ' ')}{error}; faults are not reset automatically"
+    return f"the drive is {axis.state.replace('_', ' ')}{error}; faults are not reset automatically"

@@ -27,7 +27,7 @@ from canopen_control.rpc.messages.robot import (
     SdoData,
     SdoRead,
 )
-from canopen_control.rpc.messages.state import ControllerReading
+from canopen_control.rpc.messages.state import AxisReading, ControllerReading, NodeReading, StateSample
 
 DRIVE = JogDrive("jog_5", "drive", "joint", "controller", "PV")
 
@@ -95,7 +95,10 @@ def test_the_current_is_read_where_the_drive_reports_it_and_else_its_torque():
 
 
 def test_a_drive_of_which_nothing_is_known_is_reported_as_such():
-    assert ended_words(None, DRIVE) == "the drive reports no state any more"
+    node = NodeReading(node_id=5, axes=(AxisReading(joint=DRIVE.joint),))
+    lost = StateSample(nodes={DRIVE.node: node})
+    for sample in (None, lost):
+        assert ended_words(sample, DRIVE).startswith("the drive reports no state any more, so it may still move")
 
 
 # -- drive faults

@@ -166,7 +166,8 @@ class JogRun:
                 stop_drive(client, self._drive, _SOURCE)
         self.ended, self.travelled = motion.ended, motion.travelled
         with contextlib.suppress(OSError, ValueError):  # the terminal may be closed
-            print(f"\n{motion.ended.value}: stopped and disabled", flush=True)
+            done = "" if motion.ended is JogEnd.STATE else ": stopped and disabled"  # unknown of a lost drive
+            print(f"\n{motion.ended.value}{done}", flush=True)
         if motion.ended is JogEnd.STATE:
             raise CanopenError(f"{self._drive.title}: {ended_words(self._sample, self._drive)}")
         if motion.ended.failed:
