@@ -103,7 +103,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "missed_syncs": "number of SYNCs without the TPDOs of the node after which its feedback is stale and the robot "
         "stops; on `local:` and vcan at least 0.25 s",
         "following_error_action": "reaction to bit 13 (following error) of the statusword, and to a wheel or steering "
-        "axis of a base that stands for 1.5 s although it is commanded to move",
+        "axis of a base that stands for 1.5 s although it is commanded to move, and to a position that stands although "
+        "the velocity shows a motion",
         "ignore_remote": "whether to ignore bit 9 (remote) of the statusword, for drives that never set the bit",
         "mode_timeout_ms": "timeout in ms until 0x6061 shows a requested mode; Festo CMMP-AS shows -1 for some seconds "
         "while it synchronises",

@@ -294,20 +294,27 @@ _BASE_TEXT: Final = (
     "its brake, the source of its set-points and whether something blocks it (`following_error_action: warn` in "
     "bus.yml does not stop the base)"
 )
+_UNSEEN_WAY: Final = 0.2  # rad or m
+_BLIND_TEXT: Final = (
+    "its position (0x6064) stands although its velocity (0x606C) shows a motion, so its limits cannot end it; check "
+    "its position sensor (`following_error_action: warn` in bus.yml does not stop the robot)"
+)
 _WRONG_WAY_TEXT: Final = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
 
 
 class MotionWatch:
     """Motion check of one axis: `lacks_motion`, `leaves_path`, `late`, `stuck` and `moves_away` are results of `check`.
 
-    `unmoved` is True if the axis has not followed its set-points since it was enabled. `action` on an axis of a base
-    that stands is stop, warn or ignore.
+    `blind` means that the position stands while the velocity shows a motion; `unmoved` is True if the axis has not
+    followed its set-points since it was enabled. `action` on `blind`, and on an axis of a base that stands, is stop,
+    warn or ignore.
     """
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine, action: str = "stop") -> None:
         self._axis, self._machine, self._action = axis, machine, action
-        self.lacks_motion = self.leaves_path = self.late = self.stuck = self.moves_away = False
+        self.lacks_motion = self.leaves_path = self.late = self.stuck = self.moves_away = self.blind = False
         self._standing = self._away = 0
+        self._unseen, self._unseen_checks = 0.0, 0  # counts by 0x606C, and checks, since the position has changed
         self._owed = 0.0  # counts that a velocity has commanded during the standstill
         self._named = self._left = False  # the standstill, and that a base leaves its path, have been reported
         self._stood_at = 0  # target when the axis began to stand
@@ -322,10 +329,11 @@ class MotionWatch:
 
     def check(self, target: ModeTarget | None, enabled: bool) -> None:
         """Compare the motion since the last check with the target."""
-        self.lacks_motion = self.leaves_path = self.late = self.stuck = self.moves_away = False
+        self.lacks_motion = self.leaves_path = self.late = self.stuck = self.moves_away = self.blind = False
         position = self._axis.position
         if not enabled or target is None or position is None or not position.fresh or self._machine.halted:
             self._standing = self._away = 0
+            self._unseen, self._unseen_checks = 0.0, 0
             self._still = self._rest = None
             self._moved = self._moved and enabled
             self._idle = None
@@ -340,6 +348,7 @@ class MotionWatch:
             return  # same as in the last check
         scale = abs(self._axis.scale.pos_to_dev)
         self._check_standstill(target, here, scale)
+        self._check_sight(scale, moved=bool(step))
         if target.interface == POSITION and self._rest is not None:
             self._check_direction(self._distance(target), here, step, scale)
         else:
@@ -357,6 +366,10 @@ class MotionWatch:
         if self.late or self.stuck:
             text = _LATE_TEXT if self.late else _STUCK_TEXT
             events.append(JointEvent("late", text, Level.ERROR, stops=True))
+        if self.blind:
+            stops = self._action == "stop"
+            level = Level.ERROR if stops else Level.WARNING
+            events.append(JointEvent("position_stands", _BLIND_TEXT, level, stops=stops))
         if self.leaves_path and in_base and self._action == "stop":
             events.append(JointEvent("standing", _BASE_TEXT, Level.ERROR, stops=True))
         elif self.lacks_motion:
@@ -402,6 +415,23 @@ class MotionWatch:
             self._stood_at = target.output.value
         leads = abs(wrap_int32(target.output.value - self._stood_at)) > _WAY * scale
         self.stuck = cyclic and self._moved and self._standing >= _STUCK_CHECKS and leads
+
+    def _check_sight(self, scale: float, *, moved: bool) -> None:
+        """Add up the motion that 0x606C shows while the position stands, which the joint limits do not end then."""
+        velocity = self._axis.velocity
+        speed = 0.0
+        if velocity is not None and velocity.fresh and not moved:
+            speed = abs(velocity.value * self._axis.scale.vel_from_dev)
+        if speed <= STANDSTILL:
+            self._unseen, self._unseen_checks = 0.0, 0
+            return
+        self._unseen += speed * scale * _CHECK_S
+        # a velocity may lead its position by a cycle
+        if self._unseen_checks < _STUCK_CHECKS:
+            self._unseen_checks += 1
+        elif self._unseen > max(_UNSEEN_WAY * scale, _SURE_COUNTS):
+            self.blind = self._unseen_checks == _STUCK_CHECKS
+            self._unseen_checks = _STUCK_CHECKS + 1
 
     def _check_direction(self, way: int, here: int, step: int, scale: float) -> None:
         """Count checks in which the axis moves away from its target without having moved towards it in this motion."""

@@ -6,7 +6,7 @@ import re
 from types import SimpleNamespace
 
 import pytest
-from support.makers import drive, folder, sentences
+from support.makers import COUNTS, drive, folder, sentences
 
 from canopen_control.cia402.state import State
 from canopen_control.cia402.units import PositionUnwrapper, Scale
@@ -312,6 +312,7 @@ def test_a_standing_wheel_stops_its_base_once_the_missing_way_counts(counts, spe
     pdo = SimpleNamespace(every=1, count=0, stamp=0)
     axis = SimpleNamespace(
         position=SimpleNamespace(pdo=pdo, fresh=True),
+        velocity=None,
         raw_position=0,
         unwrap=PositionUnwrapper(),
         scale=Scale(counts, 1 / counts, 1000.0, 0.001),
@@ -493,3 +494,31 @@ def test_a_single_wrong_position_moves_an_axis_only_for_a_cycle_and_leaves_no_of
     assert -2500 < min(places) < max(places) < 2500 + (56_000 if moves else 0), "0.005 rad, and the ramp of the stop"
     assert created.position("pan") == pytest.approx(mover.plant.position / 65536 / 50 * math.tau, abs=0.001)
     assert created.state == "disabled"
+
+
+class _Frozen:
+    """Frames of a drive whose position stands at its first value."""
+
+    def __init__(self):
+        self._position = None
+
+    def __call__(self, _node, frame, _now):
+        if frame.can_id != 0x282:
+            return [(0, frame)]
+        self._position = self._position or frame.data[:4]
+        return [(0, CanFrame(frame.can_id, self._position + frame.data[4:]))]
+
+
+@pytest.mark.parametrize("action", ["stop", "warn"])
+def test_a_position_that_stands_while_the_velocity_shows_a_motion_stops_the_robot(robot, action):
+    created = robot("pv", keys=f"following_error_action: {action}")
+    _lead(created, "pv", 50)
+    device = created.simulated.drives[2].device
+    (device.fault_switches or FaultSwitches(device)).set_quirks((_Frozen(),), ())
+    before = drive(created, 2).mover.plant.position
+    _lead(created, "pv", 100)
+    found = [event for event in created.events if event.kind == "position_stands"]
+    assert [event.node for event in found] == ["pan_drive"]
+    assert (created.state == "running") is (action == "warn")
+    if action == "stop":
+        assert (drive(created, 2).mover.plant.position - before) / COUNTS < 0.5
