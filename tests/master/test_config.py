@@ -555,3 +555,10 @@ def test_a_common_mistake_is_one_error_with_the_way_to_write_it(tmp_path, old, n
     (error,) = problems.errors
     assert words in str(error)
     assert not [str(warning) for warning in problems.warnings]
+
+
+def test_the_nodes_of_a_repeated_section_are_all_read_so_that_no_joint_lacks_its_node(tmp_path):
+    text = data_path("config", "robby/bus.yml").read_text().replace("\n  right_drive:", "\nnodes:\n  right_drive:")
+    config, problems = inspect_bus(write(tmp_path, text))
+    assert sorted(config.nodes) == ["left_drive", "right_drive"]
+    assert len(problems.errors) == 1
