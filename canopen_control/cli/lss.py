@@ -30,7 +30,7 @@ from canopen_control.cia301.lss import (
 from canopen_control.cli.support.arguments import whole_number
 from canopen_control.cli.support.output import json_text, print_result
 from canopen_control.cli.support.target import LABEL, robot_on
-from canopen_control.errors import ConfigError, RemoteProtocolError
+from canopen_control.errors import ConfigError, RemoteProtocolError, SdoTimeout
 from canopen_control.master.direct import DirectBus
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ NODE_ID = "node-id"
 AUTO = "auto"
 FIND_S = 0.1  # for each request of `find`: enough for slow slaves
 _U32 = 0xFFFFFFFF
+_TAKEN_S = 0.2  # as in `scan`
 
 
 _number = whole_number("whole number of at most 32 bits, decimal or 0x", range(_U32 + 1))
@@ -149,6 +150,11 @@ def _inquire(args: argparse.Namespace, bus: DirectBus) -> int:
 def _node_id(args: argparse.Namespace, bus: DirectBus) -> int:
     if not 1 <= args.node_id <= 127 and args.node_id != UNCONFIGURED:
         raise ConfigError(f"node-ID {args.node_id}: valid are 1 to 127, and {UNCONFIGURED} for none")
+    if args.node_id != UNCONFIGURED and _is_taken(bus, args.node_id):
+        raise ConfigError(
+            f"node-ID {args.node_id} already answers on {args.can}, and two drives with one node-ID move together; "
+            f"choose a free one: canopen-control scan --can {args.can}"
+        )
     bus.lss(lambda master: master.configure_node_id(args.node_id))
     text = (
         f"node-ID {args.node_id}: accepted; it takes effect after `lss switch waiting` if the slave had none, "
@@ -156,6 +162,14 @@ def _node_id(args: argparse.Namespace, bus: DirectBus) -> int:
     )
     print_result(args, {"node_id": args.node_id}, text)
     return 0
+
+
+def _is_taken(bus: DirectBus, node_id: int) -> bool:
+    """Whether a node-ID answers SDO requests of device type, unless it is the ID of the slave in configuration mode."""
+    answer = bus.read_many([(node_id, 0x1000, 0)], timeout_s=_TAKEN_S)[node_id, 0x1000, 0]
+    if isinstance(answer, SdoTimeout):
+        return False
+    return bus.lss(lambda master: master.inquire("node_id")) != node_id
 
 
 def _bit_timing(args: argparse.Namespace, bus: DirectBus) -> int:

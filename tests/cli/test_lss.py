@@ -4,7 +4,7 @@ import json
 
 import pytest
 from support.host import eventually
-from support.onbus import OnBus
+from support.onbus import TMCM, OnBus
 
 from canopen_control.cia301.lss import LssIdentity, LssMode, LssSlave
 from canopen_control.cli import lss as verb
@@ -49,6 +49,16 @@ def test_a_new_slave_gets_a_node_id_and_a_bit_rate(slaves, capsys):
     assert eventually(lambda: slaves.new.mode is LssMode.WAITING)  # unconfirmed
     assert slaves.stored == [(9, 500_000)]
     assert slaves.other.pending_node_id == 5
+
+
+def test_a_node_id_that_another_node_has_is_refused(private_folders, capsys):
+    slave = LssSlave(NEW)
+    with OnBus("memory:lss", {9: TMCM}, cores=(slave,)):
+        assert lss("fast-scan", "--vendor", "0x286", "--product", "0x4F6", "--revision", "0x3001A") == 0
+        assert lss("node-id", "9") == 2
+        assert "node-ID 9 already answers on memory:lss" in capsys.readouterr().err
+        assert lss("node-id", "10") == 0
+    assert slave.pending_node_id == 10
 
 
 def test_a_scan_without_any_knowledge_finds_the_slave(slaves, capsys):
