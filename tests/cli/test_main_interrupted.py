@@ -82,6 +82,8 @@ VERBS = [
 ]
 
 
+# a signal within `open` leaves a file that is closed without a message, as Python ignores this warning in programs
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
 @pytest.mark.parametrize("words", VERBS, ids=" ".join)
 @pytest.mark.parametrize("number", NUMBERS)
 def test_a_signal_at_any_step_ends_a_verb_without_a_traceback(run_as_process, capsys, words, number):
