@@ -49,7 +49,7 @@ _UNANSWERED: Final = ("BusClosed", "Timeout", "RemoteProtocolError")
 _HUB: Final = "canopen_control.bus.hub"
 _CLOSED_HERE: Final = "closed on this side"
 _NOTHING: Final = Chunk(0, own=False, records=b"")
-_HUB_GONE: Final = "the hub process has ended; open the channel again to start a new hub"
+_HUB_GONE: Final = "the hub process has ended; start this program again, which starts a new hub"
 
 
 class LocalPort:

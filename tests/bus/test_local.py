@@ -128,7 +128,7 @@ def test_when_the_hub_is_gone_each_verb_reports_this_and_an_event_once(wire):
     hub.close()
     assert list(frames_of(port.receive())) == [frame(1)]
     for verb in (port.receive, port.receive, lambda: port.send(pack_records([frame(2)]))):
-        with pytest.raises(BusClosed, match="bus local:test: the hub process has ended; open the channel again"):
+        with pytest.raises(BusClosed, match="bus local:test: the hub process has ended; start this program again"):
             verb()
     assert [event.kind for event in port.events()] == [BusEventKind.CLOSED]
     assert port.events() == []

@@ -14,7 +14,7 @@ FORWARD = "robby_forward_controller"
         ("type: forward_command_controller/Forward", "type: forward_command_controller/Foward", "did you mean"),
         ("- left_wheel_joint\n", "- leftwheel_joint\n", r"robby_forward_controller: no interface 'leftwheel_joint"),
         ("interface_name: velocity", "interface_name: effort", "no interface 'left_wheel_joint/effort'"),
-        ("interface_name: velocity", "interface_nme: velocity", "no 'interface_name'"),
+        ("interface_name: velocity", "interface_nme: velocity", "did you mean 'interface_name'"),
         ("command_timeout: 2.0", "command_timeout: soon", r"ros2_controllers.yaml:\d+:\d+.*command_timeout"),
     ],
 )
