@@ -89,7 +89,8 @@ def test_a_run_that_is_not_awaited_leaves_no_process(tmp_path):
     with XacroRun(write(tmp_path, '<link name="${9**9**9}"/>'), {}) as run:
         process = run._process
         assert process.poll() is None
-    assert process.returncode == -9
+    # SIGKILL, or before it the end of the pipe that the child watches: SIGIO, in its first instructions an exit
+    assert process.returncode in (-signal.SIGKILL, -signal.SIGIO, 1)
 
 
 FORKED = "from canopen_control.host.fork import allow_forks; allow_forks()"
