@@ -165,7 +165,7 @@ def test_a_channel_without_an_adapter(stage):
 def test_requests_that_a_robot_refuses(stage):
     stage.robby("refuses")
     for arguments, code, sentence in (
-        (["command", "robby_forward_controller", 1], 1, "expects 2 values.*got 1; nothing was applied"),
+        (["command", "robby_forward_controller", 1], 2, "expects 2 values.*got 1; nothing was applied"),
         (["command", "robby_base_controller", 1, 1], 1, "robby_base_controller is unloaded.*switch --activate"),
         (["command", "robby_bas_controller", 1, 1], 2, "no controller 'robby_bas_controller' is loaded"),
         (["twist", "robby_forward_controller", 1, 1], 1, "robby_forward_controller accepts no twist"),

@@ -150,7 +150,7 @@ CAUGHT = {
     "enabled_again_after_a_stop": (1, "enable_unasked"),
     "reset_chains_into_enable": (3, "enable_unasked"),
     "stale_commands": (2, "motion_uncommanded"),
-    "latch_does_not_refuse": (4, "enable_unasked"),
+    "latch_does_not_refuse": (10, "enable_unasked"),
     "told_as_running": (1, "state_told"),
     "told_as_enabled": (1, "state_told"),
     "skipped_cycles": (0, "late"),
