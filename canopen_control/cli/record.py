@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import signal
 import sys
 import threading
 import time
@@ -28,7 +27,7 @@ from canopen_control.cli.support.target import robot_on
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.client.robot_client import outpaced, stream_rate
 from canopen_control.errors import BusClosed, ConfigError, DiskFull, RemoteError
-from canopen_control.host.signals import on_signals
+from canopen_control.host.signals import ENDING, on_signals
 from canopen_control.rpc.messages.robot import MAX_RATE, GetDescription, GetNodes, GetStatus, ListControllers, Subscribe
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 from canopen_control.trace.listen import batches, open_listener
@@ -43,7 +42,6 @@ if TYPE_CHECKING:
 
 
 _POLL_S = 0.25  # interval of the checks for Ctrl-C while no message arrives
-_ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # they set a flag, so that the bag is completed
 
 
 @dataclass(slots=True)
@@ -83,7 +81,7 @@ def record_bag(name: str | None, folder: str, seconds: float | None, rate: float
     with RobotClient.connect(name) as robot:
         controllers, urdf = robot.ask(ListControllers()), robot.ask(GetDescription()).urdf
         writer = BagWriter(Path(folder), robot.robot, controllers=controllers, urdf=urdf)
-        with on_signals(_ENDS, stopping.set), writer as bag:
+        with on_signals(ENDING, stopping.set), writer as bag:
             begin = time.monotonic()  # importing rosbags takes half a second
             stream = stream_rate(robot.ask(GetStatus()).cycle, rate or 0.0)
             recorded = RecordedBag(folder, robot.robot, left_out=outpaced(controllers, stream))
@@ -227,7 +225,7 @@ def record_frames(port: Port, path: str, seconds: float | None) -> tuple[Recorde
     with (
         contextlib.closing(port),
         Progress(f"recording {port.channel}, Ctrl-C ends it", "frames") as progress,
-        on_signals(_ENDS, stopping.set),
+        on_signals(ENDING, stopping.set),
     ):
         writer = RecordingWriter(path, port.channel)
         try:

@@ -13,7 +13,6 @@ Exit codes: 0 success; 1 nothing was captured, or the node is gone; 2 wrong usag
 from __future__ import annotations
 
 import math
-import signal
 import sys
 import time
 from dataclasses import dataclass
@@ -39,7 +38,7 @@ from canopen_control.commissioning.scope_signals import joint_signal_of, node_of
 from canopen_control.data_files import read_utf8
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import write_whole
-from canopen_control.host.signals import on_signals
+from canopen_control.host.signals import ENDING, on_signals
 
 if TYPE_CHECKING:
     import argparse
@@ -208,7 +207,6 @@ EXAMPLE = """canopen-control scope left_drive:0x6064 left_drive:0x606C --for 2
          canopen-control scope 3:0x6041 3:0x606C --trigger fault --before 2 --for 4"""
 
 _LINE_S: Final = 0.5
-_ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -283,7 +281,7 @@ class _ScopeLoop:
     def run(self) -> int:
         """Run the loop to its end; return 0, or 1 without a capture."""
         begin, capture = time.monotonic(), self._scope.capture
-        with on_signals(_ENDS, self._end):
+        with on_signals(ENDING, self._end):
             for shots in self._scope.captures(lambda: self._ended):
                 self._report(shots)
                 self._show(self._scope.values.row)

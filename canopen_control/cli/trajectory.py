@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 import os
-import signal
 import sys
 import threading
 import time
@@ -30,7 +29,7 @@ from canopen_control.client.robot_client import HEARTBEAT_S
 from canopen_control.client.trajectory_file import read_trajectory, read_waypoints, write_trajectory
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.host.signals import on_signals
+from canopen_control.host.signals import ENDING, on_signals
 from canopen_control.rpc.messages.robot import GetStatus, ListControllers, Subscribe
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.state import StateSample
@@ -124,7 +123,6 @@ EXAMPLE = """canopen-control trajectory play wave.yaml
 
 _MARGIN_S: Final = 3600.0  # added to the duration: time may be scaled, and a goal may be waited for without limit
 _POLL_S: Final = 0.2  # interval at which a recording checks whether to end
-_ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _rate = number("rate in Hz above 0 and up to 200", lambda value: 0.0 < value <= 200.0)
 
@@ -238,7 +236,7 @@ def _record(args: argparse.Namespace) -> int:
             return stopping.is_set() or recording.is_full or time.monotonic() >= end
 
         with (
-            on_signals(_ENDS, stopping.set),
+            on_signals(ENDING, stopping.set),
             Progress(f"recording {', '.join(recording.joints)}, Ctrl-C ends it", "points") as progress,
         ):
             robot.ask(Subscribe(state_rate=args.rate))

@@ -204,9 +204,8 @@ def inspect_controllers(
 ) -> tuple[ControllersFile, list[Problems]]:
     """Read a ros2_controllers.yaml; return the readable part, and the problems of all files, each with its place.
 
-    Raise RobotConfigError with the errors of files that are not YAML.
-
-    The parameters of a controller are checked when it is configured. With `strict`, warnings are errors. `variables`
+    Raise RobotConfigError with the errors of files that are not YAML. The parameters of a controller are checked when
+    it is configured. With `strict`, warnings are errors. `variables`
     are the arguments of a launch file: they replace `$(var NAME)` and `<namespace>`, as in launch_ros's ParameterFile
     and nav2's ReplaceString; a name that is not an identifier is replaced wherever it occurs. An undefined variable
     stays unchanged, with a warning. `sources` are all parameters of a launch file that names `path`, in its order: of
@@ -234,9 +233,7 @@ def inspect_controllers(
     _rename_misspelt(blocks, declared, spawned)
     controllers = _controllers(declared, blocks, everywhere, manager_block.namespace, spawned)
     if not controllers and not any(node.problems.errors for node in roots.values()):
-        hint = closest(MANAGER_SECTION, blocks) if MANAGER_SECTION not in blocks else ""
-        text = f"unknown block {hint!r} (did you mean {MANAGER_SECTION!r}?)" if hint else _NO_TYPES
-        (blocks[hint] if hint else manager_block).key.error(text)
+        _report_no_types(blocks, manager_block)
     files = {id(node.problems): node.problems for node in (*roots.values(), *flat.keys().values())}
     own = list(files.values())
     files |= {id(problems): problems for config in controllers.values() for problems in config.params.files}
@@ -246,6 +243,13 @@ def inspect_controllers(
     manager = manager or ManagerParams()
     shared = everywhere.values.keys()
     return ControllersFile(manager.update_rate, controllers, warnings, manager, *place, shared), own
+
+
+def _report_no_types(blocks: Mapping[str, _Block], manager_block: _Block) -> None:
+    """Add the error that no controller has a type, or that the block of the manager is misspelt."""
+    hint = closest(MANAGER_SECTION, blocks) if MANAGER_SECTION not in blocks else ""
+    text = f"unknown block {hint!r} (did you mean {MANAGER_SECTION!r}?)" if hint else _NO_TYPES
+    (blocks[hint] if hint else manager_block).key.error(text)
 
 
 _NO_TYPES: Final = "no controller has a type; give types under controller_manager: <name>: type: ..."

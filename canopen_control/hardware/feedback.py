@@ -254,7 +254,7 @@ class Feedback:
         return jump
 
     def stands(self, now: int) -> bool:
-        """Whether the axis has stood long enough that this is no turning point of an oscillation.
+        """Whether the axis has stood for longer than an oscillating axis stands at its turning point.
 
         A velocity that flickers at standstill does not count if the position shows no motion.
         """

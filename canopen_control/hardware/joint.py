@@ -182,7 +182,7 @@ class JointStatus:
         return self.statechart.state is AxisPhase.AWAITING_STANDSTILL and self._stands(now)
 
     def _stands(self, now: int) -> bool:
-        """Whether the axis has stood long enough that this is no turning point of an oscillation."""
+        """Whether the axis stands, by the rule of its feedback, and no jump of its position has just been taken."""
         return now >= self._steady_from and self.feedback.stands(now)
 
     def events(self) -> list[JointEvent]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from types import FrameType
 
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # SIGHUP: the terminal was closed
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # SIGHUP: the terminal was closed
 INTERRUPTED = 130  #: exit code of a program that one of these signals has ended: 128 + SIGINT, as shells report it
 _IMPORT = "<frozen importlib._bootstrap>"  # the file of the frames of an import
 _STARTS = ("Popen.__init__", "Popen.__enter__")  # functions that start a process, up to its `with` block
@@ -101,12 +101,12 @@ class ProcessSignals:
 
     def begin(self) -> None:
         """Install the handlers, and receive signals that were blocked before `exec`; ignored signals stay ignored."""
-        for number in _ENDING:
+        for number in ENDING:
             if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
                 signal.signal(number, self._handle)
         sys.unraisablehook = self._raise_again
         atexit.register(self._ignore)  # the first of the exit functions is the last that runs
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
 
     def finish(self) -> None:
         """Raise no further KeyboardInterrupt; from now on a second signal ends the process."""
@@ -146,7 +146,7 @@ class ProcessSignals:
 
     def _ignore(self) -> None:
         """Ignore the signals while the interpreter frees its objects, because no Python handler can run then."""
-        for number in _ENDING:
+        for number in ENDING:
             if signal.getsignal(number) == self._handle:
                 signal.signal(number, signal.SIG_IGN)
 
@@ -166,6 +166,6 @@ def _must_complete(frame: FrameType | None) -> bool:
 
 def block_for_exec() -> None:
     """Keep SIGINT, SIGTERM and SIGHUP pending across `exec`, until `ProcessSignals.begin` of the new program."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+    signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     if _stop_timer():  # a signal came during an import
         raise KeyboardInterrupt

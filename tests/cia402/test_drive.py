@@ -979,7 +979,7 @@ def test_a_mode_display_that_strays_for_two_updates_does_not_stop_an_enabled_axi
     rig.now += 10 * MS
     machine.update(word, 8, rig.now)
     for _ in range(3):
-        assert machine.may_move, "counted anew"
+        assert machine.may_move, "the count begins at 0 again"
         rig.now += 10 * MS
         machine.update(word, 3, rig.now)
     assert not machine.may_move
