@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import importlib
+import itertools
 import os
 import stat
 import sys
@@ -93,8 +94,18 @@ def _run(arguments: list[str]) -> int:
     except Exception as error:  # noqa: BLE001 - an internal error also becomes one sentence, with advice
         if _signals.received and _replaces_interrupt(error):
             return INTERRUPTED
-        code = _report(error)
+        code = _report(error, _named_robot(arguments))
         return INTERRUPTED if _signals.received else code
+
+
+def _named_robot(arguments: list[str]) -> str | None:
+    """Return the running robot that the command names with --name, None without that option."""
+    for word, value in itertools.pairwise([*arguments, ""]):
+        if word == "--name":
+            return value
+        if word.startswith("--name="):
+            return word.partition("=")[2]
+    return None
 
 
 def _replaces_interrupt(error: Exception) -> bool:
@@ -102,10 +113,15 @@ def _replaces_interrupt(error: Exception) -> bool:
     return not isinstance(error, CanopenError) or isinstance(error.__cause__, RuntimeError | SystemError)
 
 
-def _report(error: Exception) -> int:
-    """Print the error that ended a verb as one sentence; return the exit code."""
+def _report(error: Exception, robot: str | None = None) -> int:
+    """Print the error that ended a verb as one sentence; return the exit code.
+
+    A robot does not know whether others run: commands in its advice get the name with which it was selected.
+    """
     if isinstance(error, CanopenError):
-        return _print_error(error, 2 if error.of_usage else 1)
+        lacks_name = robot is not None and "canopen-control " in str(error) and "--name" not in str(error)
+        shown = CanopenError(f"{error} (with --name {robot})") if lacks_name else error
+        return _print_error(shown, 2 if error.of_usage else 1)
     if isinstance(error, BrokenPipeError):
         _leave_output()
         return 0

@@ -370,19 +370,21 @@ def _claim(channel: str) -> int:
         return claim(path)
     except SocketInUse as error:
         holder = error.pid
+    robot = _robot_of(holder)
     try:
-        return claim(path, 0.0 if _serves_robot(holder) else _ENDING_S)
+        return claim(path, _ENDING_S if robot is None else 0.0)
     except SocketInUse:
+        end = "end that process" if robot is None else f"end it (canopen-control shutdown --name {robot})"
         raise RobotConfigError(
             f"channel {channel} is busy: process {holder or 'unknown'} already runs a robot on it; "
-            f"stop that one, or use --can"
+            f"{end}, or choose another channel with --can"
         ) from None
 
 
-def _serves_robot(pid: int) -> bool:
-    """Whether a process listens at the socket of a robot."""
+def _robot_of(pid: int) -> str | None:
+    """Return the name of the robot at whose socket a process listens, None without one."""
     for name in find_robots():
         with contextlib.suppress(OSError), connect(socket_path("robot", name), _PROBE_S) as probe:
             if peer_pid(probe) == pid:
-                return True
-    return False
+                return name
+    return None

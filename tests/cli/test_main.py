@@ -9,6 +9,7 @@ import pytest
 
 from canopen_control.cli.main import main
 from canopen_control.cli.verbs import MAX_USED, VERBS
+from canopen_control.errors import ControlError
 from canopen_control.version import PURE, TO_COMPILE, __version__, build
 
 
@@ -83,6 +84,25 @@ def test_a_name_that_the_robot_does_not_have_is_a_usage_error(mock_robot, capsys
 def test_what_the_robot_refuses_for_another_reason_is_not(mock_robot, capsys):
     assert main(["controller", "unload", "robby_forward_controller"]) == 1
     assert "is active; deactivate it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "advice", "shown"),
+    [
+        (["--name", "left"], "enable it: canopen-control axis enable all", " (with --name left)"),
+        (["--name=left"], "enable it: canopen-control axis enable all", " (with --name left)"),
+        ([], "enable it: canopen-control axis enable all", ""),
+        (["--name", "left"], "end it: canopen-control shutdown --name left", ""),
+        (["--name", "left"], "wait for left_drive", ""),
+    ],
+)
+def test_the_advice_of_a_named_robot_has_its_name(monkeypatch, capsys, options, advice, shown):
+    def run(_args):
+        raise ControlError(f"the drives are not enabled; {advice}")
+
+    monkeypatch.setattr("canopen_control.cli.shutdown.run", run)
+    assert main(["shutdown", *options]) == 1
+    assert capsys.readouterr().err == f"canopen-control: the drives are not enabled; {advice}{shown}\n"
 
 
 def test_a_fault_of_the_program_is_a_sentence_and_a_traceback_only_where_asked(monkeypatch, capsys):
@@ -197,7 +217,9 @@ def test_a_character_that_the_locale_lacks_is_replaced():
 
 
 @pytest.mark.process
-def test_what_a_lost_terminal_did_not_take_does_not_change_the_exit_code(private_folders):
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_what_a_lost_terminal_did_not_take_does_not_change_the_exit_code(private_folders, monkeypatch, unbuffered):
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
     program = """if True:
         import sys, time
         from canopen_control.cli import main

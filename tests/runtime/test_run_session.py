@@ -25,7 +25,7 @@ def setup(name, channel):
 
 def test_a_channel_has_one_master_on_this_host():
     first = RunSession(setup("one", "memory:busy"), RunOptions(drives=False))
-    with pytest.raises(RobotConfigError, match=rf"memory:busy is busy: process {os.getpid()}"):
+    with pytest.raises(RobotConfigError, match=rf"memory:busy is busy: process {os.getpid()} .*shutdown --name one\)"):
         RunSession(setup("two", "memory:busy"), RunOptions(drives=False))
     first.close()
     RunSession(setup("two", "memory:busy"), RunOptions(drives=False)).close()
