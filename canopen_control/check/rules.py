@@ -23,7 +23,6 @@ from canopen_control.errors import CanopenError, ConfigError, closest, nearest
 from canopen_control.hardware.axis_parameters import PLUGINS
 from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.plugins import KNOWN, PluginKind
-from canopen_control.master.keys import SCALES
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.setup import started_controllers
 from canopen_control.runtime.sync_choice import axis_number, node_of
@@ -164,19 +163,8 @@ def _middle(geometry: WheelGeometry, joints: Sequence[str]) -> float | None:
 
 
 def _scales(robot: CheckedRobot) -> Iterator[Finding]:
-    bus = robot.bus
-    if bus is None:
+    if robot.bus is None:
         return
-    for node in bus.nodes.values():
-        scales = {key: getattr(node.units, key) for key in SCALES}
-        signs = {key: math.copysign(1.0, scale) for key, scale in scales.items()}
-        unclear = any(value.kind == "null" for key in SCALES if (value := bus.sections[node.name].get(key)) is not None)
-        if len(set(signs.values())) > 1 and all(map(math.isfinite, scales.values())) and not unclear:
-            # nan and absent values are reported elsewhere
-            negative = ", ".join(key for key, sign in signs.items() if sign < 0)
-            text = f"node {node.node_id} ({node.name}): only {negative} is negative, but position and velocity must"
-            fix = "give all four scales the same sign, or the drive runs away from its set-point"
-            yield Finding(bus.path, node.line, Severity.ERROR, f"{text} have the same direction", fix)
     for _, base, _ in _bases(robot):
         yield from _mirrored(robot, base)
 

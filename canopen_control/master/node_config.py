@@ -310,32 +310,65 @@ def _units(keys: UnitKeys, node: Node) -> UnitKeys:
         place.error(f"{named[0]} needs counts_per_revolution, the position counts of one turn of the motor")
     else:
         try:
-            return keys.with_scale(named_scale(keys.counts_per_revolution, keys.gear_ratio, bool(keys.reversed)))
+            keys = keys.with_scale(named_scale(keys.counts_per_revolution, keys.gear_ratio, bool(keys.reversed)))
+            _check_scales(keys, node)
         except ValueError as error:
             (node.get("gear_ratio") or node).error(str(error))
     return keys
 
 
 def _check_scales(keys: UnitKeys, node: Node) -> None:
-    """Report scales that are zero, or whose two directions are not inverse to each other."""
-    wrong = [key for key in SCALES if not 1e-15 < abs(getattr(keys, key)) < 1e15]
+    """Report scales of an axis that are zero, of different signs, or whose two directions are not inverse."""
+    section = node.get("channels")
+    channels = dict(enumerate(section.elements())) if section is not None and keys.channels else {}
+    overriding = {axis: channel for axis, channel in channels.items() if {*SCALES} & {*channel.keys()}}
+    some_axis_has_those_of_the_node = not channels or overriding.keys() != channels.keys()
+    if some_axis_has_those_of_the_node and not _are_usable({key: getattr(keys, key) for key in SCALES}, node, node):
+        return
+    usable = True
+    for axis, channel in overriding.items():
+        values = keys.of_axis(axis)
+        usable &= _are_usable({key: values[key.removeprefix("scale_")] for key in SCALES}, node, channel)
+    if usable:
+        _check_offsets(keys, node)
+
+
+def _are_usable(scales: Mapping[str, float], node: Node, section: Node) -> bool:
+    """Report wrong scales of an axis, from its section or else from the node; return False after an error."""
+
+    def written(key: str) -> Node | None:
+        return section.get(key) or node.get(key)
+
+    wrong = [key for key in SCALES if not 1e-15 < abs(scales[key]) < 1e15]
     for key in wrong:
-        (node.get(key) or node).error(
-            f"{getattr(keys, key)!r} cannot be used: expected a number between 1e-15 and 1e15, or its negative"
+        (written(key) or node).error(
+            f"{scales[key]!r} cannot be used: expected a number between 1e-15 and 1e15, or its negative"
         )
-    empty = [value for key in SCALES if (value := node.get(key)) is not None and value.kind == "null"]
+    empty = [value for key in SCALES if (value := section.get(key)) is not None and value.kind == "null"]
     for value in empty:
         value.error("there is no value, and a default would not fit the drive; give a number, or remove the key")
     if wrong or empty:
-        return
+        return False
+    negative = [key for key, scale in scales.items() if scale < 0]
+    if negative and len(negative) < len(SCALES):
+        (written(negative[0]) or node).error(
+            f"only {', '.join(negative)} is negative, but position and velocity must have the same direction; "
+            "give all four scales the same sign, or the drive runs away from its set-point"
+        )
+        return False
     for name in ("pos", "vel"):
-        scale = node.get(f"scale_{name}_to_dev") or node.get(f"scale_{name}_from_dev")
-        product = getattr(keys, f"scale_{name}_to_dev") * getattr(keys, f"scale_{name}_from_dev")
-        if scale is not None and abs(product - 1) > 0.01:
-            scale.warning(
+        place = written(f"scale_{name}_to_dev") or written(f"scale_{name}_from_dev")
+        product = scales[f"scale_{name}_to_dev"] * scales[f"scale_{name}_from_dev"]
+        if place is not None and abs(product - 1) > 0.01:
+            place.warning(
                 f"scale_{name}_to_dev times scale_{name}_from_dev is {product:.6g}, not 1: "
                 "command and feedback would differ"
             )
+    return True
+
+
+def _check_offsets(keys: UnitKeys, node: Node) -> None:
+    """Report offsets of commands and feedback that do not cancel."""
     # https://github.com/ros-industrial/ros2_canopen/pull/335: a joint whose absolute encoder has another zero
     offset = node.get("offset_pos_to_dev") or node.get("offset_pos_from_dev")
     rest = keys.offset_pos_to_dev * keys.scale_pos_from_dev + keys.offset_pos_from_dev

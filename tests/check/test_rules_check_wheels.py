@@ -150,19 +150,6 @@ def test_scales_of_the_same_sign_on_both_sides(name, tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", SCALES)
-def test_scales_of_one_drive_with_different_signs(name, tmp_path):
-    files = changed(tmp_path, name, bus={"scale_pos_to_dev: -": "scale_pos_to_dev: "})
-    left, left_id, *_ = SCALES[name]
-    (text,) = found(files)
-    assert re.fullmatch(
-        rf"bus\.yml:\d+: error: node {left_id} \({left}\): only scale_pos_from_dev, scale_vel_to_dev, "
-        "scale_vel_from_dev is negative, but position and velocity must have the same direction; "
-        "give all four scales the same sign, or the drive runs away from its set-point",
-        text,
-    )
-
-
 def test_wheels_on_the_wrong_side_and_axes_the_wrong_way_round(tmp_path):
     swapped = {"left_wheel_names: [left_wheel_joint]": "left_wheel_names: [right_wheel_joint]"}
     swapped["right_wheel_names: [right_wheel_joint]"] = "right_wheel_names: [left_wheel_joint]"

@@ -58,11 +58,30 @@ def test_awaited_members(tmp_path, keys, required):
         ("scale_vel_to_dev: 0.0", "scale_vel_to_dev: 0.0 cannot be used: expected a number between 1e-15 and 1e15"),
         ("scale_vel_to_dev: 0.0, scale_pos_to_dev: .inf", "scale_pos_to_dev: inf cannot be used"),
         ("scale_vel_to_dev: 0.0, scale_pos_to_dev: .inf", "scale_vel_to_dev: 0.0 cannot be used"),
+        ("scale_pos_to_dev: -1000.0", "only scale_pos_to_dev is negative, but position and velocity must have"),
+        ("channels: [{}, {scale_vel_from_dev: -0.001}]", "only scale_vel_from_dev is negative"),
+        ("channels: [{scale_pos_to_dev: 0.0}, {}]", "channels[0].scale_pos_to_dev: 0.0 cannot be used"),
         ("transition_timeouts_ms: {17: 100}", "transition 17 does not exist"),
     ],
 )
 def test_keys_that_contradict_each_other_are_reported_at_their_line(tmp_path, keys, words):
     assert words in mistakes_of_a_node(tmp_path, keys)
+
+
+SCALES = ("scale_pos_to_dev", "scale_pos_from_dev", "scale_vel_to_dev", "scale_vel_from_dev")
+
+
+def test_a_wrong_scale_of_the_node_is_one_error_for_all_its_axes(tmp_path):
+    result = mistakes_of_a_node(tmp_path, "scale_pos_to_dev: 0.0, channels: [{}, {scale_vel_to_dev: -1000.0}]")
+    assert result.count("bus.yml:") == 1, result
+
+
+def test_axes_in_opposite_directions_are_no_mistake(tmp_path):
+    mirrored = ", ".join(f"{key}: {-1000.0 if key.endswith('to_dev') else -0.001}" for key in SCALES)
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, channels: [{}, {%s}]}" % mirrored)
+    config = read_bus(write(tmp_path, text))
+    assert not [note for note in config.notes if "scale" in note]
+    assert config.nodes["right_drive"].units.of_axis(1)["vel_to_dev"] == -1000.0
 
 
 def test_units_by_name_and_torque_mode_are_what_they_stand_for(tmp_path):
