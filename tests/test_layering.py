@@ -89,7 +89,7 @@ MAY_IMPORT = {
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "gateway": ({"cia301", "host"}, STDLIB),
     "conformance": ({"od", "bus", "host", "cia301", "cia402", "virtual"}, STDLIB),
-    "calibration": ({"client", "controllers", "rpc", "yamlfile", "data_files"}, STDLIB),
+    "calibration": ({"client", "controllers", "host.files", "rpc", "yamlfile", "data_files"}, STDLIB),
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too
     "ros": ({"client", "host", "rpc", "urdf"}, None),
     "trace": (

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.errors import ConfigError, nearest
+from canopen_control.host.files import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -59,7 +60,7 @@ def given_in(path: Path, controller: str, names: Sequence[str]) -> dict[str, flo
 def write_corrected(path: Path, copy: Path, controller: str, values: Mapping[str, float]) -> list[Change]:
     """Write a copy with other parameter values, and return the changes.
 
-    Raise ConfigError, without leaving a copy, if that is not possible.
+    Raise ConfigError, or DiskFull, without leaving a copy, if that is not possible.
     """
     if copy.exists() and copy.samefile(path):
         raise ConfigError(
@@ -72,9 +73,9 @@ def write_corrected(path: Path, copy: Path, controller: str, values: Mapping[str
         lines = opened.read().splitlines(keepends=True)
     text = "".join(_applied(lines, [_edit(path, lines, flat, name, value) for name, value in values.items()]))
     try:
-        copy.write_text(text, encoding="utf-8", newline="")
-    except OSError as error:
-        raise ConfigError(f"{copy} cannot be written: {error.strerror}; give another name with --output") from error
+        write_whole(copy, text.encode())
+    except ConfigError as error:
+        raise ConfigError(f"{error}; give another name with --output") from error
     _check(file, copy, controller, values)
     written = _flat(read_controllers(copy), controller).keys()
     return [Change(name, before[name], value, written[name].line) for name, value in values.items()]

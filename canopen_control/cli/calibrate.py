@@ -10,8 +10,8 @@ The values are written to a copy of ros2_controllers.yaml and to the running con
 them. The controller's own limits apply. STOP, a fault, Ctrl-C or the end of this process ends the calibration: the base
 stops and the controller has its previous values again.
 
-Exit codes: 0 the error was reduced or was zero; 1 stopped, or no improvement; 2 wrong usage, no robot runs, or
-implausible end positions.
+Exit codes: 0 the error was reduced or was zero; 1 stopped, no improvement, or a full disk; 2 wrong usage, no robot
+runs, or implausible end positions.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
 import shutil
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -7,7 +8,7 @@ from hypothesis import strategies as st
 from canopen_control.calibration.corrected_file import Change, given_in, write_corrected
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.data_files import data_path
-from canopen_control.errors import ConfigError
+from canopen_control.errors import ConfigError, DiskFull
 
 SEPARATION, LEFT, RIGHT = NAMES = (
     "wheel_separation_multiplier", "left_wheel_radius_multiplier", "right_wheel_radius_multiplier"
@@ -106,6 +107,13 @@ def test_the_file_itself_is_never_written(tmp_path):
         write_corrected(path, tmp_path / "." / "a.yaml", "base", VALUES)
     with pytest.raises(ConfigError, match="cannot be written: No such file or directory"):
         write_corrected(path, tmp_path / "none" / "a.yaml", "base", VALUES)
+
+
+def test_a_full_disk_is_no_mistake_of_the_user(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text(HEAD + "base: {ros__parameters: {wheel_radius: 1.0}}\n")
+    with pytest.raises(DiskFull, match="/dev/full: No space left on device"):
+        write_corrected(path, Path("/dev/full"), "base", VALUES)
 
 
 def test_values_of_a_params_file_are_commanded_to_stand_there(tmp_path):

@@ -78,7 +78,8 @@ def test_a_wrong_scale_of_the_node_is_one_error_for_all_its_axes(tmp_path):
 
 def test_axes_in_opposite_directions_are_no_mistake(tmp_path):
     mirrored = ", ".join(f"{key}: {-1000.0 if key.endswith('to_dev') else -0.001}" for key in SCALES)
-    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, channels: [{}, {%s}]}" % mirrored)
+    channels = f"right_drive: {{node_id: 2, channels: [{{}}, {{{mirrored}}}]}}"
+    text = NESTED.replace("right_drive: {node_id: 2}", channels)
     config = read_bus(write(tmp_path, text))
     assert not [note for note in config.notes if "scale" in note]
     assert config.nodes["right_drive"].units.of_axis(1)["vel_to_dev"] == -1000.0
