@@ -176,17 +176,17 @@ def robby(home, monkeypatch):
 
 def expect_run(stage, words):
     """Run one example, as its user would."""
-    if words[0] == "record":
-        (stage.place / "run.log").unlink(missing_ok=True)  # of `make_files`, and refused as an existing file
     if reason_not_to_run(words) is not None:
         expect_parsed(words)
     elif words[0] in ON_A_TERMINAL and "--topic" not in words:
         look(stage, words)
     elif (text := endless(words)) is not None:
+        if words[0] == "record" and "run.log" in words:
+            (stage.place / "run.log").unlink(missing_ok=True)  # of `make_files`, and refused as an existing file
         interrupt(stage, words, text)
     else:
         program = stage.call(*words, seconds=TIMEOUT_S)
-        assert program.wait() == 0, program
+        assert program.wait() == 0, program.err
         assert [line for line in program.err.splitlines() if NOTES.get(words[0], line + ".") not in line] == [], program
 
 
