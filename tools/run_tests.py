@@ -214,16 +214,16 @@ SHARED: Final = ("-n", "2", "--dist", "loadfile")
 APART: Final = ("-n", "8", "--dist", "loadgroup")  # a few tests that mostly wait for answers: all at once
 
 
-def default_lanes(*, again: bool = False) -> list[list[Part]]:
+def default_lanes() -> list[list[Part]]:
     """Return the lanes of ./tools/test: tests that only compute, alongside tests that wait for processes.
 
     The tests without a process run in two plain pytest processes. Workers of pytest-xdist would each collect all of
     them, which takes longer than an uneven end costs: the third lane fills it.
     """
-    slow = pytest("tests with processes", "process and not rest", *SHARED, *files_with(*PROCESS_MARKS), again=again)
+    slow = pytest("tests with processes", "process and not rest", *SHARED, *files_with(*PROCESS_MARKS))
     one, two = (
         replace(
-            pytest(f"tests without a process, {number} of 2", "not process and not rest", *paths, again=again),
+            pytest(f"tests without a process, {number} of 2", "not process and not rest", *paths),
             nice=_GIVING_WAY,
         )
         for number, paths in enumerate(halves(), 1)
@@ -600,16 +600,10 @@ def split(words: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def run_default(run: Run) -> None:
-    """Run the default parts of ./tools/test; install needed programs first if no test may be skipped.
-
-    With CANOPEN_CONTROL_SECOND_LOOK set, as in CI, a test that fails runs once more, as in --rest.
-    """
+    """Run the default parts of ./tools/test; install needed programs first if no test may be skipped."""
     if os.environ.get("CANOPEN_CONTROL_REQUIRE"):
         install_debian_packages()
-    again = bool(os.environ.get("CANOPEN_CONTROL_SECOND_LOOK"))
-    run.lanes(default_lanes(again=again))
-    if again:
-        run.second_looks()
+    run.lanes(default_lanes())
 
 
 def run_rest(run: Run) -> None:

@@ -176,6 +176,10 @@ sys.exit(run_tests.main([]))
 """
 
 
+def test_a_failure_of_the_default_run_is_final(in_checkout):
+    assert not [part.name for lane in run_tests.default_lanes() for part in lane if part.second_look is not None]
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_ends_every_child(tmp_path, number):
     run = subprocess.Popen(
@@ -185,7 +189,6 @@ def test_an_interrupted_run_ends_every_child(tmp_path, number):
             **os.environ,
             "PYTHONPATH": str(ROOT / "tools"),
             "CANOPEN_CONTROL_REQUIRE": "",  # a run that requires nothing installs no Debian packages
-            "CANOPEN_CONTROL_SECOND_LOOK": "",
         },
         stdout=subprocess.PIPE,
         text=True,
