@@ -5,6 +5,9 @@ Rules:
 - The drive accepts a set-point on the rising edge of controlword bit 4, and only a bit 12 that rises after this edge is
   its acknowledgement. So bit 12 must be 0 first, the target is sent one update before the edge, and bit 4 returns to 0
   when bit 12 is 1.
+- Some drives show bit 12 from their enabling on, and clear it only after bit 4 has risen and fallen (canopen, issue
+  678). A bit 12 that stays 1 without a motion is cleared by such a pulse, once, unless the set-point is relative: the
+  pulse may already start the motion.
 - Bit 10 belongs to the previous target until the drive uses the new one. It counts when bit 12 is 0 again and bit 10
   was 0 after the acknowledgement, or some updates later, because a short motion may pass unseen.
 - Some drives accept no set-point while they move to the previous one (ZLTECH ZLAC8015D). A set-point that interrupted a
@@ -25,6 +28,8 @@ from canopen_control.errors import LocalProtocolError
 _NEVER = 1 << 63
 _SECOND = 1_000_000_000
 _RESTS_NS = 3 * _SECOND
+_SHOWN_NS = _SECOND // 2  # time of a bit 12 without a set-point after which a pulse of bit 4 clears it
+_PULSE = 3  # updates with bit 4 in such a pulse
 _NEW_SET_POINT = 1 << 4
 _IMMEDIATELY = 1 << 5
 _RELATIVE = 1 << 6
@@ -112,6 +117,7 @@ class SetPointPhase(Enum):
 
     IDLE = "no set-point is active"
     LOW = "bit 12 (set-point acknowledged) of the statusword stayed 1 before the set-point"
+    CLEAR = "bit 12 (set-point acknowledged) of the statusword is being cleared before the set-point"
     ACKNOWLEDGE = "the set-point was not acknowledged (bit 12 of the statusword)"
     RELEASE = "bit 12 (set-point acknowledged) of the statusword stayed 1 after the set-point"
     MOVING = "the target was not reached in time"
@@ -160,6 +166,7 @@ class SetPointHandshake:
         self._rests_since: int | None = None  # with bits 10 and 12 set after the acknowledgement
         self._interrupts = False  # the set-point interrupts a motion
         self._lagged = False
+        self._clear_at = _NEVER  # time at which a pulse of bit 4 clears bit 12
         self._events: list[SetPointEvent] = []
 
     def move(
@@ -180,7 +187,7 @@ class SetPointHandshake:
     def stop_at(self, target: int) -> None:
         """Send at once a set-point that ends the motion; it replaces any set-point whose edge has not been sent yet."""
         self._next = SetPoint(target, _IMMEDIATELY)
-        if self.phase is SetPointPhase.LOW:
+        if self.phase in (SetPointPhase.LOW, SetPointPhase.CLEAR):
             self._current, self._next = self._next, None
             self.target, self._updates = target, 0
 
@@ -249,12 +256,12 @@ class SetPointHandshake:
     def _proceed(self, statusword: int, now: int) -> None:
         if self._next is not None and self.phase in (SetPointPhase.IDLE, SetPointPhase.MOVING):
             self._interrupts = self.phase is SetPointPhase.MOVING
+            clears = self.phase is SetPointPhase.IDLE and not self._next.bits & _RELATIVE
+            self._clear_at = now + _SHOWN_NS if clears else _NEVER
             self._begin(self._next)
         acknowledged = bool(statusword & _ACKNOWLEDGED)
-        if self.phase is SetPointPhase.LOW:
-            # CiA 402-2, 0x6040 in mode PP: bit 4 may rise only while bit 12 of the statusword is 0
-            if not acknowledged and self._updates:
-                self._go(SetPointPhase.ACKNOWLEDGE, _NEW_SET_POINT | self._current.bits)
+        if self.phase in (SetPointPhase.LOW, SetPointPhase.CLEAR):
+            self._prepare(acknowledged, now)
         elif self.phase is SetPointPhase.ACKNOWLEDGE:
             # CiA 402-2, 0x6041 in mode PP: bit 12 acknowledges the set-point; then bit 4 returns to 0
             if acknowledged:
@@ -272,6 +279,18 @@ class SetPointHandshake:
         else:
             self._follow(statusword, acknowledged, now)
         self._updates += 1
+
+    def _prepare(self, acknowledged: bool, now: int) -> None:
+        """Wait for bit 12 = 0, if necessary after a pulse of bit 4 that clears it, and begin the edge of bit 4."""
+        if self.phase is SetPointPhase.CLEAR:
+            if self._updates >= _PULSE:
+                self._go(SetPointPhase.LOW)
+        # CiA 402-2, 0x6040 in mode PP: bit 4 may rise only while bit 12 of the statusword is 0
+        elif not acknowledged and self._updates:
+            self._go(SetPointPhase.ACKNOWLEDGE, _NEW_SET_POINT | self._current.bits)
+        elif now >= self._clear_at:
+            self._clear_at = _NEVER
+            self._go(SetPointPhase.CLEAR, _NEW_SET_POINT | self._current.bits)
 
     def _begin(self, set_point: SetPoint) -> None:
         self._current, self._next = set_point, None

@@ -582,6 +582,12 @@ def _set_point_here(node: CheckedNode) -> Iterator[None]:
         yield
 
 
+@_add("D54e", "402-2, 10 (profile position)", "PP: bit 12 is 0 before the first set-point", touch=_MOTION)
+def _none_acknowledged(node: CheckedNode) -> None:
+    with drive_at(node, OE, OperationMode.PP):
+        expect_bits(node, 0x1000, 0, "bit 12 = 0 without a set-point")
+
+
 @_add("D54", "402-2, 10 (profile position)", "PP: bit 12 acknowledges a set-point commanded by bit 4", touch=_MOTION)
 def _acknowledged(node: CheckedNode) -> None:
     with _set_point_here(node):

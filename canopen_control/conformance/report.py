@@ -203,6 +203,7 @@ DEVIATIONS = (
     Deviation("target_reached_flickers", "D56m"),
     Deviation("set_point_alone", "D55s"),
     Deviation("one_set_point", "D55b"),
+    Deviation("acknowledged_at_enable", "D54e"),
     Deviation("homing_latched", "D66"),
     Deviation("homing_shown_briefly", "D65k"),
     Deviation("homing_without_bit_12", "D65"),

@@ -175,6 +175,25 @@ def _takes(passes: Callable[[VirtualDrive, int, int], bool]) -> AxisAct:
     return act
 
 
+def _acknowledged_at_enable(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
+    """Set bit 12 in PP from the enabling until bit 4 has risen and fallen."""
+    shown = True
+
+    def takes(word: int, previous: int, _now: int) -> bool:
+        nonlocal shown
+        shown = shown and not previous & ~word & NEW_SET_POINT
+        return True
+
+    def change(word: int) -> int:
+        nonlocal shown
+        enabled = drive.state is State.OPERATION_ENABLED
+        shown = shown or not enabled
+        return word | BIT_12 if shown and enabled and drive.modes.number == OperationMode.PP else word
+
+    hooks.gate(drive).takes.append(takes)
+    hooks.word(drive, change)
+
+
 def _polarity_of_targets(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
     store, index, inverted = hooks.node.store, o.POLARITY + drive.objects.offset, drive.readings.inverted
 
@@ -232,6 +251,13 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "Trinamic, TMCM-1270 manual",
         _model(lambda model, _strength: replace(model, single_set_point=True)),
         group="PP",
+    ),
+    Quirk(
+        "acknowledged_at_enable",
+        "sets bit 12 in PP when it is enabled, and clears it only after bit 4 has risen and fallen",
+        _PP,
+        "canopen#678 (a motor with an integrated controller)",
+        _acknowledged_at_enable,
     ),
     Quirk(
         "set_points_elsewhere",

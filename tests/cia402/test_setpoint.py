@@ -61,16 +61,71 @@ class PositionDrive:
         return ENABLED | ACK * self.ack | REACHED * (self.position == self.target)
 
 
-def run(machine: SetPointHandshake, drive: PositionDrive, cycles: int, delay: int = 0) -> list:
+def run(machine: SetPointHandshake, drive: PositionDrive, cycles: int, delay: int = 0, cycle_ns: int = 1) -> list:
     events = []
     words, controls = [drive.statusword] * delay, [(0, machine.target)] * delay
-    for now in range(cycles):
+    for now in range(0, cycles * cycle_ns, cycle_ns):
         words.append(drive.statusword)
         bits = machine.update(words.pop(0), True, now)
         controls.append((bits, machine.target))
         drive.cycle(*controls.pop(0))
         events += machine.events()
     return events
+
+
+class ShowingDrive(PositionDrive):
+    """A drive that shows bit 12 from its enabling until bit 4 falls; it takes the target of that pulse if `takes`."""
+
+    def __init__(self, takes: bool) -> None:
+        super().__init__()
+        self.takes, self.shown = takes, True
+
+    def cycle(self, bits: int, target: int | None) -> None:
+        falls = self.last & ~bits & 0x10
+        if not self.shown or self.takes:
+            super().cycle(bits, target)
+        else:
+            self.last = bits
+        self.shown = self.shown and not falls
+
+    @property
+    def statusword(self) -> int:
+        return super().statusword | ACK * self.shown
+
+
+CYCLE_NS = 10_000_000
+
+
+@pytest.mark.parametrize("takes", [False, True])
+def test_bit_12_since_the_enabling_is_cleared_by_one_pulse_with_the_target(takes):
+    """canopen, issue 678."""
+    machine, drive = SetPointHandshake(), ShowingDrive(takes)
+    machine.move(1000)
+    events = run(machine, drive, 300, cycle_ns=CYCLE_NS)
+    assert [type(event) for event in events] == [SetPointTaken, SetPointReached]
+    assert drive.position == 1000
+    assert {*drive.taken} == {1000}
+
+
+def test_a_relative_set_point_is_never_sent_twice():
+    machine, drive = SetPointHandshake(), ShowingDrive(takes=True)
+    machine.move(1000, relative=True)
+    (event,) = run(machine, drive, 600, cycle_ns=CYCLE_NS)
+    assert event.phase is SetPointPhase.LOW
+    assert drive.taken == []
+
+
+def test_a_stop_during_the_pulse_replaces_the_set_point():
+    machine = SetPointHandshake()
+    machine.move(1000)
+    for now in range(0, 54 * CYCLE_NS, CYCLE_NS):
+        machine.update(ENABLED | ACK, True, now)
+        if machine.phase is SetPointPhase.CLEAR:
+            break
+    machine.stop_at(7)
+    drive = ShowingDrive(takes=True)
+    drive.last = 0x10
+    assert [event.target for event in run(machine, drive, 300, cycle_ns=CYCLE_NS)] == [7, 7]
 
 
 def test_the_handshake_of_the_vectors():

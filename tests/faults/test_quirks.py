@@ -126,6 +126,19 @@ def test_a_frequency_converter_that_ignores_a_quick_stop_ramps_to_its_target_0(t
         robot.close()
 
 
+def test_a_drive_that_shows_a_set_point_when_it_is_enabled_moves_in_pp(tmp_path):
+    robot = Patient(setup_of(tmp_path, "pp"), quirks={"all": ["acknowledged_at_enable"]})
+    try:
+        start = robot.position("pan")
+        robot.command("pos", start + 0.2, start + 0.2)
+        robot.run(3.0)
+        assert abs(robot.position("pan") - start - 0.2) < 0.01
+        assert robot.state == "running", makers.sentences(robot)[-6:]
+        assert robot.breaches == []
+    finally:
+        robot.close()
+
+
 @pytest.mark.rest
 @pytest.mark.parametrize("name", KEYS)
 def test_a_robot_with_the_key_for_a_quirk_works(name, tmp_path):

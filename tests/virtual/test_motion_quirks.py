@@ -98,6 +98,15 @@ def acknowledged_on_the_way(b):
     return bool(b.statusword & BIT_12)
 
 
+def acknowledged_at_enable(b):
+    b.enable(1)
+    before = b.statusword & BIT_12
+    positioning(b)
+    b.control(0x0F)
+    b.on(0.1)
+    return bool(before) and not b.statusword & BIT_12
+
+
 def goes_on(b):
     last = b.stream()
     b.on(0.05)
@@ -245,6 +254,7 @@ PROBES = {
     "set_point_alone": second_set_point,
     "set_point_needs_bit_5": without_bit_5,
     "one_set_point": acknowledged_on_the_way,
+    "acknowledged_at_enable": acknowledged_at_enable,
     "set_points_elsewhere": lambda b: b.moving().velocity == 0 and b.state == "OPERATION_ENABLED",
     "no_phase_lock": lambda b: not b.drive.modes.active.model.recovers_sync and not b.drive.objects.model.recovers_sync,
     "extrapolates": goes_on,
