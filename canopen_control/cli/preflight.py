@@ -26,7 +26,7 @@ from canopen_control.cli.support.arguments import add_new_name, number
 from canopen_control.cli.support.output import json_alone, json_text, print_result
 from canopen_control.cli.support.target import robot_on
 from canopen_control.commissioning.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
-from canopen_control.errors import CanopenError, ConfigError, SdoAbort, SdoTimeout
+from canopen_control.errors import CanopenError, ConfigError, NotEnabled, SdoAbort, SdoTimeout
 from canopen_control.host.files import write_whole
 from canopen_control.host.sockets import check_name
 from canopen_control.master.direct import DirectBus
@@ -246,6 +246,12 @@ class Jog:
 
     def turn(self, joint: str) -> PreflightStep:
         """Jog one joint; check that it turns at the commanded speed, and that no other joint moves."""
+        try:
+            return self._turn(joint)
+        except NotEnabled as error:  # the robot has stopped during the jog
+            return PreflightStep("jog", False, f"{joint}: {self._why_stopped() or error}")
+
+    def _turn(self, joint: str) -> PreflightStep:
         low, high = self.speed * (1 - TOLERANCE), self.speed * (1 + TOLERANCE)
         speeds, start = {joint: self.speed}, self._positions()
         if not self._until(speeds, lambda: self._is_fast(joint, start)):
@@ -275,7 +281,11 @@ class Jog:
         """
         speeds = {joint: self.speed * (-1 if joint in self._targets else 1) for joint in self.turned}
         start = self._positions()
-        if not self._until(speeds, lambda: all(self._is_fast(joint, start) for joint in speeds)):
+        try:
+            turns = self._until(speeds, lambda: all(self._is_fast(joint, start) for joint in speeds))
+        except NotEnabled as error:
+            return PreflightStep("STOP", False, f"STOP cannot be tested: {self._why_stopped() or error}")
+        if not turns:
             return PreflightStep("STOP", False, "the joints do not turn, so STOP cannot be tested")
         since = time.monotonic()
         try:
@@ -289,6 +299,11 @@ class Jog:
         return PreflightStep(
             "STOP", still and elapsed <= _STOP_S, f"drives disabled {elapsed:.2f} s after STOP: {text}"
         )
+
+    def _why_stopped(self) -> str:
+        """Return the last two errors of the robot, such as a fault and the stop that follows, "" without one."""
+        errors = [event.text for event in self._robot.status().events if event.level == "error"]
+        return "; ".join(text.partition("; to continue")[0] for text in errors[-2:])  # this program ends the robot
 
     def _is_fast(self, joint: str, start: Mapping[str, float]) -> bool:
         """Whether a joint has reached the jog speed; if commanded by position, whether it has moved far enough."""
@@ -338,7 +353,9 @@ class Jog:
 def _hint(velocity: float) -> str:
     if math.isnan(velocity):
         return "; it reports no velocity: is 0x606C mapped?"
-    return "; it turns the wrong way: check the sign of its scale" if velocity < -STANDSTILL else ""
+    if velocity < -STANDSTILL:
+        return "; it turns the wrong way: check motor and encoder cables, and polarity (0x607E) in the drive"
+    return ""
 
 
 def _controller(interface: str) -> str:

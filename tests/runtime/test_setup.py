@@ -146,11 +146,17 @@ def test_a_robot_is_on_its_buses_where_drives_move_it():
     assert list(read_robot(find_robot("diffbot_sim"), real=True).joined) == ["can"]
 
 
-UNITS = "scale_pos_to_dev: 210, scale_pos_from_dev: 0.0047619, scale_vel_to_dev: {0}, scale_vel_from_dev: {1}"
+UNITS = "scale_pos_to_dev: {0}, scale_pos_from_dev: {1}, scale_vel_to_dev: {2}, scale_vel_from_dev: {3}"
 
 
 @pytest.mark.parametrize(
-    ("velocity", "quirks"), [(32.5, ["own_velocity_unit=6.46153846@0"]), (-105, ["own_velocity_unit=2@0"]), (210, [])]
+    ("position", "velocity", "quirks"),
+    [
+        (210, 32.5, ["own_velocity_unit=6.46153846@0"]),
+        (-210, -105, ["own_velocity_unit=2@0"]),
+        (210, 210, []),
+    ],
 )
-def test_a_virtual_drive_has_the_velocity_unit_of_bus_yml(tmp_path, velocity, quirks):
-    assert unit_quirks(with_node(tmp_path, UNITS.format(velocity, 1 / velocity)), "right_drive") == quirks
+def test_a_virtual_drive_has_the_velocity_unit_of_bus_yml(tmp_path, position, velocity, quirks):
+    scales = UNITS.format(position, 1 / position, velocity, 1 / velocity)
+    assert unit_quirks(with_node(tmp_path, scales), "right_drive") == quirks
