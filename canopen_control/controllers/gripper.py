@@ -199,7 +199,7 @@ class PositionGripperActionController(Controller):
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         del values, now, stamp
-        raise self.refusal("accepts only goals; send one to ~/gripper_cmd or with canopen-control gripper")
+        raise self.refusal("accepts only goals; send one to ~/gripper_cmd or with canopen-control gripper POSITION")
 
     def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
         if self.goal is not None and only in (None, self.goal):

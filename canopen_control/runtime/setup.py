@@ -97,7 +97,7 @@ class RobotSetup:
             example = "--can can0" if self.unplaced == (BUS_NAME,) else which
             raise RobotConfigError(
                 f"{option}: where are the drives? Give their channel with {example} "
-                "(or vcan0, pcan:PCAN_USBBUS1@500000, ...); canopen-control bus lists the interfaces of this computer"
+                "(or vcan0, pcan:PCAN_USBBUS1@500000, ...); canopen-control bus list shows the interfaces"
             )
 
     @property

@@ -432,7 +432,7 @@ class JointTrajectoryController(Controller):
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         del values, now, stamp
-        raise self.refusal("accepts only trajectories and goals; send one with canopen-control trajectory")
+        raise self.refusal("accepts only trajectories and goals; send one with canopen-control trajectory play FILE")
 
     @property
     def brake_s(self) -> float:

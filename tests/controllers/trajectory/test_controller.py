@@ -378,7 +378,9 @@ def test_a_scaling_that_is_none_is_refused(arm, factor):
 
 
 def test_numbers_are_refused(arm):
-    with pytest.raises(ControlError, match="only trajectories and goals; send one with canopen-control trajectory"):
+    with pytest.raises(
+        ControlError, match="only trajectories and goals; send one with canopen-control trajectory play FILE"
+    ):
         arm.manager.command("arm", [0.0, 0.0], arm.now)
 
 
