@@ -6,8 +6,8 @@ Rules:
   its acknowledgement. So bit 12 must be 0 first, the target is sent one update before the edge, and bit 4 returns to 0
   when bit 12 is 1.
 - Some drives show bit 12 from their enabling on, and clear it only after bit 4 has risen and fallen (canopen, issue
-  678). A bit 12 that stays 1 without a motion is cleared by such a pulse, once, unless the set-point is relative: the
-  pulse may already start the motion.
+  678). A bit 12 that stays 1 without a motion is cleared by such a pulse, once, with the actual position as its target,
+  so that the pulse moves nothing.
 - Bit 10 belongs to the previous target until the drive uses the new one. It counts when bit 12 is 0 again and bit 10
   was 0 after the acknowledgement, or some updates later, because a short motion may pass unseen.
 - Some drives accept no set-point while they move to the previous one (ZLTECH ZLAC8015D). A set-point that interrupted a
@@ -187,7 +187,9 @@ class SetPointHandshake:
     def stop_at(self, target: int) -> None:
         """Send at once a set-point that ends the motion; it replaces any set-point whose edge has not been sent yet."""
         self._next = SetPoint(target, _IMMEDIATELY)
-        if self.phase in (SetPointPhase.LOW, SetPointPhase.CLEAR):
+        if self.phase is SetPointPhase.CLEAR:
+            self._current, self._next = self._next, None
+        elif self.phase is SetPointPhase.LOW:
             self._current, self._next = self._next, None
             self.target, self._updates = target, 0
 
@@ -215,14 +217,21 @@ class SetPointHandshake:
         return None if self._deadline == _NEVER else self._deadline
 
     def update(
-        self, statusword: int | None, ready: bool, now: int, halted: bool = False, under_way: bool = False
+        self,
+        statusword: int | None,
+        ready: bool,
+        now: int,
+        halted: bool = False,
+        under_way: bool = False,
+        position: int | None = None,
     ) -> int:
         """Return bits 4, 5, 6 and 9 of the controlword to send.
 
         Call once per cycle; this method never raises an exception. `ready` is True if the drive is enabled in mode PP;
         otherwise the set-point is abandoned. While `halted` the drive keeps its target and bit 10 means standstill, so
         that nothing is evaluated and no timeout runs. `under_way` is True if the axis is moving far from its target, so
-        that bit 10, which flickers in some drives (yarp-devices, issue 245), is ignored.
+        that bit 10, which flickers in some drives (yarp-devices, issue 245), is ignored. `position` is the actual
+        position in device units; without it no bit 12 is cleared by a pulse.
         """
         if self.phase is SetPointPhase.IDLE and self._next is None:
             return 0
@@ -232,7 +241,7 @@ class SetPointHandshake:
         if halted:
             self._deadline = _NEVER
             return self._bits
-        self._proceed(statusword & ~TARGET_REACHED if under_way else statusword, now)
+        self._proceed(statusword & ~TARGET_REACHED if under_way else statusword, now, position)
         if self._deadline == _NEVER:
             self._arm(now)
         elif now >= self._deadline:
@@ -253,15 +262,14 @@ class SetPointHandshake:
         self._deadline = _NEVER
         self._updates = 0
 
-    def _proceed(self, statusword: int, now: int) -> None:
+    def _proceed(self, statusword: int, now: int, position: int | None) -> None:
         if self._next is not None and self.phase in (SetPointPhase.IDLE, SetPointPhase.MOVING):
             self._interrupts = self.phase is SetPointPhase.MOVING
-            clears = self.phase is SetPointPhase.IDLE and not self._next.bits & _RELATIVE
-            self._clear_at = now + _SHOWN_NS if clears else _NEVER
+            self._clear_at = _NEVER if self._interrupts else now + _SHOWN_NS
             self._begin(self._next)
         acknowledged = bool(statusword & _ACKNOWLEDGED)
         if self.phase in (SetPointPhase.LOW, SetPointPhase.CLEAR):
-            self._prepare(acknowledged, now)
+            self._prepare(acknowledged, now, position)
         elif self.phase is SetPointPhase.ACKNOWLEDGE:
             # CiA 402-2, 0x6041 in mode PP: bit 12 acknowledges the set-point; then bit 4 returns to 0
             if acknowledged:
@@ -280,17 +288,19 @@ class SetPointHandshake:
             self._follow(statusword, acknowledged, now)
         self._updates += 1
 
-    def _prepare(self, acknowledged: bool, now: int) -> None:
+    def _prepare(self, acknowledged: bool, now: int, position: int | None) -> None:
         """Wait for bit 12 = 0, if necessary after a pulse of bit 4 that clears it, and begin the edge of bit 4."""
         if self.phase is SetPointPhase.CLEAR:
-            if self._updates >= _PULSE:
+            self._bits = _NEW_SET_POINT | _IMMEDIATELY
+            if self._updates > _PULSE:
+                self.target = self._current.target
                 self._go(SetPointPhase.LOW)
         # CiA 402-2, 0x6040 in mode PP: bit 4 may rise only while bit 12 of the statusword is 0
         elif not acknowledged and self._updates:
             self._go(SetPointPhase.ACKNOWLEDGE, _NEW_SET_POINT | self._current.bits)
-        elif now >= self._clear_at:
-            self._clear_at = _NEVER
-            self._go(SetPointPhase.CLEAR, _NEW_SET_POINT | self._current.bits)
+        elif now >= self._clear_at and position is not None:
+            self._clear_at, self.target = _NEVER, position
+            self._go(SetPointPhase.CLEAR)
 
     def _begin(self, set_point: SetPoint) -> None:
         self._current, self._next = set_point, None

@@ -426,7 +426,12 @@ class SetPointTarget(_PositionTarget):
             self._brake(self._sent)
         if handshake.busy:
             self.bits = handshake.update(
-                machine.statusword, ready=True, now=now, halted=machine.halted, under_way=self._is_moving()
+                machine.statusword,
+                ready=True,
+                now=now,
+                halted=machine.halted,
+                under_way=self._is_moving(),
+                position=self._axis.raw_position,
             )
             if handshake.target is not None:
                 self.output.set(handshake.target)

@@ -66,7 +66,7 @@ def run(machine: SetPointHandshake, drive: PositionDrive, cycles: int, delay: in
     words, controls = [drive.statusword] * delay, [(0, machine.target)] * delay
     for now in range(0, cycles * cycle_ns, cycle_ns):
         words.append(drive.statusword)
-        bits = machine.update(words.pop(0), True, now)
+        bits = machine.update(words.pop(0), True, now, position=drive.position)
         controls.append((bits, machine.target))
         drive.cycle(*controls.pop(0))
         events += machine.events()
@@ -96,36 +96,43 @@ class ShowingDrive(PositionDrive):
 CYCLE_NS = 10_000_000
 
 
+@pytest.mark.parametrize("relative", [False, True])
 @pytest.mark.parametrize("takes", [False, True])
-def test_bit_12_since_the_enabling_is_cleared_by_one_pulse_with_the_target(takes):
+def test_bit_12_since_the_enabling_is_cleared_by_a_pulse_that_moves_nothing(takes, relative):
     """canopen, issue 678."""
     machine, drive = SetPointHandshake(), ShowingDrive(takes)
-    machine.move(1000)
+    drive.position = drive.target = 40
+    machine.move(1000, relative=relative)
     events = run(machine, drive, 300, cycle_ns=CYCLE_NS)
     assert [type(event) for event in events] == [SetPointTaken, SetPointReached]
-    assert drive.position == 1000
-    assert {*drive.taken} == {1000}
+    reached = 1040 if relative else 1000
+    assert drive.taken == ([40, reached] if takes else [reached])
+    assert drive.position == reached
 
 
-def test_a_relative_set_point_is_never_sent_twice():
-    machine, drive = SetPointHandshake(), ShowingDrive(takes=True)
-    machine.move(1000, relative=True)
-    (event,) = run(machine, drive, 600, cycle_ns=CYCLE_NS)
+def test_a_bit_12_that_a_pulse_does_not_clear_is_a_timeout():
+    machine = SetPointHandshake()
+    machine.move(1000)
+    edges = [
+        machine.target
+        for now in range(0, 600 * CYCLE_NS, CYCLE_NS)
+        if machine.update(ENABLED | ACK, True, now, position=40) & 0x10
+    ]
+    (event,) = machine.events()
     assert event.phase is SetPointPhase.LOW
-    assert drive.taken == []
+    assert edges == [40, 40, 40]
 
 
 def test_a_stop_during_the_pulse_replaces_the_set_point():
-    machine = SetPointHandshake()
+    machine, drive = SetPointHandshake(), ShowingDrive(takes=True)
     machine.move(1000)
-    for now in range(0, 54 * CYCLE_NS, CYCLE_NS):
-        machine.update(ENABLED | ACK, True, now)
-        if machine.phase is SetPointPhase.CLEAR:
-            break
+    now = 0
+    while machine.phase is not SetPointPhase.CLEAR:
+        machine.update(ENABLED | ACK, True, now, position=0)
+        now += CYCLE_NS
     machine.stop_at(7)
-    drive = ShowingDrive(takes=True)
-    drive.last = 0x10
     assert [event.target for event in run(machine, drive, 300, cycle_ns=CYCLE_NS)] == [7, 7]
+    assert drive.taken == [0, 7]
 
 
 def test_the_handshake_of_the_vectors():
