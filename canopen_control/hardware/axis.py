@@ -17,6 +17,7 @@ from canopen_control.cia402.modes import TARGET_OBJECTS, mode_of
 from canopen_control.cia402.state import State
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, PositionUnwrapper, Scale
 from canopen_control.errors import RobotConfigError, SdoAbort, without_node
+from canopen_control.hardware.axis_statechart import AxisPhase
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ POLL_NS: Final = 50_000_000
 _REWRITE_NS: Final = 500_000_000
 BLIND_STOP_NS: Final = 2_000_000_000  # time for a stop ramp that cannot be observed
 QUICK_STOP_WORD: Final = 0x0002  # CiA 402-2, table 24: bit 1 is 1, bit 2 is 0
+_FORCED_WORDS: Final = {AxisPhase.FORCED_QUICK_STOP: QUICK_STOP_WORD, AxisPhase.VOLTAGE_DISABLED: 0}
 
 
 class AxisStatus:
@@ -108,6 +110,16 @@ class AxisStatus:
         # CiA 402-2, table 22: disable voltage leads out of every powered state
         stopping = self._holds_load or now - self._blind_since < BLIND_STOP_NS
         return QUICK_STOP_WORD if stopping else 0
+
+    def force_stop(self, phase: AxisPhase) -> None:
+        """Write the controlword of an overdue stop by SDO.
+
+        A drive may have switched its RPDOs off (bit 31 of 0x1400:01) while it shows OPERATION_ENABLED, and then
+        receives no controlword and no target (ros2_canopen of Nature Robots, RPDO watchdog of 2026).
+        """
+        word = _FORCED_WORDS.get(phase)
+        if word is not None and self._node.ready:
+            self._node.write(self._axis.index(objects.CONTROLWORD), 0, word.to_bytes(2, "little"))
 
     @property
     def mode_refusal(self) -> str:

@@ -5,7 +5,8 @@ nothing. Targets of a controller are sent only in FOLLOWING, and every path to t
 reset, a drive that returns or a complete group never leads from a stop to FOLLOWING. The rows with GROUP_ are triggers
 of the stop group (`StopGroup`): its joints are enabled in one cycle and disabled in one cycle. Every state of a stop
 has a timeout (`LIMITS_NS`), which is followed by a quick stop, then by disable voltage, unless the axis holds a load
-that would fall; the last state reports that the axis has not stopped.
+that would fall; the last state reports that the axis has not stopped. A stop that does not slow the axis down is not
+waited for (`expire`).
 """
 
 from __future__ import annotations
@@ -289,6 +290,10 @@ class AxisStatechart:
         if now <= self.deadline:
             return False
         return self.fire(PhaseTrigger.TIMEOUT_LOADED if self.holds_load else PhaseTrigger.TIMEOUT, now)
+
+    def expire(self, now: int) -> None:
+        """End the wait of a controlled stop, because the axis does not slow down."""
+        self.deadline = now - 1
 
     def _enter(self, state: AxisPhase, now: int) -> None:
         if state is not AxisPhase.AWAITING_STANDSTILL:

@@ -458,6 +458,7 @@ class JointDrive(JointStatus):
         if self._watch.leaves_limit():
             self._events.append(JointEvent("limit_left", "the axis has left its limit", Level.INFO))
         self._motion.check(self.targets.current, self.enabled)
+        self._motion.check_slowing(self._measured[VELOCITY].value, self.targets.current, self.statechart, self._now)
         wrong_way = self._watch.turns_the_wrong_way(self.enabled)
         self._events += self._motion.events(wrong_way=wrong_way, in_base=self.base is not None)
         if (unit := self.feedback.velocity_unit_mismatch(self._now)) is not None:
@@ -545,6 +546,7 @@ class JointDrive(JointStatus):
             self._fire(PhaseTrigger.AT_STANDSTILL)
         if not (statechart.falling and self.has_settled(now)) and statechart.overdue(now):
             self._events.append(JointEvent("stop_overdue", OVERDUE_TEXTS[statechart.state], Level.ERROR))
+            self._status.force_stop(statechart.state)
 
     def _check_position(self, now: int) -> None:
         """Report a drive that is not enabled because its position is unknown or outside its limits."""

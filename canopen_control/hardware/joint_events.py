@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from canopen_control.cia402.events import DriveEvent
     from canopen_control.hardware.axis import AxisProcessData
     from canopen_control.hardware.axis_parameters import AxisParameters
+    from canopen_control.hardware.axis_statechart import AxisStatechart
     from canopen_control.hardware.mode_targets import ModeTarget
     from canopen_control.master.cycle import Output
     from canopen_control.master.remote_node import RemoteNode
@@ -302,6 +303,35 @@ _BLIND_TEXT: Final = (
 _WRONG_WAY_TEXT: Final = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
 
 
+_SLOWING_CHECKS: Final = 20
+_MOVING: Final = 5 * STANDSTILL  # rad/s or m/s
+_RUNS_ON_TEXT: Final = (
+    "it moves on although its target velocity is 0; check whether the drive has switched off its RPDOs (bit 31 of "
+    "0x1400:01 or 0x1401:01, which a reset of the node clears), its brake and its load"
+)
+
+
+class SlowingWatch:
+    """Check of an axis that has to slow down, ten times a second."""
+
+    def __init__(self) -> None:
+        self._checks, self._from = 0, 0.0
+
+    def fails(self, speed: float, *, required: bool) -> bool:
+        """Return True once if a required decrease of the speed has not begun within two seconds."""
+        if not required or not abs(speed) > _MOVING:  # also nan
+            self._checks = 0
+            return False
+        if not self._checks or abs(speed) < _LESS * self._from:
+            self._checks, self._from = 0, abs(speed)
+        self._checks += 1
+        return self._checks == _SLOWING_CHECKS
+
+    def continue_from(self, other: SlowingWatch) -> None:
+        """Fail at the next check, unless the axis is slower than at the failure of `other`."""
+        self._checks, self._from = other._checks - 1, other._from
+
+
 class MotionWatch:
     """Motion check of one axis: `lacks_motion`, `leaves_path`, `late`, `stuck` and `moves_away` are results of `check`.
 
@@ -326,6 +356,18 @@ class MotionWatch:
         self._right = False  # the current motion was towards its target
         self._idle: ModeTarget | None = None  # target without motion at the last check, value `_idle_at`
         self._idle_at = 0
+        self._stopping, self._at_zero = SlowingWatch(), SlowingWatch()
+        self._runs_on = False
+
+    def check_slowing(self, speed: float, target: ModeTarget | None, statechart: AxisStatechart, now: int) -> None:
+        """Check whether an axis slows down at the target velocity 0, and in a stop, which is not waited for if not."""
+        # CiA 402-2, 0x60FF and 0x6042: 0 commands standstill
+        zero = statechart.following and isinstance(target, VelocityTarget) and target.output.value == 0
+        self._runs_on = self._at_zero.fails(speed, required=zero and not self._machine.halted)
+        if self._runs_on:
+            self._stopping.continue_from(self._at_zero)  # the stop commands 0 again
+        elif self._stopping.fails(speed, required=statechart.falling):
+            statechart.expire(now)
 
     def check(self, target: ModeTarget | None, enabled: bool) -> None:
         """Compare the motion since the last check with the target."""
@@ -363,6 +405,9 @@ class MotionWatch:
         events = []
         if wrong_way or self.moves_away:
             events.append(JointEvent("direction", _WRONG_WAY_TEXT, stops=True))
+        if self._runs_on:
+            stops = self._action == "stop"
+            events.append(JointEvent("runs_on", _RUNS_ON_TEXT, Level.ERROR if stops else Level.WARNING, stops=stops))
         if self.late or self.stuck:
             text = _LATE_TEXT if self.late else _STUCK_TEXT
             events.append(JointEvent("late", text, Level.ERROR, stops=True))

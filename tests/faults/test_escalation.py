@@ -8,6 +8,7 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.axis_statechart import Action, AxisPhase
 
 RPDOS = [base + LEFT for base in (0x200, 0x300, 0x400, 0x500)]
+SDO_REQUESTS = 0x600 + LEFT
 DEVICE = '<param name="device_name">${side}_drive</param>'
 
 
@@ -26,8 +27,8 @@ def turning(request, tmp_path):
 
 
 def deaf(bench):
-    """Let the left drive hear no process data any more; returns its joint."""
-    bench.bus.drop(lambda _label, frame: frame.can_id in RPDOS)
+    """Let the left drive receive no RPDO and no SDO request any more; returns its joint."""
+    bench.bus.drop(lambda _label, frame: frame.can_id in (*RPDOS, SDO_REQUESTS))
     return bench.joint(LEFT)
 
 
@@ -37,10 +38,9 @@ def test_a_drive_that_does_not_stop_is_commanded_to_quick_stop_then_to_disable_v
     joint = deaf(bench)
     bench.robot.stop(lambda _error: None)
     bench.until(lambda: bench.standing(RIGHT))
-    bench.run(5000)
     assert joint.statechart.state is AxisPhase.AWAITING_STANDSTILL
     assert bench.powered(RIGHT), "its group waits for it"
-    bench.until(lambda: joint.statechart.state is AxisPhase.FORCED_QUICK_STOP, ms=7000)
+    bench.until(lambda: joint.statechart.state is AxisPhase.FORCED_QUICK_STOP, ms=2500)
     bench.run(100)
     assert not bench.powered(RIGHT)
     assert joint.axis.controlword.value == 0x02

@@ -522,3 +522,62 @@ def test_a_position_that_stands_while_the_velocity_shows_a_motion_stops_the_robo
     assert (created.state == "running") is (action == "warn")
     if action == "stop":
         assert (drive(created, 2).mover.plant.position - before) / COUNTS < 0.5
+
+
+def _switch_off_rpdos(created, *numbers):
+    """Set bit 31 of the COB-IDs of RPDOs, as a drive did by itself while it showed OPERATION_ENABLED."""
+    store = created.simulated.drives[2].device.store
+    for number in numbers:
+        entry = store.od.get(0x1400 + number - 1, 1)
+        store.write(entry, store.number(entry.index, 1) | 1 << 31)
+
+
+@pytest.mark.parametrize("rpdos", [(2,), (1, 2)])
+@pytest.mark.parametrize("mode", ["pv", pytest.param("csv", marks=pytest.mark.rest)])
+def test_a_drive_without_rpdos_is_stopped_by_sdo_when_it_moves_on_at_a_command_of_0(robot, mode, rpdos):
+    """Nature Robots' ros2_canopen has a watchdog that repairs such drives."""
+    created = robot(mode)
+    _lead(created, mode, 50)
+    _switch_off_rpdos(created, *rpdos)
+    mover = drive(created, 2).mover
+    created.command("vel", 0.0, 0.0)
+    created.run(1.9)
+    assert (created.state, abs(mover.plant.velocity) > 0.4 * COUNTS) == ("running", True)
+    created.run(0.8)
+    assert created.state == "disabled"
+    assert mover.plant.velocity == 0.0
+    found = [event for event in created.events if event.kind == "runs_on"]
+    assert [event.node for event in found] == ["pan_drive"]
+    assert "bit 31 of 0x1400:01 or 0x1401:01" in found[0].sentence
+    assert "quick stop commanded" in "; ".join(sentences(created))
+
+
+def test_a_stop_does_not_wait_for_a_drive_that_does_not_slow_down(robot):
+    created = robot("pv")
+    _lead(created, "pv", 50)
+    _switch_off_rpdos(created, 1, 2)
+    created.do("axis", name="disable")
+    created.run(2.7)
+    assert drive(created, 2).mover.plant.velocity == 0.0
+    assert not drive(created, 2).power.state.name.startswith("OPERATION")
+
+
+def test_an_axis_that_is_only_warned_about_is_not_stopped(robot):
+    created = robot("pv", keys="following_error_action: warn")
+    _lead(created, "pv", 50)
+    _switch_off_rpdos(created, 2)
+    created.command("vel", 0.0, 0.0)
+    created.run(3.0)
+    assert [(event.kind, created.state) for event in created.events if event.kind == "runs_on"] == [
+        ("runs_on", "running")
+    ]
+
+
+def test_a_slow_ramp_is_no_drive_that_moves_on(robot):
+    created = robot("pv")
+    _lead(created, "pv", 50)
+    store = created.simulated.drives[2].device.store
+    store.write(store.od.get(0x6084, 0), round(0.02 * COUNTS))  # 0.5 rad/s in 25 s
+    created.command("vel", 0.0, 0.0)
+    created.run(15.0)
+    assert not [event for event in created.events if event.kind == "runs_on"]
