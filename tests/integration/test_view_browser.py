@@ -67,8 +67,7 @@ def test_the_wheels_turn_in_the_scene_without_another_request(show, keep):
     assert eventually(lambda: plain.page.wait_for_timeout(20) or plain.foreign() == ["http://192.0.2.1/pixel.png"])
     plain.page.close()
     # Our page could not even if it wanted to: what it may ask is written on it.
-    requested = page.page.evaluate("fetch('http://192.0.2.1/').then(() => 'sent', error => String(error))")
-    assert "Failed to fetch" in requested
+    assert eventually(lambda: "Failed to fetch" in page.fetched("http://192.0.2.1/"))
     assert page.foreign() == []
 
 

@@ -98,6 +98,15 @@ class RobotPage:
             count,
         )
 
+    def fetched(self, url: str) -> str:
+        """Return the result of a request by the page, "" if it loads again, as it does if its server was late."""
+        from playwright.sync_api import Error
+
+        try:
+            return str(self.page.evaluate("url => fetch(url).then(() => 'sent', error => String(error))", url))
+        except Error:
+            return ""
+
     def transform(self, node: str) -> list[float]:
         """Return the sixteen numbers of a link's world matrix in the scene that three.js draws, column by column."""
         matrix: list[float] = self.page.evaluate("name => window.ccScene.place(name)", node)
