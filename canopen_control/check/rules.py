@@ -162,26 +162,21 @@ def _middle(geometry: WheelGeometry, joints: Sequence[str]) -> float | None:
     return sum(positions) / len(positions) if positions and len(positions) == len(places) else None
 
 
-def _scales(robot: CheckedRobot) -> Iterator[Finding]:
+def _mirrored(robot: CheckedRobot) -> Iterator[Finding]:
+    """Find left and right wheels whose drives have scales of the same sign."""
     if robot.bus is None:
         return
     for _, base, _ in _bases(robot):
-        yield from _mirrored(robot, base)
-
-
-def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
-    """Find left and right wheels whose drives have scales of the same sign."""
-    assert robot.bus is not None  # checked by `_scales`
-    left = [drive for name in base.left if (drive := _drive(robot, name)) is not None]
-    right = [drive for name in base.right if (drive := _drive(robot, name)) is not None]
-    for (one, sign), (other, other_sign) in zip(left, right, strict=False):
-        if sign == other_sign and one is not other:
-            text = (
-                f"nodes {one.node_id} ({one.name}) and {other.node_id} ({other.name}) drive wheels of both sides with "
-                "scales of the same sign; motors that face each other then turn the robot on the spot"
-            )
-            fix = f"if they do, make the scales of {one.name} negative"
-            yield Finding(robot.bus.path, one.line, Severity.WARNING, text, fix)
+        left = [drive for name in base.left if (drive := _drive(robot, name)) is not None]
+        right = [drive for name in base.right if (drive := _drive(robot, name)) is not None]
+        for (one, sign), (other, other_sign) in zip(left, right, strict=False):
+            if sign == other_sign and one is not other:
+                text = (
+                    f"nodes {one.node_id} ({one.name}) and {other.node_id} ({other.name}) drive wheels of both sides "
+                    "with scales of the same sign; motors that face each other then turn the robot on the spot"
+                )
+                fix = f"if they do, make the scales of {one.name} negative"
+                yield Finding(robot.bus.path, one.line, Severity.WARNING, text, fix)
 
 
 def _drive(robot: CheckedRobot, joint: str) -> tuple[NodeConfig, bool] | None:
@@ -198,7 +193,13 @@ def _drive(robot: CheckedRobot, joint: str) -> tuple[NodeConfig, bool] | None:
     return None
 
 
-WHEEL_RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (_jerk, _frames, _sizes, _sides, _scales)
+WHEEL_RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
+    _jerk,
+    _frames,
+    _sizes,
+    _sides,
+    _mirrored,
+)
 
 
 LEGAL_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")

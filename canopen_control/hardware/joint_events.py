@@ -267,7 +267,7 @@ class FaultWatch:
 # would jump to the set-points when its brake has released. The same applies to an axis that has moved and then stands
 # for half a second while its set-points continue (STO without a change of state): it is stuck. An axis that stands for
 # 1.5 s in another mode is reported; a wheel or steering axis stops its base, which would leave its path, once the way
-# that is missing counts.
+# that is missing counts. An axis has to slow down at the target velocity 0 and in a controlled stop.
 
 
 STANDING_CHECKS: Final = 15  # checks, one every 0.1 s

@@ -320,13 +320,13 @@ def _units(keys: UnitKeys, node: Node) -> UnitKeys:
 def _check_scales(keys: UnitKeys, node: Node) -> None:
     """Report scales of an axis that are zero, of different signs, or whose two directions are not inverse."""
     section = node.get("channels")
-    channels = dict(enumerate(section.elements())) if section is not None and keys.channels else {}
-    overriding = {axis: channel for axis, channel in channels.items() if {*SCALES} & {*channel.keys()}}
-    some_axis_has_those_of_the_node = not channels or overriding.keys() != channels.keys()
-    if some_axis_has_those_of_the_node and not _are_usable({key: getattr(keys, key) for key in SCALES}, node, node):
+    channels = section.elements() if section is not None and keys.channels else []
+    own = {axis: channel for axis, channel in enumerate(channels) if {*SCALES} & {*channel.keys()}}
+    inherited = not channels or len(own) < len(channels)  # some axis has the scales of the node
+    if inherited and not _are_usable({key: getattr(keys, key) for key in SCALES}, node, node):
         return
     usable = True
-    for axis, channel in overriding.items():
+    for axis, channel in own.items():
         values = keys.of_axis(axis)
         usable &= _are_usable({key: values[key.removeprefix("scale_")] for key in SCALES}, node, channel)
     if usable:

@@ -19,7 +19,7 @@ NO_VERBS = {"with"}  # "install canopen-control with pip"
 
 
 def texts_of(tree):
-    """Yield the strings of a module; an f-string is one text, with a space for each value."""
+    """Yield the strings of a module; an f-string is one text, with VALUE for each value."""
     parts = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
