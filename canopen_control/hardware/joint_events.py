@@ -305,10 +305,16 @@ _WRONG_WAY_TEXT: Final = "it turns against its command; check polarity (0x607E),
 
 _SLOWING_CHECKS: Final = 20
 _MOVING: Final = 5 * STANDSTILL  # rad/s or m/s
-_RUNS_ON_TEXT: Final = (
-    "it moves on although its target velocity is 0; check whether the drive has switched off its RPDOs (bit 31 of "
-    "0x1400:01 or 0x1401:01, which a reset of the node clears), its brake and its load"
+_EXCESS: Final = 1.5  # ratio of the speed to the commanded speed from which an axis has to slow down
+_RPDOS_OFF: Final = (
+    "check whether the drive has switched off its RPDOs (bit 31 of 0x1400:01 or 0x1401:01, which a reset of the node "
+    "clears)"
 )
+_RUNS_ON_TEXTS: Final = {
+    True: f"it moves on although its target velocity is 0; {_RPDOS_OFF}, its brake and its load",
+    False: f"it moves faster than commanded and does not slow down; {_RPDOS_OFF}, the scale of its velocity (0x606C), "
+    "its brake and its load",
+}
 
 
 class SlowingWatch:
@@ -356,16 +362,21 @@ class MotionWatch:
         self._right = False  # the current motion was towards its target
         self._idle: ModeTarget | None = None  # target without motion at the last check, value `_idle_at`
         self._idle_at = 0
-        self._stopping, self._at_zero = SlowingWatch(), SlowingWatch()
-        self._runs_on = False
+        self._stopping, self._following = SlowingWatch(), SlowingWatch()
+        self._runs_on = self._at_zero = False
 
     def check_slowing(self, speed: float, target: ModeTarget | None, statechart: AxisStatechart, now: int) -> None:
-        """Check whether an axis slows down at the target velocity 0, and in a stop, which is not waited for if not."""
-        # CiA 402-2, 0x60FF and 0x6042: 0 commands standstill
-        zero = statechart.following and isinstance(target, VelocityTarget) and target.output.value == 0
-        self._runs_on = self._at_zero.fails(speed, required=zero and not self._machine.halted)
+        """Check whether an axis slows down to its target velocity, and in a stop, which is not waited for if not."""
+        commanded = math.inf
+        if statechart.following and isinstance(target, VelocityTarget) and not self._machine.halted:
+            if target.output.value == 0:
+                commanded = 0.0
+            elif not target.has_minimum:
+                commanded = abs(target.output.value / target.factor())
+        self._runs_on = self._following.fails(speed, required=abs(speed) > _EXCESS * commanded + _MOVING)
+        self._at_zero = commanded == 0.0
         if self._runs_on:
-            self._stopping.continue_from(self._at_zero)  # the stop commands 0 again
+            self._stopping.continue_from(self._following)  # the stop commands 0
         elif self._stopping.fails(speed, required=statechart.falling):
             statechart.expire(now)
 
@@ -403,17 +414,16 @@ class MotionWatch:
     def events(self, *, wrong_way: bool, in_base: bool) -> list[JointEvent]:
         """Return the events of the last check; `wrong_way` is the result of `StatusWatch.turns_the_wrong_way`."""
         events = []
+        stops = self._action == "stop"
+        level = Level.ERROR if stops else Level.WARNING
         if wrong_way or self.moves_away:
             events.append(JointEvent("direction", _WRONG_WAY_TEXT, stops=True))
         if self._runs_on:
-            stops = self._action == "stop"
-            events.append(JointEvent("runs_on", _RUNS_ON_TEXT, Level.ERROR if stops else Level.WARNING, stops=stops))
+            events.append(JointEvent("runs_on", _RUNS_ON_TEXTS[self._at_zero], level, stops=stops))
         if self.late or self.stuck:
             text = _LATE_TEXT if self.late else _STUCK_TEXT
             events.append(JointEvent("late", text, Level.ERROR, stops=True))
         if self.blind:
-            stops = self._action == "stop"
-            level = Level.ERROR if stops else Level.WARNING
             events.append(JointEvent("position_stands", _BLIND_TEXT, level, stops=stops))
         if self.leaves_path and in_base and self._action == "stop":
             events.append(JointEvent("standing", _BASE_TEXT, Level.ERROR, stops=True))

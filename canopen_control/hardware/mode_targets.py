@@ -146,6 +146,7 @@ class VelocityTarget(_ScaledTarget):
     low = INT32_MIN
     high = INT32_MAX
     ramped = False  # the master ramps
+    has_minimum = False
 
     def hold(self) -> None:
         self.value = _NAN
@@ -194,6 +195,7 @@ class WordVelocityTarget(VelocityTarget):
     held_bits = _VL_RUN  # without bit 5 the ramp keeps its speed, also in a drive that ignores a quick stop
     low = INT16_MIN
     high = INT16_MAX
+    has_minimum = True  # CiA 402-2, 0x6046: a drive turns at its minimum velocity at least, unless its target is 0
 
     def factor(self) -> float:
         """Return the motor rpm per rad/s (m/s)."""

@@ -552,6 +552,21 @@ def test_a_drive_without_rpdos_is_stopped_by_sdo_when_it_moves_on_at_a_command_o
     assert "quick stop commanded" in "; ".join(sentences(created))
 
 
+def test_a_drive_without_rpdos_is_stopped_when_it_stays_faster_than_its_command(robot):
+    created = robot("pv")
+    _lead(created, "pv", 50)
+    _switch_off_rpdos(created, 2)
+    created.command("vel", 0.1, 0.1, seconds=4)
+    created.run(1.9)
+    assert created.state == "running"
+    created.run(1.0)
+    assert (created.state, drive(created, 2).mover.plant.velocity) == ("disabled", 0.0)
+    found = [event.sentence for event in created.events if event.kind == "runs_on"]
+    assert [sentence.split("; ")[0] for sentence in found] == [
+        "node 2 (pan_drive): it moves faster than commanded and does not slow down"
+    ]
+
+
 def test_a_stop_does_not_wait_for_a_drive_that_does_not_slow_down(robot):
     created = robot("pv")
     _lead(created, "pv", 50)
@@ -573,11 +588,23 @@ def test_an_axis_that_is_only_warned_about_is_not_stopped(robot):
     ]
 
 
-def test_a_slow_ramp_is_no_drive_that_moves_on(robot):
+@pytest.mark.parametrize("velocity", [0.0, 0.1])
+def test_a_slow_ramp_is_no_drive_that_moves_on(robot, velocity):
     created = robot("pv")
     _lead(created, "pv", 50)
     store = created.simulated.drives[2].device.store
     store.write(store.od.get(0x6084, 0), round(0.02 * COUNTS))  # 0.5 rad/s in 25 s
-    created.command("vel", 0.0, 0.0)
+    created.command("vel", velocity, velocity)
     created.run(15.0)
+    assert not [event for event in created.events if event.kind == "runs_on"]
+
+
+def test_the_minimum_velocity_of_mode_vl_is_no_drive_that_moves_on(robot):
+    created = robot("vl")
+    _lead(created, "vl", 50)
+    store = created.simulated.drives[2].device.store
+    store.write(store.od.get(0x6046, 1), 240)  # rpm of the motor: 0.5 rad/s
+    created.command("vel", 0.1, 0.1, seconds=4)
+    created.run(4.0)
+    assert abs(drive(created, 2).mover.plant.velocity) > 0.4 * COUNTS
     assert not [event for event in created.events if event.kind == "runs_on"]
