@@ -479,9 +479,13 @@ class AxisProcessData:
 
     @property
     def raw_position(self) -> int:
-        """Latest value of 0x6064 in counts; 0 if unknown."""
+        """Latest value of 0x6064 in counts, or 0 if no TPDO contains it.
+
+        The last position of a lost node is kept, because a stop is still sent to it with a target at standstill; before
+        the first TPDO the position is that of the boot.
+        """
         position = self.position
-        if position is None or position.pdo.stamp < 0:
+        if position is None:
             return 0
         return position.pdo.values[position.position]  # type: ignore[return-value]  # same as `Input.value`, but faster
 
