@@ -300,6 +300,8 @@ class RemoteNode:
         self._abandon()
         self._owner.guard(self, False, now)
         self._owner.watch_heartbeat(self.node_id, 0)
+        if self.ready:  # a drive that is kept alive would move on during its boot
+            self._stopping_until = now + STOPPING_NS
         if self._stopping_until is None:
             self._stop_sending()
         else:
@@ -550,8 +552,7 @@ class RemoteNode:
         """End READY or the boot, invalidate the process data, and report the event if the node was in use."""
         was_used, was_ready = self.ready or self._task is not None, self.ready
         self._abandon()
-        self.state, self.ready = NodeState.WAITING, False
-        self.stale = False
+        self.state, self.ready, self.stale = NodeState.WAITING, False, False
         self._owner.guard(self, False, now)
         self.error = str(error) if error is not None else text
         for received in self.received:
@@ -680,7 +681,7 @@ def _is_absence(request: SdoRequest) -> bool:
 
 _SYNC_LENGTH = 0x8240  # EMCY: the length of the SYNC does not match 0x1019
 _ABSENT = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
-_MAY_BE_ALIVE = ("heartbeat_lost", "guarding_lost", "guarding_toggle", "restarted", "nmt")
+_MAY_BE_ALIVE = ("heartbeat_lost", "guarding_lost", "guarding_toggle", "restarted", "nmt", "bus_lost")
 _COMMANDED = {
     NmtCommand.STOP: NmtState.STOPPED,
     NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
