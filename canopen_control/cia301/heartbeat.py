@@ -95,6 +95,11 @@ class HeartbeatProducer:
             return None
         return self._deadline_ns or 0
 
+    def silence_ns(self, now: int) -> int:
+        """Return the time since the last heartbeat was due, 0 if no heartbeat is sent."""
+        deadline = self.next_deadline()
+        return now - deadline + self._period_ns if deadline else 0
+
     def frames(self) -> list[CanFrame]:
         return self.outgoing.drain()
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.drive_goal import DriveGoal
 from canopen_control.cia402.events import ENABLE_ADVICE
 from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface, nearest
@@ -19,13 +20,13 @@ from canopen_control.hardware.axis_statechart import STOPPED, StopGroup
 from canopen_control.hardware.device_parts import DeviceParts, is_measured
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, TARGET, ComponentLifecycle, ReturnType
 from canopen_control.hardware.joint import JointDrive
+from canopen_control.hardware.joint_events import JointEvent
 from canopen_control.master.event_log import Event, Level
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
-    from canopen_control.hardware.joint_events import JointEvent
     from canopen_control.master.cycle import ProcessImage
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
@@ -102,6 +103,10 @@ FAULT_RESET_IF_NEEDED: Final = f"{FAULT_RESET} if a drive is in fault"
 """Advice about a node that is absent: by 0x6007 of CiA 402-2, an enabled drive that leaves OPERATIONAL, or that lost
 its master, may return in a fault."""
 ENABLE_AFTER_LOSS: Final = f"{FAULT_RESET_IF_NEEDED}, then {_ENABLE}"
+_FORSAKEN_TEXT: Final = (
+    "this program stood still for longer than the drive waits for the master ({:g} s), so that the drive has stopped "
+    "by itself; is the computer busy, or was it suspended?"
+)
 
 #: plugin names that select this component, including those of other stacks
 PLUGINS: Final[tuple[str, ...]] = (
@@ -265,6 +270,18 @@ class CanopenSystem(ComponentLifecycle):
     def stop(self, now: int) -> None:
         for joint in self.joints:
             joint.stop(now)
+
+    def stop_forsaken(self, nodes: Collection[RemoteNode], now: int) -> None:
+        """Stop the axes of nodes that have missed the master for their timeout, and so have stopped by themselves."""
+        joints = [joint for joint in self.joints if joint.node in nodes and joint.machine.goal is DriveGoal.ENABLED]
+        for joint in joints:
+            joint.machine.disable()  # CiA 402-2, table 22, transition 16: 0x0F would lead out of QUICK STOP ACTIVE
+        for joint in joints:
+            if joint.enable_requested:
+                text = _FORSAKEN_TEXT.format(joint.node.plan.master_timeout_ns / 1e9)
+                self._report_event(joint, JointEvent("master_late", text, Level.ERROR, stops=True), now)
+            else:
+                joint.stop(now)
 
     def quick_stop_outputs(self) -> None:
         """Set quick stop in the controlwords that the next transmission sends, for a component whose cycle fails."""

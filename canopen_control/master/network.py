@@ -295,6 +295,18 @@ class Network:
             self._guarding.postpone(nanoseconds)
             self._stale = True
 
+    def forsaken(self, now: int, since: int) -> list[RemoteNode]:
+        """Return the ready nodes that have missed this master for their timeout, because it sent nothing from `since`.
+
+        They have reacted to that (0x6007, 0x1029) before they show it: without SYNCs they send no statusword.
+        """
+        silences = {node: self._silence_ns(node, now, since) for node in self.nodes.values() if node.ready}
+        return [node for node, silence in silences.items() if 0 < node.plan.master_timeout_ns <= silence]
+
+    def _silence_ns(self, node: RemoteNode, now: int, since: int) -> int:
+        guard = node.plan.guard
+        return self._producer.silence_ns(now) if guard is None else now - since + guard[0]
+
     def next_deadline(self) -> int | None:
         """Return the time of the next `tick`, or None if not needed."""
         if self._stale:

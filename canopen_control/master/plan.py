@@ -111,11 +111,12 @@ class NodePlan:
     `guard` is (guard time in ns, life time factor) for a node supervised by guarding, else None. `restore` and `save`
     are subindexes of 0x1011 and 0x1010, 0 for none. `software_version` is the required value of 0x1F56:01, 0 for any.
     `signals` are the signals of the device profile and of `signals` in bus.yml, by name; `reads` are the objects read
-    for them during the boot. `unsupervised` is the reason why the loss of the master would not stop the axes after all
-    writes, else "". `expected` are objects on which the scales of bus.yml depend and that nothing writes (polarity,
-    encoder, gear and feed), with the values of the EDS; `turns` maps each axis offset to the position counts per
-    turn in bus.yml. `motors` maps the objects of a device with several motors in one object set: `rpdos`, `tpdos` and
-    `axes` have the addresses of the axes' view, `writes` the addresses of the device.
+    for them during the boot. `master_timeout_ns` is the time after which the node detects the loss of the master, or 0.
+    `unsupervised` is the reason why this loss would not stop the axes after all writes, else "". `expected` are objects
+    on which the scales of bus.yml depend and that nothing writes (polarity, encoder, gear and feed), with the values of
+    the EDS; `turns` maps each axis offset to the position counts per turn in bus.yml. `motors` maps the objects of a
+    device with several motors in one object set: `rpdos`, `tpdos` and `axes` have the addresses of the axes' view,
+    `writes` the addresses of the device.
     """
 
     name: str
@@ -140,6 +141,7 @@ class NodePlan:
     profile: Profile = Profile.NONE
     signals: dict[str, Signal] = field(default_factory=dict)
     reads: tuple[MappedObject, ...] = ()
+    master_timeout_ns: int = 0
     unsupervised: str = ""
     expected: tuple[PlannedWrite, ...] = ()
     turns: dict[int, float] = field(default_factory=dict)
@@ -175,8 +177,8 @@ def plan_node(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePl
     heartbeat_ms = _plan_values(builder, master)
     _warn_of_another_node(builder)
     guard = _guard(node.supervision) if node.supervision.guarded and not heartbeat_ms else None
-    monitors = _monitors_master(builder, master, guarded=guard is not None)
-    if not monitors:
+    timeout_ms = _master_timeout_ms(builder, master, guarded=guard is not None)
+    if not timeout_ms:
         warn_of_unwatched_outputs(builder, signals.values())
     return NodePlan(
         node.name,
@@ -203,7 +205,8 @@ def plan_node(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePl
         expected=tuple(_expected(builder)),
         turns=_turns(node, view),
         motors=motors,
-        unsupervised=_why_unsupervised(builder, master, monitors=monitors),
+        master_timeout_ns=timeout_ms * _MILLISECOND,
+        unsupervised=_why_unsupervised(builder, master, monitors=timeout_ms > 0),
     )
 
 
@@ -555,11 +558,11 @@ def _plan_reactions(builder: PlanBuilder) -> None:
         builder.write_downloaded(ERROR_BEHAVIOUR, 1)
 
 
-def _monitors_master(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bool:
-    """Whether a node, configured by the plan, detects the loss of the master; warn if the timeout is too short."""
+def _master_timeout_ms(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> int:
+    """Return the time after which a node detects the loss of the master, or 0; warn if the timeout is too short."""
     # CiA 301, 7.5.2.11 and 7.5.2.12: a product of 0 disables life guarding
-    if guarded and builder.final(GUARD_TIME, 0) and builder.final(LIFE_FACTOR, 0):
-        return True
+    if guarded and (life := (builder.final(GUARD_TIME, 0) or 0) * (builder.final(LIFE_FACTOR, 0) or 0)):
+        return life
     consumers = [
         parse_consumer_entry(builder.final(HEARTBEAT_CONSUMER, sub) or 0)
         for sub in builder.od.subindices(HEARTBEAT_CONSUMER)[1:]
@@ -574,7 +577,7 @@ def _monitors_master(builder: PlanBuilder, master: MasterConfig, *, guarded: boo
             f"the consumer time in 0x1016 is {min(times)} ms, the heartbeat period of the master{every} {beat_ms:g} "
             "ms: the node repeatedly reports the master as lost; set the time of three heartbeats",
         )
-    return bool(times)
+    return min(times, default=0)
 
 
 def _why_unsupervised(builder: PlanBuilder, master: MasterConfig, *, monitors: bool) -> str:

@@ -112,7 +112,7 @@ class RobotCycle:
                 bus.receive(pacer.edge)
         for bus in self._sync_first:
             bus.send_sync(now)
-        period = self._period_after_skipping(skipped) if (skipped := pacer.skipped) else self._period
+        period = self._period_after_skipping(skipped, now) if (skipped := pacer.skipped) else self._period
         components, manager, edge = self._registry.components, self._manager, pacer.edge
         for component in components:
             self._read(component, now, period)
@@ -190,7 +190,7 @@ class RobotCycle:
             self._robot.advance(now)
         if clock.take(edge):
             self._run_edge(
-                clock.edge, self._period_after_skipping(skipped) if skipped and not clock.paused else self._period
+                clock.edge, self._period_after_skipping(skipped, now) if skipped and not clock.paused else self._period
             )
             until = now + self._pacer.period_ns // 2
             while clock.paused and self._reactor.now() < until and clock.take_step(edge):
@@ -209,10 +209,13 @@ class RobotCycle:
             self._write(component, edge)
         self._manager.broadcast(edge, period)
 
-    def _period_after_skipping(self, skipped: int) -> float:
+    def _period_after_skipping(self, skipped: int, now: int) -> float:
         """Return the period in s of a cycle after skipped edges, and report the edges to the hardware components."""
         if not self._following:
             self._report_skipped_edges(skipped)
+        forsaken = [node for bus in self._buses for node in bus.network.forsaken(now, self.sent_at)]
+        for system in self._systems if forsaken else ():
+            system.stop_forsaken(forsaken, now)
         return self._period * (1 + min(skipped, CAUGHT_UP))
 
     def step_now(self, now: int) -> None:
