@@ -11,6 +11,7 @@ while the node is OPERATIONAL. Exceptions are a node that has just sent its boot
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,7 @@ from canopen_control.cia402.objects import (
     SUPPORTED_DRIVE_MODES,
     TARGET_VELOCITY,
 )
-from canopen_control.errors import CanopenError, SdoAbort, SdoLengthError, SdoTimeout
+from canopen_control.errors import BootError, CanopenError, SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.master.boot_config import (
     STORE_NS,
     check_expected,
@@ -54,7 +55,6 @@ if TYPE_CHECKING:
 
     from canopen_control.cia301.sdo_client import SdoClient
     from canopen_control.cia301.sdo_exchange import SdoRequest
-    from canopen_control.errors import BootError
     from canopen_control.master.plan import NodePlan
     from canopen_control.master.plan_builder import PlannedPdo
     from canopen_control.master.requests import Answer
@@ -97,9 +97,19 @@ def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResul
 
     With `reset`, NMT reset communication is sent first, so that the node loses the configuration of an earlier run; a
     node that has just sent its boot-up needs no reset. A node with `reset_communication: false` is reset only if it is
-    not OPERATIONAL.
+    not OPERATIONAL. If the boot fails, a drive that an earlier master left enabled is disabled nevertheless: no later
+    step stops it, and the heartbeat of this master would keep it running.
     """
     transfers = BootTransfers(plan.motors)
+    try:
+        return (yield from _boot(plan, transfers, reset=reset))
+    except BootError as error:
+        if error.letter not in ("B", "C"):  # it does not answer, or is no such drive
+            yield from _disable_refused(plan, transfers)
+        raise
+
+
+def _boot(plan: NodePlan, transfers: BootTransfers, *, reset: bool) -> Generator[Request, Answer, BootResult]:
     keep = plan.keep_alive and reset
     alive = False
     if reset and not keep:
@@ -204,6 +214,19 @@ def _check_software(plan: NodePlan, transfers: BootTransfers) -> Generator[Reque
         )
 
 
+def _disable_refused(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
+    """Disable the axes of a node whose boot has failed, as far as it answers."""
+    with contextlib.suppress(SdoAbort, SdoTimeout, SdoLengthError):
+        for offset in plan.axes:
+            yield from _disable(transfers, offset, (yield from transfers.number(STATUSWORD + offset, 0)) or 0)
+
+
+def _disable(transfers: BootTransfers, offset: int, statusword: int) -> Generator[Request, Answer, None]:
+    # CiA 402-2, table 30: bit 2, operation enabled
+    if statusword & _OPERATION_ENABLED_BIT:
+        yield from _write_optional(transfers, CONTROLWORD + offset, _SHUTDOWN.to_bytes(2, "little"))
+
+
 def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> Generator[Request, Answer, int | None]:
     """Read modes and actual values of a drive; unless `running`, disable it and clear its target velocity."""
     modes: int | None = None
@@ -211,9 +234,8 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
     for offset in plan.axes:
         modes = yield from _read_optional(plan, "J", transfers, SUPPORTED_DRIVE_MODES + offset, 0)
         statusword = (yield from _read_optional(plan, "J", transfers, STATUSWORD + offset, 0)) or 0
-        # CiA 402-2, table 30: bit 2, operation enabled
-        if statusword & _OPERATION_ENABLED_BIT and not running:
-            yield from _write_optional(transfers, CONTROLWORD + offset, _SHUTDOWN.to_bytes(2, "little"))
+        if not running:
+            yield from _disable(transfers, offset, statusword)
         for (target, subindex), actual in _PRESETS.items():
             if (target + offset, subindex) in sent:
                 value = yield from _read_optional(plan, "J", transfers, actual + offset, 0, signed=True)

@@ -246,6 +246,31 @@ def test_a_drive_left_enabled_loses_its_power_before_it_is_configured():
     assert device.written[0] == (0x6040, 0, b"\x06\x00")
 
 
+@pytest.mark.parametrize(
+    ("objects", "behaviour", "changes"),
+    [
+        ({(0x1018, 1): 0x287}, {}, {}),
+        ({}, {}, {"software_version": 0x10}),
+        ({}, {"state": NmtState.OPERATIONAL}, {"keep_alive": True, "software_version": 0x10}),
+        ({}, {"state": None}, {"keep_alive": True}),
+    ],
+    ids=["another vendor", "another software", "kept alive", "kept alive, state unknown"],
+)
+def test_a_drive_left_enabled_loses_its_power_also_if_its_boot_is_refused(objects, behaviour, changes):
+    device = drive({(0x6041, 0): 0x0637, **objects}, **behaviour)
+    with pytest.raises(BootError):
+        booted(device, identity=NodeIdentity(vendor_id=0x286), **changes)
+    assert device.written == [(0x6040, 0, b"\x06\x00")]
+
+
+def test_a_device_of_another_type_and_a_disabled_drive_are_not_written_when_a_boot_is_refused():
+    for objects in ({(0x6041, 0): 0x0637, (0x1000, 0): 0x191}, {(0x1018, 1): 0x287}):
+        device = drive(objects)
+        with pytest.raises(BootError):
+            booted(device, identity=NodeIdentity(device_type=0x192, vendor_id=0x286))
+        assert device.written == []
+
+
 def test_an_io_node_is_asked_for_no_drive_objects():
     device = Device()
     assert booted(device, axes=()).supported_modes is None

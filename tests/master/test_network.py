@@ -76,6 +76,7 @@ def test_the_wrong_vendor_fails_that_node_and_is_tried_again_after_a_second():
     feed(net, 0, "583#4318100199000000")
     for subindex in (2, 3, 4):
         feed(net, 0, f"583#431810{subindex:02X}00000000")
+    feed(net, 0, "583#4B41600040020000")  # the statusword of a drive without power
     failed = [event for event in events if event.kind == "boot_failed"]
     assert [event.node for event in failed] == ["left_drive"]
     assert "boot error D" in failed[0].text
