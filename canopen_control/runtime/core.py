@@ -467,7 +467,7 @@ class RobotCore(CycledRobot):
         else:
             self._requests = [request for request in self._requests if not request.confirm_stop()]
         for bus in self.buses.values():
-            bus.release_nodes()
+            bus.release_nodes(powered)
         self._end(f"has stopped, {how}" if how else "has stopped")
 
     def end_without_cycle(self) -> None:

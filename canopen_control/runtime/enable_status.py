@@ -175,22 +175,22 @@ def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
     return f"{node.label}: {reason}"
 
 
-def stop_summary(joints: Iterable[JointDrive]) -> tuple[str, bool]:
-    """Return the power states of the drives at the end of a run as text, and whether one has or may have power.
+def stop_summary(joints: Iterable[JointDrive]) -> tuple[str, set[RemoteNode]]:
+    """Return the power states of the drives at the end of a run as text, and the nodes that have or may have power.
 
     A node that never booted has no power from this run. The text is "" without drives.
     """
-    states = [(joint.node.name, joint.state) for joint in joints if joint.node.identity is not None]
+    states = [(joint.node, joint.state) for joint in joints if joint.node.identity is not None]
     unbooted = dict.fromkeys(joint.node.name for joint in joints if joint.node.identity is None)
     parts = [
-        f"{name} still has power ({state.name.replace('_', ' ')}): cut its supply if it moves"
-        for name, state in states
+        f"{node.name} still has power ({state.name.replace('_', ' ')}): cut its supply if it moves"
+        for node, state in states
         if state in POWERED_STATES and state is not None
     ]
-    unseen = dict.fromkeys(name for name, state in states if state is None)
+    unseen = dict.fromkeys(node.name for node, state in states if state is None)
     if unseen:
         parts.append(f"could not confirm that {', '.join(unseen)} {'is' if len(unseen) == 1 else 'are'} disabled")
-    doubtful = bool(parts)
+    doubtful = {node for node, state in states if state is None or state in POWERED_STATES}
     if unbooted:
         parts.append(f"{', '.join(unbooted)} {'was' if len(unbooted) == 1 else 'were'} not booted")
     return "; ".join(parts) or ("its drives are disabled" if states else ""), doubtful

@@ -17,11 +17,12 @@ from canopen_control.master.keys import DEFAULT_BOOT_MS
 from canopen_control.master.network import Network
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Container
 
     from canopen_control.bus.port import BusEvent, Port, PortStats
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.config import BusConfig
+    from canopen_control.master.remote_node import RemoteNode
 
 
 # SYNC that the kernel or a node of the bus sends, and that the cycle follows.
@@ -437,11 +438,14 @@ class RobotBus:
         self.network.changed()
         self._send(self._take())
 
-    def release_nodes(self) -> None:
-        """Reset the communication of the nodes, if permitted, to end their monitoring of the master's heartbeat."""
+    def release_nodes(self, doubtful: Container[RemoteNode]) -> None:
+        """Reset the communication of the nodes, if permitted, to end their monitoring of the master's heartbeat.
+
+        The `doubtful` nodes keep it: a drive that may still have power stops by itself when the heartbeat ends.
+        """
         for node in self.network.nodes.values():
             # CiA 301, 7.3.2.2.1: a reset communication restores 0x1000 to 0x1FFF, and so the heartbeat consumer
-            if node.config.boot.reset_communication:
+            if node.config.boot.reset_communication and node not in doubtful:
                 self.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
         self.send_waiting()
 

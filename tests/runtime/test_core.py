@@ -287,6 +287,19 @@ def test_shutdown_ramps_disables_and_leaves_the_drives_in_peace(robby):
     assert robby.robot.failure is None
 
 
+def test_a_drive_that_may_have_power_at_the_end_still_watches_the_master_and_stops_by_itself(robby, monkeypatch):
+    robby.hold(10.0, 10.0, ms=500)
+    monkeypatch.setattr(robby.drives[LEFT].drives[0].power, "obey", lambda *_: None)
+    since = len(robby.bus.history)
+    robby.robot.shutdown("a test")
+    robby.until(lambda: robby.texts("stopped"), ms=20_000)
+    assert "left_drive still has power" in robby.robot.failure
+    commands = [frame.data for label, frame in robby.bus.history[since:] if label == "master" and frame.can_id == 0]
+    assert commands == [bytes((0x82, RIGHT))]  # reset communication, which clears the heartbeat consumer
+    robby.run(1000)
+    assert robby.drives[LEFT].get(0x6041) & 0x4F == 0x08, "fault"
+
+
 def test_stop_is_answered_at_standstill_and_only_enable_permits_motion_again(robby):
     robby.hold(10.0, 10.0, ms=300)
     answers = []
