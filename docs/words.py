@@ -61,13 +61,13 @@ BUS_YML: dict[str, dict[str, str]] = {
         "guard_time": "time in ms between two guarding requests, for devices without a heartbeat",
         "life_time_factor": "number of unanswered guarding requests after which the node counts as lost",
         "retry_factor": "as in `options`",
-        "error_behavior": "values of 0x1029 by sub-index: what the device does when communication fails",
+        "error_behavior": "values of 0x1029 by subindex: what the device does when communication fails",
         "time_cob_id": "COB-ID of TIME, written to 0x1012",
         "rpdo": "RPDOs by number, 1 to 512",
         "tpdo": "TPDOs by number, 1 to 512",
         "sdo": "objects that the boot writes, in this order; the controlword of an axis is left out, with a warning",
         "boot": "false: the node is neither booted nor driven",
-        "mandatory": "ros2_canopen's name of `required`",
+        "mandatory": "another name of `required`, from ros2_canopen",
         "required": "whether the robot needs the node to start; absent: the value of `mandatory`, else true. If "
         "`required` or `mandatory` is true, the loss of a node stops all axes even if the node moves nothing",
         "allow_unsupervised": "accept a drive that does not stop when the master is lost",
@@ -75,8 +75,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "software_version": "value that 0x1F56:01 must contain; 0: any",
         "configuration_file": "DCF or concise DCF (`.bin`) that is written before `sdo`; [which of two sources "
         "wins](../guide/ros2_canopen.md#which-of-two-sources-wins)",
-        "restore_configuration": "sub-index of 0x1011 that restores the defaults before the configuration; 0: none",
-        "save_configuration": "sub-index of 0x1010 that stores the parameters after a boot that changed some; 0: never",
+        "restore_configuration": "subindex of 0x1011 that restores the defaults before the configuration; 0: none",
+        "save_configuration": "subindex of 0x1010 that stores the parameters after a boot that changed some; 0: never",
         "sdo_timeout_ms": "timeout in ms of an SDO answer",
         "boot_timeout_ms": "timeout in ms of the boot-up message after a reset",
         "position_mode": "mode of operation for a position interface: 1 profile position, 7 interpolated, 8 cyclic",
@@ -102,9 +102,9 @@ BUS_YML: dict[str, dict[str, str]] = {
         "recovery": "what happens when a lost node comes back: the node is booted, or also enabled again",
         "missed_syncs": "number of SYNCs without the TPDOs of the node after which its feedback is stale and the robot "
         "stops; on `local:` and vcan at least 0.25 s",
-        "following_error_action": "reaction to bit 13 (following error) of the statusword, and to a wheel or steering "
-        "axis of a base that stands for 1.5 s although it is commanded to move, and to a position that stands although "
-        "the velocity shows a motion",
+        "following_error_action": "reaction to bit 13 (following error) of the statusword; to a wheel or steering axis "
+        "of a base that has not moved for 1.5 s although a motion is commanded; and to a position that does not change "
+        "although the velocity shows a motion",
         "ignore_remote": "whether to ignore bit 9 (remote) of the statusword, for drives that never set the bit",
         "mode_timeout_ms": "timeout in ms until 0x6061 shows a requested mode; Festo CMMP-AS shows -1 for some seconds "
         "while it synchronises",
@@ -138,12 +138,12 @@ BUS_YML: dict[str, dict[str, str]] = {
     },
     "A mapped object": {
         "index": "index of the object",
-        "sub_index": "sub-index of the object",
-        "bits": "length in bits; compared with the length in the EDS, which is used",
+        "sub_index": "subindex of the object",
+        "bits": "length in bits; only compared with the length in the EDS, which applies",
     },
     "An object of `sdo`": {
         "index": "index of the object",
-        "sub_index": "sub-index of the object",
+        "sub_index": "subindex of the object",
         "value": "a number, a text, hex digits for bytes, or `save` and `load` for 0x1010 and 0x1011",
     },
     "The units of one axis": _UNITS,

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from canopen_control.yamlfile.node import Problem
 
 
-_SLOW_RAMP_S: Final = 60.0  # a ramp that is a warning rather than a note
+_SLOW_RAMP_S: Final = 60.0  # a longer ramp is a warning, a shorter one a note
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +183,7 @@ class _Checker:
         path = self._files.description
         try:
             mappings = self._files.mappings(mock=self._options.mock)
-            # also the plans of a bus with errors, or every drive in error would lack its command interfaces too
+            # including plans of a bus with errors, or each drive with an error would lack its command interfaces too
             return add_plugin_interfaces(read_description(path, mappings=mappings), plans_of(self._buses))
         except ConfigError as error:
             self.findings += rules.findings_of(str(error), str(path), 0, Severity.ERROR)

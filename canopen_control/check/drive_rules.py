@@ -69,7 +69,7 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
     if bus is None or description is None or robot.mock:
         return
     by_id = {str(node.node_id): name for name, node in bus.nodes.items()}
-    # in ROS 1 every hardware interface has an effort, also if the robot does not measure it
+    # in ROS 1 every hardware interface has an effort, even if the robot does not measure it
     measured = {name: index for name, index in MEASURED.items() if not (description.ros1 and name == EFFORT)}
     no_feedback = any(tag.joints for tag in description.hardware)
     for tag in description.hardware:

@@ -158,7 +158,7 @@ class SpeedCap:
         return limited
 
 
-SLOW = 1.0  # rad/s, or m/s of a prismatic joint, without a pass
+SLOW = 1.0  # rad/s, or m/s of a prismatic joint, without a passed preflight
 _SERIAL = (0x1018, 4)
 _ANSWER_S = 0.5
 

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Send the request to the robot, wait for the reply, and print the result."""
     if (args.action == "mode") is not (args.mode is not None):
-        args.usage("axis mode NODE MODE: a mode goes with the action mode, and only with it")
+        args.usage("MODE is only for the action mode, which needs it: axis mode NODE MODE")
     if args.method is not None and args.action != "home":
         args.usage("--method goes with axis home")
     request = AxisRequest(
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _end_homing(args: argparse.Namespace) -> None:
-    """Stop and disable the axes of a homing whose client was interrupted; they would go on otherwise."""
+    """Stop and disable the axes of a homing whose client was interrupted, because the robot would continue it."""
     with RobotClient.connect(args.name) as robot:  # the first connection still waits for its answer
         robot.ask(AxisRequest(action="disable", node=args.node, joint=args.joint, source="axis"), TIMEOUT_S)
     print("canopen-control: interrupted: the homing has ended, and its drives are disabled", file=sys.stderr)

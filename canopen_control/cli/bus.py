@@ -296,7 +296,7 @@ def _interface(args: argparse.Namespace) -> str:
     name: str = args.interface
     if ":" in name:
         raise ConfigError(
-            f"{name} is not an interface of the kernel; it needs no up or down: the program that uses it opens it"
+            f"{name} is not a kernel interface, so it is not brought up or down: the program that uses it opens it"
         )
     return name
 

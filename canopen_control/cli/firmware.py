@@ -2,7 +2,7 @@
 
 The program is stopped and cleared (0x1F51), sent (0x1F50, by block transfer) and started. Then the flash status
 (0x1F57), the program identification (0x1F56) and its date (0x1F52) are read. An interrupted transfer restarts from the
-first byte; after a loss of power the same command finds the boot loader and starts again. The file is sent unchanged:
+first byte; after a loss of power the same command finds the boot-loader and starts again. The file is sent unchanged:
 its format is up to the manufacturer. The following are refused: a moving node, a node that a running robot controls, a
 product other than that of the EDS, and a node without these objects, which may need the manufacturer's own tool.
 

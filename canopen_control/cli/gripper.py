@@ -32,13 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("position", type=finite, metavar="POSITION", help="goal position in rad or m")
     parser.add_argument(
-        "--max-effort", type=finite, metavar="N", help="effort limit in Nm or N (default: as the controller)"
+        "--max-effort", type=finite, metavar="N", help="effort limit in Nm or N (default: the controller's)"
     )
     parser.add_argument(
         "--max-velocity",
         type=finite,
         metavar="V",
-        help="velocity limit in rad/s or m/s (default: as the controller)",
+        help="velocity limit in rad/s or m/s (default: the controller's)",
     )
     parser.add_argument("--controller", type=one_name, help="controller name (default: the only active one)")
     add_robot_name(parser)

@@ -149,7 +149,7 @@ def _inquire(args: argparse.Namespace, bus: DirectBus) -> int:
 
 def _node_id(args: argparse.Namespace, bus: DirectBus) -> int:
     if not 1 <= args.node_id <= 127 and args.node_id != UNCONFIGURED:
-        raise ConfigError(f"node-ID {args.node_id}: valid are 1 to 127, and {UNCONFIGURED} for none")
+        raise ConfigError(f"node-ID {args.node_id} is not valid: use 1 to 127, or {UNCONFIGURED} for none")
     if args.node_id != UNCONFIGURED and _is_taken(bus, args.node_id):
         raise ConfigError(
             f"node-ID {args.node_id} already answers on {args.can}, and two drives with one node-ID move together; "

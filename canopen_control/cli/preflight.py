@@ -535,7 +535,7 @@ def _conclude(flight: Preflight, *, passed: bool, check_only: bool, report: str 
     serials = read_serials(setup) if passed else {}
     silent = [name for name, serial in serials.items() if serial is None]
     if passed and silent:
-        raise CanopenError(f"{', '.join(silent)} does not answer any more; no pass was written")
+        raise CanopenError(f"{', '.join(silent)} no longer answers, so the passed preflight is not recorded")
     document = _findings(flight, passed, serials)
     code = 0 if passed or (check_only and not failed) else 1
     if passed:

@@ -154,7 +154,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rate",
         type=float,
         metavar="HZ",
-        help="with --bag: samples of the state per second (default: as controllers publish)",
+        help="with --bag: samples of the state per second (default: the rate of the controllers)",
     )
     add_robot_name(parser)
     parser.add_argument("--bus", metavar="NAME", help="bus of a robot with several buses")

@@ -167,8 +167,8 @@ def _add_timing_arguments(parser: argparse.ArgumentParser) -> None:
         type=_priority,
         const=DEFAULT_PRIORITY,
         metavar="PRIORITY",
-        help=f"run with SCHED_FIFO (default priority {DEFAULT_PRIORITY}), lock memory, disable CPU idle states; "
-        "the run fails if this is not permitted",
+        help=f"run with SCHED_FIFO (default priority {DEFAULT_PRIORITY}) and locked memory, and fail if either is not "
+        "permitted; disable CPU idle states if permitted",
     )
     parser.add_argument("--cpu", type=int, metavar="N", help="pin the robot's cycle thread to this CPU")
 

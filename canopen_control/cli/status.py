@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 _TOGETHER_S = 1.0  # the events of one failure are reported within this time
 _LEVELS = ("info", "warning", "error")
 _STOPPING = re.compile(r"(stopping [^:]+): (.*)", re.DOTALL)
-_NEXT = "to continue"  # begin of an advice, the last clause of a line
+_NEXT = "to continue"  # beginning of the advice, which is the last clause of a line
 _PLACE = re.compile(r"((?:node \d+ \([^)]*\)|bus \S+ \([^)]*\))): (.*)", re.DOTALL)
 
 

@@ -2,7 +2,7 @@
 
 The names of a diff drive's parameters are those of Jazzy; names of noetic and humble are translated, with one warning
 each. Limits in the file are applied unless `has_*_limits` is false, as in jazzy but not in noetic and humble.
-`min_acceleration`, which jazzy declares and never reads, is `max_acceleration_reverse`, its exact equivalent.
+`min_acceleration`, which jazzy declares but never reads, is read as `max_acceleration_reverse`, its exact equivalent.
 """
 
 from __future__ import annotations

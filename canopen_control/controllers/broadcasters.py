@@ -317,8 +317,8 @@ class PoseParams(CommonParams):
 #
 # Rules (ros2_controllers, Jazzy): the names of the interfaces are fixed (`orientation.x`, `range`, `force.x` ...), and
 # a broadcaster is activated only if all the interfaces that it reads exist; a force-torque broadcaster whose interfaces
-# are named singly publishes nan for the others. A published value is the state at the update, nan if the hardware has
-# none.
+# are named one by one publishes nan for the others. A published value is the state at the update, nan if the hardware
+# has none.
 
 
 _IMU: Final = (

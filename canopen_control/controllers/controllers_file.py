@@ -385,7 +385,7 @@ def _misspelt_parameters(block: Node) -> Node | None:
 
 
 def _warn_of_layouts(blocks: Mapping[str, _Block]) -> None:
-    """Warn about blocks without `ros__parameters` in a file with it: rcl refuses the file."""
+    """Warn about blocks without `ros__parameters` in a file that also has blocks with it: rcl refuses such a file."""
     of_ros2 = {id(block.key.problems) for block in blocks.values() if not block.ros1}
     for block in blocks.values():
         if block.ros1 and id(block.key.problems) in of_ros2:

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     AnyGoal = TrajectoryGoal | JointTrajectory | GripperGoal
 
 
-# within the class `list` is the method of ros2_control's name
+# inside the class, `list` is the method, which has its name in ros2_control
 Events = tuple[ControllerEvent, ...]
 Names = list[str]
 Running = tuple[Controller, ...]

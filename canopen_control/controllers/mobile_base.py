@@ -106,7 +106,7 @@ def _law(controller: str, axis: str, limits: VelocityLimits) -> RateLaw:
         law = RateLaw(limits)
     except ValueError as error:
         raise RobotConfigError(f"{controller}: {axis}: {error}: a minimum is above its maximum") from error
-    if not law.brakes:  # a motion whose commands have ended would go on
+    if not law.brakes:  # a motion would continue after the end of its commands
         raise RobotConfigError(
             f"{controller}: {axis}: a deceleration limit is 0, so the base would never brake; give max_deceleration "
             "and max_deceleration_reverse other values, or, if they are absent, the acceleration limits"

@@ -149,7 +149,7 @@ class SteeringKinematics(PlanarPose):
     def bound(self, linear: float, angular: float) -> None:
         """Scale the traction commands down to the fastest wheel speed that a twist in m/s and rad/s needs.
 
-        Call it after `command`, whose speeds for the measured curve are unlimited if the wheels are steered across.
+        Call it after `command`, whose speeds for the measured curve are unlimited if the steered wheels are across.
         """
         most = (abs(linear) + self.traction_track / 2.0 * abs(angular)) / self.radius
         fastest = 0.0

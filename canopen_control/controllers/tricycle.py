@@ -142,7 +142,7 @@ class DrivenWheelParams(BaseParams):
         low, high = self.steering.bounds()
         if low > high:
             yield f"steering.min_position {low:g} is above steering.max_position {high:g}; exchange them"
-        if not (law := self.traction.law()).brakes:  # a motion whose commands have ended would go on
+        if not (law := self.traction.law()).brakes:  # a motion would continue after the end of its commands
             key = "max_acceleration" if math.isnan(self.traction.max_deceleration) else "max_deceleration"
             yield f"traction.{key} is 0, so the wheel would never brake; give a value above 0, or remove it"
         elif law.immobile == "max_jerk":

@@ -253,14 +253,14 @@ class InterpolationBuffer:
         self._next_write = 0
 
     def booted(self, value: int | None) -> None:
-        """Take the state after a boot; `value` is that of 0x60C4:06 in the drive, None if it cannot be read."""
+        """Set the state after a boot; `value` is the drive's 0x60C4:06, None if it cannot be read."""
         axis, place = self._axis, (self._axis.index(objects.INTERPOLATION_BUFFER), _BUFFER_CLEAR)
         planned = [write.data for write in axis.node.plan.writes if (write.index, write.subindex) == place]
         self.used = self.is_open = value == 1 or planned[-1:] == [_OPEN]
         self._writing, self.refusal = False, ""
 
     def set(self, is_open: bool, now: int) -> bool:
-        """Open or close the buffer, unless it is; return whether it is. A failed write is repeated."""
+        """Open or close the buffer if necessary; return whether that is done. A failed write is repeated."""
         if not self.used or (is_open is self.is_open and not self._writing):
             return True
         if self._writing or now < self._next_write:

@@ -2,11 +2,12 @@
 
 A value changes only with a new frame, and is nan without a node. Positions are continuous: the 32-bit wrap-around is
 removed, a restarted drive continues at its position, and a step that no motor can make is a jump, which is reported and
-does not count as motion. A step is plausible if it is at most one revolution longer than the way at three times the
-present velocity, or the drive's maximum velocity if the present one is unknown. `unexplained` is a smaller step that is
-probably a change of the drive's coordinates, as after a new initialisation of its encoder: of an axis that has stood
-for half a second, a step for which its velocity is too low; of an axis in motion, a step for which both its velocity
-and its velocity limit are too low. Smaller steps cannot be distinguished from a shock or an acceleration.
+does not count as motion. A step is plausible if it is at most one revolution longer than the distance at three times
+the present velocity, or at the drive's maximum velocity if the present one is unknown. `unexplained` is a smaller step
+that is probably a change of the drive's coordinates, as after a new initialisation of its encoder: for an axis that has
+been at standstill for half a second, a step for which its velocity is too low; for an axis in motion, a step for which
+both its velocity and its velocity limit are too low. Smaller steps cannot be distinguished from a shock or an
+acceleration.
 """
 
 from __future__ import annotations
@@ -108,8 +109,8 @@ def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: boo
 
 
 STANDSTILL: Final = 0.05  # rad/s (or m/s): a lower speed counts as standstill
-_STEADY_NS: Final = 60_000_000  # an axis below the speed of a standstill for this time stands
-_RESTS_NS: Final = 300_000_000  # an axis whose position does not leave `REST_WAY` for this time stands
+_STEADY_NS: Final = 60_000_000  # an axis below `STANDSTILL` for this time is at standstill
+_RESTS_NS: Final = 300_000_000  # an axis whose position stays within `REST_WAY` for this time too
 _STILL_NS: Final = 100_000_000  # duration of a constant position that counts as standstill of a drive without velocity
 _DERIVE_NS: Final = 1_000_000_000
 _DERIVED_NS: Final = 19_000_000  # minimum time between two positions for a velocity, because counts are coarse
@@ -129,7 +130,7 @@ MEASURED: Final = {
 _EXTRAS: Final = ("nmt_state", "statusword", "error_code", "age", "digital_inputs")
 _SLACK: Final = math.tau  # rad: motion between two samples that is possible without a reported velocity
 _RESTED_NS: Final = 500_000_000  # duration of a standstill after which a step needs a velocity
-REST_WAY: Final = 0.01  # rad (or m): a smaller step of a standing axis is noise
+REST_WAY: Final = 0.01  # rad (or m): a smaller step at standstill is noise
 _RETURN_NS: Final = 50_000_000  # time in which a position that was wrong once returns
 _SAME_SYNC_NS: Final = 10_000_000  # a velocity that is older than its position says nothing about the step
 # Factors of the velocity limit and of the velocity that a motion does not exceed within the time of two samples. One of
@@ -139,7 +140,7 @@ _LEAP_OF_VELOCITY: Final = 2.0
 
 
 def _rest_way(axis: AxisProcessData) -> int:
-    """Return the counts by which the position of a standing axis may change, at least those of a coarse encoder."""
+    """Return the counts by which a position may change at standstill, at least `_COARSE` for a coarse encoder."""
     return max(_COARSE, round(abs(axis.scale.pos_to_dev) * REST_WAY))
 
 
@@ -254,7 +255,7 @@ class Feedback:
         return jump
 
     def stands(self, now: int) -> bool:
-        """Whether the axis has stood for longer than an oscillating axis stands at its turning point.
+        """Whether the axis is at standstill, for longer than an oscillating axis is at its turning point.
 
         A velocity that flickers at standstill does not count if the position shows no motion.
         """
@@ -320,7 +321,7 @@ class Feedback:
             self._check_leap(step, stamp)
 
     def _check_step(self, step: int, stamp: int, since: int) -> None:
-        """Set `unexplained` to a step of an axis that stood until `since`, unless its velocity may explain it."""
+        """Set `unexplained` to a step of an axis at standstill until `since`, unless its velocity may explain it."""
         velocity, least = self._velocity, float(self._rest_way)
         if velocity is None:
             pace = self._axis.limits.pace
@@ -346,7 +347,7 @@ class Feedback:
             self.unexplained = step
 
     def discount(self, step: int) -> None:
-        """Take the last step for a change of the drive's coordinates instead of a motion."""
+        """Treat the last step as a change of the drive's coordinates instead of a motion."""
         axis = self._axis
         axis.unwrap.discount(step)
         self._discounted, self._discounted_at = step, self._stamp
@@ -411,7 +412,7 @@ class Feedback:
         return unit_mismatch(self._axis, speed, raw, rising=rising)
 
     def _largest_step(self, elapsed_ns: int) -> int:
-        """Return the largest plausible step in counts: the way at three times the velocity, plus one revolution."""
+        """Return the largest plausible step in counts: one revolution plus the distance at three times the velocity."""
         axis = self._axis
         slack = self._slack
         if self._raw_velocity is not None:

@@ -182,7 +182,7 @@ class JointStatus:
         return self.statechart.state is AxisPhase.AWAITING_STANDSTILL and self._stands(now)
 
     def _stands(self, now: int) -> bool:
-        """Whether the axis stands, by the rule of its feedback, and no jump of its position has just been taken."""
+        """Whether the feedback shows standstill, and no position jump was handled just before."""
         return now >= self._steady_from and self.feedback.stands(now)
 
     def events(self) -> list[JointEvent]:
@@ -426,7 +426,7 @@ class JointDrive(JointStatus):
             self._fire(PhaseTrigger.STANDSTILL_REQUIRED)  # the old command was for the previous mode
 
     def _comes_to_rest(self, now: int, period: float) -> bool:
-        """Ramp down an axis that must stand; return whether it stands or cannot be moved; report one that turns on."""
+        """Ramp an axis down; return whether it is at standstill or has no power; report one that does not stop."""
         if not self.machine.may_move:
             self._rest_by = None
             return True
@@ -478,7 +478,7 @@ class JointDrive(JointStatus):
 
     def _supervise_buffer(self) -> None:
         """Close the buffer of mode IP while it is not needed; report an enabled axis whose buffer cannot be set."""
-        used = self.machine.may_move and self.targets.interpolates  # the set-points of a ramp are still to be used
+        used = self.machine.may_move and self.targets.interpolates  # the set-points of a ramp are still needed
         if not used and (self.enable_requested or not self.buffer.refusal):
             self.buffer.set(False, self._now)
         if self.buffer.refusal and self.enable_requested:
@@ -658,7 +658,7 @@ class JointDrive(JointStatus):
             self.stop(self._now)
 
     def _restore_mode(self) -> None:
-        """Request the mode from before the homing once the axis stands; until then, mode HM ends its motion.
+        """Request the mode from before the homing once the axis is at standstill; until then, mode HM ends its motion.
 
         In a cyclic mode, a drive that still turns would reverse towards the target at its last position.
         """

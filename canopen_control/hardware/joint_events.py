@@ -264,10 +264,11 @@ class FaultWatch:
 # is still closed, does not move; a drive whose feedback is inverted moves away from its target. An axis at an active
 # limit (statusword bit 11), or a halted axis, is at standstill for a reason that is reported elsewhere. If the
 # set-points of a cyclic position mode continue while the axis has not moved since it was enabled, the axis is late: it
-# would jump to the set-points when its brake has released. The same applies to an axis that has moved and then stands
-# for half a second while its set-points continue (STO without a change of state): it is stuck. An axis that stands for
-# 1.5 s in another mode is reported; a wheel or steering axis stops its base, which would leave its path, once the way
-# that is missing counts. An axis has to slow down at the target velocity 0 and in a controlled stop.
+# would jump to the set-points when its brake has released. The same applies to an axis that has moved and then does
+# not move for half a second while its set-points continue (STO without a change of state): it is stuck. An axis that
+# does not move for 1.5 s in another mode is reported. A wheel or steering axis then stops its base, which would leave
+# its path, once the axis is `_BASE_WAY` behind. An axis has to slow down at the target velocity 0 and in a controlled
+# stop.
 
 
 STANDING_CHECKS: Final = 15  # checks, one every 0.1 s
@@ -276,8 +277,8 @@ _STUCK_CHECKS: Final = 5
 _WAY: Final = 0.02  # rad or m: a smaller distance to the target commands no motion
 _STEP: Final = STANDSTILL / 10  # rad or m in one check
 _CHECK_S: Final = 0.1
-_SURE_COUNTS: Final = 3.0  # a shorter way may not be seen by a coarse encoder
-_BASE_WAY: Final = 0.3  # rad: a shorter missing way of a wheel, of a motor that starts late, does not stop a base
+_SURE_COUNTS: Final = 3.0  # a coarse encoder may not show a shorter distance
+_BASE_WAY: Final = 0.3  # rad: a wheel that is less far behind, as with a motor that starts late, does not stop its base
 _LATE_TEXT: Final = (
     "it is enabled but does not follow its set-points, and would jump to them; set `enable_settle_ms` "
     "in bus.yml, longer than its brake needs to release, or check its power and the source of its set-points"
@@ -341,7 +342,7 @@ class SlowingWatch:
 class MotionWatch:
     """Motion check of one axis: `lacks_motion`, `leaves_path`, `late`, `stuck` and `moves_away` are results of `check`.
 
-    `blind` means that the position stands while the velocity shows a motion; `unmoved` is True if the axis has not
+    `blind` means that the position is constant while the velocity shows a motion; `unmoved` is True if the axis has not
     followed its set-points since it was enabled. `action` on `blind`, and on an axis of a base that stands, is stop,
     warn or ignore.
     """
@@ -472,7 +473,7 @@ class MotionWatch:
         self.stuck = cyclic and self._moved and self._standing >= _STUCK_CHECKS and leads
 
     def _check_sight(self, scale: float, *, moved: bool) -> None:
-        """Add up the motion that 0x606C shows while the position stands, which the joint limits do not end then."""
+        """Add up the motion that 0x606C shows while the position is constant, so that joint limits could not end it."""
         velocity = self._axis.velocity
         speed = 0.0
         if velocity is not None and velocity.fresh and not moved:
@@ -518,7 +519,7 @@ class MotionWatch:
 
 
 _SETTLED: Final = 0.01  # rad or m: a position that changes less after homing has settled
-_NEAR: Final = 0.1  # rad or m: the way of a drive that stops after it has found its home position
+_NEAR: Final = 0.1  # rad or m: distance in which a drive stops after it has found its home position
 
 
 class HomingPhase(enum.Enum):

@@ -277,7 +277,7 @@ class _PositionTarget(ModeTarget):
         return super().within(value, min(low, here), max(high, here))
 
     def _start(self) -> int:
-        """Return the count from which a target leads on, with the turns of the counter."""
+        """Return the position in counts from which a target continues, including the turns of the counter."""
         return self._axis.raw_position + self._axis.unwrap.offset
 
     def _count_of(self, value: float, none: int) -> int:

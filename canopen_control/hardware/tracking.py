@@ -144,7 +144,7 @@ class TrapezoidalProfile:
         self.speed = 0.0
 
     def step(self, way: int, period: float, largest: float = math.inf) -> int:
-        """Return the counts to move in a cycle of `period` s towards a target `way` counts away.
+        """Return the counts to move in a cycle of `period` s towards a target at the distance `way` in counts.
 
         `largest` is a further speed limit. A step is at least one count, so that the motion ends.
         """

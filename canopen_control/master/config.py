@@ -388,7 +388,7 @@ class _Reader:
     def _note_multipliers(self, master: MasterConfig, nodes: dict[str, tuple[NodeConfig, Node]]) -> None:
         """Note a heartbeat_multiplier whose meaning for ros2_canopen is narrower.
 
-        dcfgen uses that of a node only for the loss of this node, that of the master only for the loss of the master.
+        dcfgen uses a node's multiplier only for the loss of that node, the master's only for the loss of the master.
         """
         whole = self._options.heartbeat_multiplier
         of_master = master.heartbeat_multiplier or whole
@@ -518,7 +518,7 @@ class _Reader:
 
 
 def _decimal_hint(place: Node, od: ObjectDictionary) -> str:
-    """Return how to write an index whose 0x is missing: of 6041, read as 0x1799, only 0x6041 is in the dictionary."""
+    """Return a hint for an index without 0x, such as 6041: as a decimal it is 0x1799, and only 0x6041 exists."""
     index = place.get("index")
     if index is None or not re.fullmatch(r"[1-9]\d{3}", index.text) or int(index.text) in od.objects:
         return ""

@@ -11,7 +11,7 @@ master is lost (0x1029 or 0x6007), interpolates over the SYNC period (0x60C2), a
 configured.
 
 The controlword of an axis is never written. Public bus.yml files enable a drive by their `sdo:` list (6, 7, 15), and a
-DCF that a maker's tool saved while the drive was enabled has 0x6040 = 0x000F.
+DCF that a manufacturer's tool saved while the drive was enabled has 0x6040 = 0x000F.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class NodePlan:
     """Plan for the boot of a node; `axes` are the index offsets of its CiA 402 axes, empty for other devices.
 
     `guard` is (guard time in ns, life time factor) for a node supervised by guarding, else None. `restore` and `save`
-    are subindexes of 0x1011 and 0x1010, 0 for none. `software_version` is the required value of 0x1F56:01, 0 for any.
+    are subindices of 0x1011 and 0x1010, 0 for none. `software_version` is the required value of 0x1F56:01, 0 for any.
     `signals` are the signals of the device profile and of `signals` in bus.yml, by name; `reads` are the objects read
     for them during the boot. `master_timeout_ns` is the time after which the node detects the loss of the master, or 0.
     `unsupervised` is the reason why this loss would not stop the axes after all writes, else "". `expected` are objects
@@ -405,7 +405,7 @@ def _axes(od: ObjectDictionary) -> Iterator[int]:
 
 
 def _store_object(builder: PlanBuilder, index: int, subindex: int, key: str) -> int:
-    # CiA 301, 7.5.2.13 and 7.5.2.14: a device may lack subindexes of 0x1010 and 0x1011
+    # CiA 301, 7.5.2.13 and 7.5.2.14: a device may lack subindices of 0x1010 and 0x1011
     if subindex and (index, subindex) not in builder.od:
         builder.complain(key, f"0x{index:04X}:{subindex:02X} is not in {builder.file}")
     return subindex

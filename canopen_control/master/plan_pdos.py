@@ -249,7 +249,7 @@ _PREDEFINED = {"rpdo": rpdo_cob_id, "tpdo": tpdo_cob_id}
 _PREDEFINED_COUNT = 4
 _LAST_SPARE = 0x6DF
 _NOT_ALLOWED = "not allowed for PDOs (CiA 301, table 40)"
-_SETTINGS = (2, 3, 5, 6)  # subindexes: transmission type, inhibit time, event timer, SYNC start value
+_SETTINGS = (2, 3, 5, 6)  # subindices: transmission type, inhibit time, event timer, SYNC start value
 _SIGNED = frozenset(
     (
         *(MOTION - {objects.CONTROLWORD}),
@@ -269,7 +269,7 @@ _SIGNED_TYPES = {
     DataType.UNSIGNED16: DataType.INTEGER16,
     DataType.UNSIGNED32: DataType.INTEGER32,
 }
-_RELIED_ON = (2, 5)  # the master depends on these, and writes them also without a request
+_RELIED_ON = (2, 5)  # the master depends on these, and writes them even without a request
 _EVENT_TIMER = _SETTINGS.index(5)
 
 

@@ -270,7 +270,7 @@ class RemoteNode:
         """Shell command that starts the node's virtual drive again, after its process has ended; else ""."""
         self.log = NodeLog(config, owner.report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
         self.label = self.log.label
-        """Node id and name, as in every message."""
+        """Node-ID and name, as in every message."""
         self._owner = owner
         self._guarding_boot = False
         self.sdo_reads = self.sdo_writes = self.sdo_failed = 0

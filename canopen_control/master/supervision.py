@@ -19,7 +19,7 @@ _EMCY_PER_SECOND: Final = 10
 _WINDOW_PERIODS: Final = 10
 _DOUBLE: Final = 16  # heartbeats in ten periods, more than jitter can explain
 _FORGET_NS: Final = 10 * _SECOND
-_BOOT_UPS_APART_NS: Final = 5_000_000  # less than the time between the boot-ups of a boot loader and its application
+_BOOT_UPS_APART_NS: Final = 5_000_000  # less than the time between the boot-ups of a boot-loader and its application
 _LONGEST_BEAT_NS: Final = 2 * _SECOND  # maximum interval of boot-ups that are sent like heartbeats
 _MAX_RESETS: Final = 8
 _RESET_ANSWERED_NS: Final = 3 * _SECOND  # a gateway or an adapter may delay a boot-up by that time
@@ -132,7 +132,7 @@ class DuplicateWatch:
     """Detector of two devices with the same node-ID: heartbeats at twice the rate, or two boot-ups at once.
 
     Boot-ups at equal intervals, like a heartbeat, are neither restarts nor a second device: they set `stuck`. Two with
-    a pause between them may be those of a boot loader and its application, which many devices send. A frame was
+    a pause between them may be those of a boot-loader and its application, which many devices send. A frame was
     received between `since`, when the receive queue was last empty, and `now`: frames that a late process reads
     together show no rate, nor do frames after a silence, because a hub, a gateway or an adapter may have delayed them.
     A report is repeated only after ten seconds without evidence.

@@ -298,7 +298,7 @@ def _commissioning(od: ObjectDictionary, section: dict[str, str], is_dcf: bool) 
         "CANopenManager": int(more.canopen_manager),
         "LSS_SerialNumber": more.lss_serial_number,
     }
-    # an unknown value has no line: a serial number of 0 would take the place of that in 0x1018 (dcfgen)
+    # an unknown value gets no line: dcfgen would use a serial number of 0 instead of the one in 0x1018
     texts = {key: str(value) for key, value in lines.items() if value is not None}
     yield "DeviceComissioning", texts | _unknown(_section("", old) if old is not None else None, texts)
 

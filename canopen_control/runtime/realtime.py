@@ -3,7 +3,7 @@
 If the kernel refuses a requested setting, the run ends before anything moves, and the error names the command that
 would allow the setting. The only exception is disabling the CPU idle states, which most users are not allowed to do:
 it is done if possible. No setting is inherited by child processes: the kernel resets the policy at every fork
-(SCHED_RESET_ON_FORK, also for later threads), exec unlocks the memory, the thread is pinned after the first children
+(SCHED_RESET_ON_FORK, including later threads), exec unlocks the memory, the thread is pinned after the first children
 were started, and `release` resets later children. The timer slack is left unchanged, because the cycle waits on
 timerfd, which has no slack. `close` undoes all settings.
 

@@ -80,7 +80,7 @@ class RobotCycle:
         self._next_supervision = 0
         self._raised: tuple[str, Exception] | None = None  # first exception of this cycle, and where it was raised
         self._raised_cycles = self._raised_since = 0
-        self._abandoned: list[HardwareComponent] = []  # components that are written no longer
+        self._abandoned: list[HardwareComponent] = []  # components that are no longer written
         times = [component.simulated_ns for component in self._registry.components]
         simulated = not self._buses and any(time_ns is not None for time_ns in times)
         self.clock = RobotClock(reactor, pacer.period_ns, simulated=simulated)

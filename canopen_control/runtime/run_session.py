@@ -331,7 +331,7 @@ class RunSession(RobotObserver):
     def running(self) -> None:
         """Start the true pose query, the demo motion and the timer for the duration of the run."""
         self._true_pose.start()
-        gc.freeze()  # also the objects created by booting
+        gc.freeze()  # including the objects created during the boot
         if self.options.motion and self.setup.files.bus_alone and self.robot.joints:
             text = "a bus without controllers has no demo motion; use axis enable NODE, then command NODE VALUE"
             self.robot.report(Event(self.reactor.now(), "demo", "", text))

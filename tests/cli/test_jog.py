@@ -42,7 +42,7 @@ def test_a_velocity_for_a_time_turns_and_leaves_the_drive_off(bench, no_terminal
     assert 0.2 * TURN < bench.get(0x6064) < 1.5 * TURN
     output = capsys.readouterr().out
     assert "limits: 6.28 rad/s (60.0 rpm), 3600.0 deg in each direction" in output
-    assert "dead-man: the drive watches this computer's heartbeat (0x1016)" in output
+    assert "dead-man: the drive monitors this computer's heartbeat (0x1016)" in output
     assert "OPERATION ENABLED, " in output
     assert output.endswith("duration elapsed: stopped and disabled\n")
 

@@ -110,7 +110,7 @@ def test_a_slave_that_refuses_is_an_error(slaves, capsys):
         (["find"], 1, "answers on memory:empty to identify non-configured or fast scan within 0.1 s each; for a slave"),
         (["fast-scan"], 1, "no slave without a node-ID answers on memory:empty to a fast scan; for a slave that has"),
         (["inquire", "vendor"], 1, "no answer; check that one slave is connected and in the configuration state"),
-        (["node-id", "200"], 2, "node-ID 200: valid are 1 to 127, and 255 for none"),
+        (["node-id", "200"], 2, "node-ID 200 is not valid: use 1 to 127, or 255 for none"),
         (["node-id", "x"], 2, "is not a whole number of at most 32 bits, decimal or 0x"),
         (["bit-timing", "3"], 2, "bit rate '3': LSS supports 1000000, 800000"),
         (["activate", "70000"], 2, "delay 70000 ms: valid are 0 to 65535"),

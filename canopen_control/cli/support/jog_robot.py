@@ -110,11 +110,12 @@ def dead_man_words(supervision: Supervision) -> str:
     """Return a sentence about how the drive stops if this process ends."""
     if supervision.consumer:
         return (
-            f"the drive watches this computer's heartbeat (0x1016) and stops on its own {DEAD_MAN_S:g} s after its end"
+            "the drive monitors this computer's heartbeat (0x1016) and stops on its own "
+            f"{DEAD_MAN_S:g} s after the last one"
         )
     if supervision.guarding:
-        return f"the drive is guarded (0x100C, 0x100D) and stops on its own {DEAD_MAN_S:g} s after the last guarding"
-    return "NONE: nothing stops the drive when this computer fails; have an emergency stop in reach"
+        return f"the drive is guarded (0x100C, 0x100D) and stops on its own {DEAD_MAN_S:g} s after the last request"
+    return "NONE: nothing stops the drive when this computer fails; have an emergency stop within reach"
 
 
 @contextlib.contextmanager

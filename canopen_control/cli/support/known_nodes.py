@@ -73,7 +73,7 @@ def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
     matching = [node for node in nodes if word in node.words]
     if len(matching) > 1:
         places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in matching)
-        raise ConfigError(f"{word!r} means more than one: {places}; choose one with --can CHANNEL")
+        raise ConfigError(f"{word!r} is ambiguous: {places}; choose the bus with --can CHANNEL")
     return matching[0] if matching else None
 
 
