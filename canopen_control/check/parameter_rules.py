@@ -163,7 +163,7 @@ def _sim_time(robot: CheckedRobot) -> Iterator[Finding]:
         value = config.params.flat.get("use_sim_time")
         places += [config.params.flat.keys()["use_sim_time"]] if value is not None and value.value is True else []
     for path, line in dict.fromkeys((place.path, place.line) for place in places if place is not None):
-        text = "use_sim_time has no effect: no part of this robot is simulated, and its stamps are of this computer"
+        text = "use_sim_time has no effect: no part of this robot is simulated, so its stamps are this computer's time"
         yield Finding(path, line, Severity.WARNING, text, _REAL_TIME)
 
 

@@ -2,9 +2,9 @@
 
 The base of a running robot drives squares by its odometry, counter-clockwise and clockwise, and stops at each corner.
 Its true end positions show how unequal the wheels are and how far apart they are. In a simulation (drives with a `base`
-in their plant file, or physics) the true pose is known and no input is needed. A real base is measured by you: put it
-at its start, press Enter, and type its end position as X Y, in metres ahead and to the left of that start. With
---ends FILE these positions are read from a file instead, one per line, in this order.
+in their plant file, or physics) the true pose is known and no input is needed. Measure a real base yourself: put it at
+a mark, press Enter, and after the square type its end position as X Y, in metres ahead and to the left of the mark.
+With --ends FILE these positions are read from a file instead, one per line, in this order.
 
 The values are written to a copy of ros2_controllers.yaml and to the running controller, which then drives again with
 them. The controller's own limits apply. STOP, a fault, Ctrl-C or the end of this process ends the calibration: the base

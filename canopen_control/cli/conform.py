@@ -5,7 +5,7 @@ With --configure they write parameters, and start, stop and reset the node; with
 --motion they switch on the power stage of a drive and turn the shaft: --speed and --distance bound each motion (by
 default 1 % of 0x607F and half a revolution), and the shaft returns to its start. You confirm each of the three once, or
 use --yes. At the end the parameters that the EDS lists are compared and restored. Nodes of a running robot are
-refused; with one of the three options, nodes that are OPERATIONAL as well.
+refused; with one of the three options, nodes that are OPERATIONAL are refused too.
 
 With --master a virtual device joins the bus and checks the master that boots it, this package or another master. It
 serves the master for 8 s, then goes through its faults, in 80 to 120 s: FAULT, loss of the power stage,

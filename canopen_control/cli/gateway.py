@@ -1,9 +1,9 @@
 """Serve the text commands of CiA 309-3, which read and write objects, for CANopenNode's cocomm and for scripts.
 
 It serves the nodes of a running robot, or with --can all nodes of a bare bus. Commands come from standard input, from a
-Unix socket that only you can open (--unix), or from a TCP port of this computer (--tcp), which every user of it can
-reach. One client is served at a time. NMT commands, writes that may move a drive, and changes of node-IDs are refused
-without --allow-motion. The robot runs, and stops, as it does without a gateway.
+Unix socket that only you can open (--unix), or from a TCP port (--tcp), which every user of this computer can reach.
+One client is served at a time. NMT commands, writes that may move a drive, and changes of node-IDs are refused without
+--allow-motion. The robot runs, and stops, as it does without a gateway.
 
 Exit codes: 0 after the end of the input or Ctrl-C; 1 the robot or the bus is gone, the address is in use, or the input
 ended in the middle of a line; 2 wrong usage.

@@ -68,7 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--like",
         metavar="NAME|FILE",
-        help="manufacturer of the drives, whose keys are written to bus.yml (default: by the EDS, as comments)",
+        help="manufacturer of the drives, whose keys are written to bus.yml (default: recognised by the EDS, and "
+        "written as comments)",
     )
     parser.add_argument(
         "--joint",

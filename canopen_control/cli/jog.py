@@ -2,10 +2,10 @@
 
 On a bare bus (--can CHANNEL --eds FILE) the drive is configured as `init` would do it, booted, supervised, enabled and
 moved slowly; at the end it is stopped along its ramp and disabled. Nothing is stored in it. A drive of a running robot
-without controllers is moved through that robot. It moves while you hold an arrow key; with --for or --position it moves
-at once, and any key ends the motion. It stops when you release the key, at Ctrl-C, at a limit and when the terminal is
-lost. If this program is killed, the drive stops on its own, because it monitors this program. This is not an emergency
-stop (ISO 13850): have one within reach, and keep the shaft free.
+without controllers is moved through that robot. The drive moves while you hold an arrow key; with --for or --position
+it moves at once, and any key ends the motion. It stops when you release the key, at Ctrl-C, at a limit and when the
+terminal is lost. If this program is killed, the drive stops on its own, because it monitors this program. This is not
+an emergency stop (ISO 13850): have one within reach, and keep the shaft free.
 
 Exit codes: 0 success; 1 the drive failed or has a fault, nothing turned, or jog was suspended (Ctrl-Z); 2 wrong usage,
 wrong EDS or node; 130 interrupted by SIGINT or SIGTERM.

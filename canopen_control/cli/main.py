@@ -1,6 +1,6 @@
 """Entry point of the command line; the module of a verb is imported only when the verb is used.
 
-Exit codes: 0 success, 1 failure, 2 usage or configuration (`errors.CanopenError.of_usage`), also if a running robot
+Exit codes: 0 success, 1 failure, 2 usage or configuration (`errors.CanopenError.of_usage`), even if a running robot
 reports it; 130 interrupted by SIGINT, SIGTERM or SIGHUP, unless the verb handles these signals itself. A user sees one
 sentence, never a traceback, unless CANOPEN_CONTROL_DEBUG is set.
 """
@@ -60,11 +60,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _open_closed_streams() -> None:
     """Open the null device for each standard stream that the caller has closed (`<&-`, `>&-`, `2>&-`).
 
-    Otherwise Python has no such stream, and a socket would get its number, which is that of the stream in a child.
+    Otherwise Python has no such stream, and a socket could get its number, which a child process uses as the stream.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
-            fd = os.open(os.devnull, os.O_RDWR)  # the smallest free number, which is that of the stream
+            fd = os.open(os.devnull, os.O_RDWR)  # the smallest free number, which is the number of the stream
             os.set_inheritable(fd, True)
             stream = open(fd, mode)  # noqa: SIM115 - as long as the process
             setattr(sys, name, stream)
@@ -72,7 +72,7 @@ def _open_closed_streams() -> None:
 
 
 def _replace_unknown_characters() -> None:
-    """Print `?` for a character that the encoding of standard output lacks, such as those of the curves of `scope`."""
+    """Print `?` for a character that the encoding of standard output lacks, such as in the curves of `scope`."""
     if sys.stdout.encoding.lower() not in ("utf-8", "utf8") and hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(errors="replace")
 

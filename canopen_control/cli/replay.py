@@ -151,7 +151,7 @@ def _print_new_bus(channel: str) -> None:
 
 
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
-    """Play the recording and print the result, also after Ctrl-C; return the exit code."""
+    """Play the recording and print the result, even after Ctrl-C; return the exit code."""
     from canopen_control.bus.recordings import PlayReport, play
 
     port, played, interrupted = open_port(channel, label=LABEL), PlayReport(), False

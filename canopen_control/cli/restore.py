@@ -3,7 +3,7 @@
 The node is read first and only differences are written, in an order that devices accept: PDOs are disabled while they
 are changed, resolutions are written before values, limits before the values they limit. Everything is read back. If the
 node refuses a value, the reason is printed and all previous values are written back, unless you give --keep. Nothing is
-stored without --store. The previous values are kept on the disk before anything is written: if a restore was killed
+stored without --store. The previous values are saved to the disk before anything is written: if a restore was killed
 half-way, the same command continues it, and any other restore prints how to restore the previous values.
 
 The following are refused: another product, an axis with torque, a node that a running robot controls, and a drive whose

@@ -26,7 +26,7 @@ With --physics the virtual drives move the robot on a floor, as in a run (extra 
 is on the floor. --world FILE without a robot simulates the robots listed in the file, in one world.
 
 --speed 1 runs in real time in this one process, for a debugger. With --serve, programs can connect to the robot's
-socket as to that of a running robot (status, command, view, ...). With --ros, ROS programs can use its topics, and it
+socket as to a running robot (status, command, view, ...). With --ros, ROS programs can use its topics, and it
 publishes /clock. It then runs in real time unless --speed is higher, and nothing is randomised unless --seed, --faults
 or --scenario is given.
 
@@ -160,7 +160,7 @@ def _add_serving(parser: argparse.ArgumentParser) -> None:
     )
     add_new_name(parser, "with --serve: name of the robot for its clients")
     parser.add_argument(
-        "--serve", action="store_true", help="let programs connect to the robot's socket, as to that of a running robot"
+        "--serve", action="store_true", help="let programs connect to the robot's socket, as to a running robot"
     )
     parser.add_argument(
         "--ros", action="store_true", help="same as --serve, and start the ROS 2 bridge, which publishes /clock"

@@ -7,7 +7,7 @@ nan stays nan.
 
 Safer than upstream: a joint outside its range stays there until a command leads into the range, so that it does not
 move without a command; it returns at no more than the velocity limit, instead of in one step, and a velocity command
-may also move it back; a joint without a velocity state is taken to start from standstill; no
+may also move it back; a joint without a velocity state is assumed to start from standstill; no
 velocity changes by more than the acceleration limit allows.
 
 A limited command is reported once per occasion, with the desired value and the limit of the description. An occasion

@@ -10,8 +10,8 @@ node end without affecting other nodes.
 
 Rules of the services (canopen_ros2_controllers): the parameter is `joint`; topics and services have the controller's
 name. Upstream passes each request through interfaces that a hardware component polls in its cycle. Here the controllers
-claim no interfaces: they offer the services that every node of the bus has, with the same answers and safety checks. So
-they are started together with the controller that moves the joint, and work whether they are active or not.
+claim no interfaces: they offer the services that every node of the bus has, with the same answers and safety checks.
+They are therefore activated together with the controller that moves the joint, and work even while they are inactive.
 """
 
 from __future__ import annotations

@@ -7,8 +7,9 @@
 | joint_limits JointSoftLimiter | `SoftLimiter` | the same, slower before soft limits | the same, and the joint |
 | joint_limits JointTrajectoryPointSaturationLimiter | `PointLimiter` | points of several joints | the previous point |
 
-The algorithms differ as much as upstream. Each limiter has `enforce`, which clamps `desired` in place, compared with
-`actual` if there was no previous command, and returns whether a value was changed. `reset` discards previous commands.
+The algorithms differ from each other, as they do upstream. Each limiter has `enforce`, which clamps `desired` in place,
+compared with `actual` if there was no previous command, and returns whether a value was changed. `reset` discards
+previous commands.
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ targets always apply to one period: no target moves further than the drive's vel
 of frames and of supervision use the actual time. A simulated robot without buses has no frames to wait for: its
 components are read at the edges too, and its cycle does not run while its time is paused (`robot_clock`).
 
-The cycle is apart from `core`, which starts and stops the robot and takes its commands: it alone runs in each period.
+The cycle is a module of its own because nothing else runs in every period; `core` starts and stops the robot, and
+accepts its commands.
 """
 
 from __future__ import annotations

@@ -232,7 +232,7 @@ class RunSession(RobotObserver):
             ) from error
         cleanup.callback(self.api.close)
         cleanup.callback(self.robot.close)
-        # after the name: a second run of the same robot needs another name, and has another channel by that
+        # after the check of the name: a second run of the robot under another name has another channel by default
         for channel in setup.channels.values() if self.robot.buses else ():
             claims.callback(os.close, _claim(channel))
         drives = [drive_name(self.robot.bus_of(node).channel, node.node_id) for node in self.robot.nodes.values()]

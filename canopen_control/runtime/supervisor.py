@@ -4,8 +4,8 @@ Every child has a lifeline to this process and its own session. After the robot 
 first, then the drives. The unexpected end of a child is reported with its last output and does not end the robot.
 Clients with a `Restarts` policy are restarted, but only a few times a minute: a child that fails repeatedly has a cause
 that a restart does not remove, and its starts delay the robot's thread. Children that are started before the robot must
-report that they are ready. A client that must answer and does not, while this process is on time, hangs or was stopped:
-it is killed, and its end is handled like any other.
+report that they are ready. If a client stops sending the required liveness reports while this process is on time, it
+hangs or was suspended: it is killed, and its end is handled like any other.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Active trajectory: states of the joints over time, and the progress of the motion.
 
 Rules (ros2_controllers jazzy, Trajectory): a trajectory starts at its stamp or, for a stamp of 0, at its first sample.
-Until the time of the first point it leads there from the state before. Missing quantities of a point are deduced from
-its derivatives and then stored; after the end the last point is held. Safer than upstream: sampling a future time never
-changes the progress, and earlier times can still be sampled.
+Until the time of its first point, it leads from the present state to this point. Missing quantities of a point are
+deduced from its derivatives and then stored; after the end the last point is held. Safer than upstream: sampling a
+future time never changes the progress, and earlier times can still be sampled.
 
 Upstream wraps only the state before the first point, so that the drive of a continuous joint is suddenly commanded to
 another turn. Here the samples are shifted by whole turns instead: the motion begins at the joint's position. Packed
