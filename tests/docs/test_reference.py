@@ -106,3 +106,13 @@ def test_every_method_of_a_socket_and_every_structure_is_reported(generate, api)
     targets = set(re.findall(r"\]\(#(\w+)\)", text))
     assert targets == {title.lower() for title in re.findall(r"^### (\w+)$", text, re.MULTILINE)}
     assert not re.search(r"typing|Annotated|Optional|<class", text)
+
+
+def test_the_guide_lists_the_writable_parameters_of_every_controller():
+    section = (DOCS / "guide" / "ros2.md").read_text(encoding="utf-8").split("| writable parameters |")[1]
+    listed = [set(re.findall(r"`([\w.]+)`", row)) for row in re.findall(r"^\| \w.*\|$", section, re.MULTILINE)]
+    classes = {getattr(import_module(path.split(":")[0]), path.split(":")[1]) for path in TYPES.values()}
+    settable = [{re.sub(r"^(gains|constraints)\..*|\.\*$", r"\1", name) for name in cls.settable} for cls in classes]
+    assert sorted(map(sorted, listed)) == sorted(
+        {tuple(sorted(names)): sorted(names) for names in settable if names}.values()
+    )
