@@ -80,6 +80,7 @@ class AsyncActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without
         self._on_goal, self._on_lost = on_goal, on_lost
         self._accepted: dict[bytes, Any] = {}
         self._accepts = False
+        self._requested: set[bytes] = set()  # goals whose result a client has requested
         self._refused: OrderedDict[bytes, RosMessage] = OrderedDict()
 
         def cancel(handle: RosMessage) -> RosMessage:
@@ -117,6 +118,10 @@ class AsyncActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without
             _set_executing(handle)
             self._on_lost(uuid)
 
+    def is_result_requested(self, uuid: bytes) -> bool:
+        """Whether a client has requested the result of an accepted goal."""
+        return uuid in self._requested
+
     def finish(self, uuid: bytes, state: str, result: RosMessage) -> None:
         """End a goal as "succeeded", "aborted" or "canceled", and send the result to waiting clients.
 
@@ -149,13 +154,16 @@ class AsyncActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without
             await super()._execute_goal_request(received)  # refused without its callback
             return
         self._accepted[uuid] = received
+        self._requested.intersection_update(self._goal_handles)
         self._on_goal(GoalRequest(uuid, request.goal, client_of(header)))
 
     async def _execute_get_result_request(self, received: Any) -> None:  # noqa: ANN401 - rclpy's
         header, request = received
-        refused = self._refused.get(bytes(request.goal_id.uuid))
+        uuid = bytes(request.goal_id.uuid)
+        refused = self._refused.get(uuid)
         if refused is None:
             await super()._execute_get_result_request(received)
+            self._requested.add(uuid)
         else:
             self._handle.send_result_response(header, self._response(_ABORTED, refused))
 
@@ -290,6 +298,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         self._samples: NewSamples[S] = NewSamples(kind)
         self._topic = f"{controller.name}/{name}"
         self._goals: dict[bytes, FollowedGoal[V]] = {}
+        self._aborted: list[bytes] = []  # at the end of the bridge
         self._watched = -math.inf
         self._server = AsyncActionServer(
             ros.node,
@@ -389,11 +398,13 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         followed.is_cancelling = True
         followed.sender.client.ask(self.cancels(why), lambda _done, error: self.report(self._topic, error))
 
-    def abort_goals(self) -> bool:
-        active = list(self._goals.values())
-        for followed in active:
+    def abort_goals(self) -> None:
+        for followed in list(self._goals.values()):
+            self._aborted.append(followed.uuid)
             self._end(followed, self.failed("the ROS bridge has ended, which aborts the goal"))
-        return bool(active)
+
+    def awaits_result_requests(self) -> bool:
+        return not all(map(self._server.is_result_requested, self._aborted))
 
     def close(self) -> None:
         """Abort the active goals, send their results to the clients, and destroy the action server."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import importlib
 import threading
+from collections import deque
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
@@ -141,6 +142,7 @@ class Spinner:
         self._executor = make_executor(context)
         self._executor.add_node(node)
         self._nodes, self._on_error = [node], on_error
+        self._calls: deque[Callable[[], object]] = deque()
         self._ending = threading.Event()
         self._end = Future()
         self._thread = threading.Thread(target=self._run, name="ros", daemon=True)
@@ -149,12 +151,15 @@ class Spinner:
         self._thread.start()
 
     def stop(self, timeout: float) -> bool:
-        """Stop the thread and remove all nodes; return False if a callback blocks it for `timeout` s."""
-        self._ending.set()
-        self._end.set_result(None)
-        self._executor.wake()
+        """Run the functions of earlier `call`s, stop the thread and remove all nodes.
+
+        Return False if a callback blocks the thread for `timeout` s.
+        """
         if self._thread.ident is not None:
+            self.call(self._end_run)
+            self._executor.wake()
             self._thread.join(timeout)
+        self._ending.set()
         if self._thread.is_alive():
             return False
         for node in self._nodes:
@@ -182,7 +187,16 @@ class Spinner:
 
     def call(self, function: Callable[[], object]) -> None:
         """Run a function on the spinning thread, between callbacks; may be called from any thread."""
-        self._executor.create_task(function)
+        self._calls.append(function)
+        self._executor.create_task(self._run_call)
+
+    def _run_call(self) -> None:
+        """Run the oldest function; some executors of rclpy run the newest task first."""
+        self._calls.popleft()()
+
+    def _end_run(self) -> None:
+        self._ending.set()
+        self._end.set_result(None)
 
     def _run(self) -> None:
         while not self._ending.is_set():

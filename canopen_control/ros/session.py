@@ -200,7 +200,8 @@ class RosTime:
 
 A = TypeVar("A")
 _JOIN_S: Final = 1.0
-_RESULTS_S: Final = 0.2  # after goals were aborted, the ROS thread still answers requests for their results
+_RESULTS_S: Final = 1.0  # longest wait for the requests for the results of aborted goals
+_LOOK_S: Final = 0.02
 _MAX_EVENT_LENGTH: Final = 500  # characters, the limit of the robot's API
 _LACKING_NS: Final = 1_000_000_000
 
@@ -309,13 +310,15 @@ class RosSession:
     def close(self) -> bool:
         """Close all endpoints and connections; return False if a callback of ROS blocks.
 
-        Active goals are aborted first: a client requests the result of its goal after the goal was accepted, and that
-        request may have arrived without having been read.
+        Active goals are aborted first, while the ROS thread still answers requests: a client requests the result of
+        its goal after the goal was accepted, and that request may not have been read yet.
         """
         self._reactor.remove_reader(self._client.fileno())
-        aborted = [endpoint.abort_goals() for endpoint in self._all()]  # all of them, also after the first with goals
-        if any(aborted):
-            time.sleep(_RESULTS_S)
+        for endpoint in self._all():
+            endpoint.abort_goals()
+        deadline = time.monotonic() + _RESULTS_S
+        while any(endpoint.awaits_result_requests() for endpoint in self._all()) and time.monotonic() < deadline:
+            time.sleep(_LOOK_S)
         self._ended = True
         done = self._spinner.stop(_JOIN_S)
         for name in list(self._endpoints):

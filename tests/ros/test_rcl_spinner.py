@@ -63,6 +63,26 @@ context.shutdown()
     assert run_ros(code) == ""
 
 
+@pytest.mark.parametrize("fallback", [[], ["single-threaded"]])
+def test_functions_that_were_called_before_the_stop_are_run(fallback):
+    code = (
+        START
+        + """
+spinner.start()
+spinner.call(lambda: (enough.set(), failed.wait(60)))
+assert enough.wait(60)
+for number in range(50):
+    spinner.call(lambda number=number: got.append(number))
+threading.Timer(0.1, failed.set).start()
+assert spinner.stop(60)
+assert got == list(range(50)), got
+context.shutdown()
+"""
+    )
+    with domain() as number:
+        assert run_ros(code, number, fallback) == ""
+
+
 def test_a_callback_that_hangs_is_not_waited_for():
     code = (
         START

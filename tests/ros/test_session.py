@@ -128,12 +128,18 @@ def test_the_controller_manager_of_the_file_specifies_whether_stamps_are_simulat
 
 
 class ClosedSession(RosSession):
-    """A session without ROS: `done` are the steps of its end in order."""
+    """A session without ROS: `done` are the steps of its end, `looks` the looks until the last result is requested."""
 
-    def __init__(self):
-        self.done = []
+    def __init__(self, looks):
+        self.done, self.looks = [], looks
         self._ended, self._endpoints = False, {}
-        self._common = [SimpleNamespace(abort_goals=lambda: self.note("goals aborted"), close=lambda: None)]
+        self._common = [
+            SimpleNamespace(
+                abort_goals=lambda: self.note("goals aborted"),
+                awaits_result_requests=lambda: self.looks > 0,
+                close=lambda: None,
+            )
+        ]
         self._spinner = SimpleNamespace(stop=lambda _timeout: self.note("ROS thread stopped"))
         self._reactor = SimpleNamespace(remove_reader=lambda _fd: None)
         self._client = SimpleNamespace(fileno=lambda: -1, close=lambda: None)
@@ -144,13 +150,23 @@ class ClosedSession(RosSession):
         return True
 
 
-def test_goals_are_aborted_and_their_results_sent_before_the_ros_thread_stops(monkeypatch):
-    session = ClosedSession()
-    monkeypatch.setattr(time, "sleep", lambda _seconds: session.note("requests for results answered"))
+@pytest.mark.parametrize(("looks", "waits"), [(0, 0), (3, 3), (1000, 50)])
+def test_the_ros_thread_stops_when_the_results_of_aborted_goals_were_requested_or_after_a_second(
+    monkeypatch, looks, waits
+):
+    session, now = ClosedSession(looks), [0.0]
+
+    def sleep(seconds):
+        now[0] += seconds
+        session.looks -= 1
+        session.note("requests answered")
+
+    monkeypatch.setattr(time, "sleep", sleep)
+    monkeypatch.setattr(time, "monotonic", lambda: round(now[0], 6))
     assert session.close()
     assert session.done == [
         ("goals aborted", False),
-        ("requests for results answered", False),
+        *[("requests answered", False)] * waits,
         ("ROS thread stopped", True),
     ]
 
