@@ -2,9 +2,11 @@
 
 import os
 import select
+import signal
 import threading
 import time
 
+import pytest
 from support.lockstep import _REAL_SLEEP, lockstep
 
 from canopen_control.host.reactor import Reactor
@@ -62,3 +64,26 @@ def test_threads_take_turns_and_a_stalled_one_misses_nothing():
         (0.1, "wrote 0"), (0.1, "read 1"), (0.2, "wrote 1"), (0.25, "read 1"), (0.3, "wrote 2"), (0.4, "joined"),
     ]  # fmt: skip
     assert story() == first
+
+
+def test_ctrl_c_ends_a_wait_in_the_turn_of_its_thread():
+    order = []
+
+    def interrupt():
+        time.sleep(0.1)
+        os.kill(os.getpid(), signal.SIGINT)
+        _REAL_SLEEP(0.05)  # the thread that was interrupted has time to go on, but not the turn
+        order.append("the other thread waits")
+        time.sleep(0.1)
+
+    with lockstep():
+        thread = threading.Thread(target=interrupt)
+        thread.start()
+        begin = time.monotonic()
+        try:
+            time.sleep(30.0)
+        except KeyboardInterrupt:
+            order.append("interrupted")
+        thread.join()
+        assert order == ["the other thread waits", "interrupted"]
+        assert time.monotonic() - begin == pytest.approx(0.2)

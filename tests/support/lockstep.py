@@ -109,14 +109,22 @@ class Lockstep:
             self._changed.notify_all()
 
     def _wait_for_turn(self, wait: _Wait, *, pass_on: bool) -> None:
+        """Wait for the turn of this thread; Ctrl-C ends the wait, and is raised when the thread has its turn."""
         me = threading.current_thread()
+        interrupted: KeyboardInterrupt | None = None
         with self._changed:
             self._waits[me] = wait
             if pass_on:
                 self._pass_on()
             while self._turn is not me and not self._over:
-                _REAL_CONDITION_WAIT(self._changed)
+                try:
+                    _REAL_CONDITION_WAIT(self._changed)
+                except KeyboardInterrupt as error:
+                    interrupted = error
+                    self._waits[me] = _Wait(lambda: True)
             del self._waits[me]
+        if interrupted is not None:
+            raise interrupted
         if self._over:
             _REAL_SLEEP(_LOOK_S)
 

@@ -70,6 +70,7 @@ class OnBus:
     def __exit__(self, *_: object) -> None:
         self.reactor.call_threadsafe(self.reactor.stop)
         self._thread.join(60)
+        assert not self._thread.is_alive()
         for port in self._ports:
             port.close()
         self.reactor.close()
