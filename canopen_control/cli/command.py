@@ -49,7 +49,9 @@ def run(args: argparse.Namespace) -> int:
     named = {name: value for name, value in args.values if name}
     if named:
         if len(named) != len(args.values):
-            raise ConfigError(f"{args.controller}: give every value as NAME=VALUE, each name once, or none")
+            raise ConfigError(
+                f"{args.controller}: write all values as NAME=VALUE, each name once, or all without names"
+            )
         outputs = CommandByName(controller=args.controller, values=named, source="command", dead_man=dead_man)
         return send(args, outputs, None)
     values = [value for _, value in args.values]

@@ -8,10 +8,10 @@ use --yes. At the end the parameters that the EDS lists are compared and restore
 refused; with one of the three options, nodes that are OPERATIONAL are refused too.
 
 With --master a virtual device joins the bus and checks the master that boots it, this package or another master. It
-serves the master for 8 s, then goes through its faults, in 80 to 120 s: FAULT, loss of the power stage,
+works normally for 8 s, then shows its faults one after another, in 80 to 120 s: FAULT, loss of the power stage,
 PRE-OPERATIONAL, a flood of EMCY, resets with SDO answers that are missing, late or refused, a lost heartbeat, silence.
-Have the master enable the drive before the run, and again only between two faults. Ctrl-C ends the run and prints its
-report.
+Enable the drive through the master in the first seconds, and later only between two faults. Ctrl-C ends the run and
+prints its report.
 
 Exit codes: 0 no mandatory check failed; 1 a mandatory check failed; 2 wrong usage, or nothing could be tested.
 """

@@ -119,8 +119,9 @@ def _report(error: Exception, robot: str | None = None) -> int:
     A robot does not know whether others run: commands in its advice get the name with which it was selected.
     """
     if isinstance(error, CanopenError):
-        lacks_name = robot is not None and "canopen-control " in str(error) and "--name" not in str(error)
-        shown = CanopenError(f"{error} (with --name {robot})") if lacks_name else error
+        text = str(error)
+        lacks_name = "canopen-control " in text and "--name" not in text and "--as " not in text
+        shown = CanopenError(f"{text} (with --name {robot})") if lacks_name and robot is not None else error
         return _print_error(shown, 2 if error.of_usage else 1)
     if isinstance(error, BrokenPipeError):
         _leave_output()

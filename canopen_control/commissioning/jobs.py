@@ -243,7 +243,7 @@ class ScopeOptions:
     )
     trigger: str = option("", "start of a capture: SIGNAL:rising|falling|above|below:LEVEL, or fault", metavar="T")
     before: float | None = option(
-        None, "time in s of the capture before the trigger (default: a fifth)", metavar="S", read=seconds_above_0
+        None, "seconds of the capture before the trigger (default: a fifth of it)", metavar="S", read=seconds_above_0
     )
     shots: int = option(
         1, "number of captures", metavar="N", read=whole_between(1, 999_999, "number of shots: 1 or more")

@@ -97,4 +97,4 @@ def test_an_output_that_the_robot_does_not_have_is_wrong_usage(cell, capsys):
 @pytest.mark.parametrize("values", [["io/lamp=1", "1"], ["io/lamp=1", "io/lamp=0"]])
 def test_values_are_all_named_or_none_is(cell, capsys, values):
     assert main(["command", "outputs", *values]) == 2
-    assert "give every value as NAME=VALUE, each name once, or none" in capsys.readouterr().err
+    assert "write all values as NAME=VALUE, each name once, or all without names" in capsys.readouterr().err

@@ -93,6 +93,7 @@ def test_what_the_robot_refuses_for_another_reason_is_not(mock_robot, capsys):
         (["--name=left"], "enable it: canopen-control axis enable all", " (with --name left)"),
         ([], "enable it: canopen-control axis enable all", ""),
         (["--name", "left"], "end it: canopen-control shutdown --name left", ""),
+        (["--name", "left"], "start one: canopen-control run robby --as left", ""),
         (["--name", "left"], "wait for left_drive", ""),
     ],
 )
