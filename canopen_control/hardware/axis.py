@@ -118,7 +118,15 @@ class AxisStatus:
         receives no controlword and no target (ros2_canopen of Nature Robots, RPDO watchdog of 2026).
         """
         word = _FORCED_WORDS.get(phase)
-        if word is not None and self._node.ready:
+        if word is not None:
+            self.send(word)
+
+    def send(self, word: int) -> None:
+        """Write a controlword by SDO, in addition to the RPDO, of which it is unknown whether it arrives.
+
+        A drive that receives no SYNC applies no synchronous RPDO (CiA 301, 7.2.2.2), and sends no synchronous TPDO.
+        """
+        if self._node.ready:
             self._node.write(self._axis.index(objects.CONTROLWORD), 0, word.to_bytes(2, "little"))
 
     @property

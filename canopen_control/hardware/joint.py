@@ -372,6 +372,8 @@ class JointDrive(JointStatus):
         output = self._controlword
         if control != output.value:
             output.set(control)
+            if control & 6 == 2 or (self._feedback_status is _STALE and not statechart.enable_requested):
+                status.send(control)  # CiA 402-2, table 24: quick stop, bit 1 without bit 2
         return bool(self._events)
 
     def _take_update(self, word: int | None, before: int | None) -> None:
@@ -527,7 +529,7 @@ class JointDrive(JointStatus):
 
     def _check_transitions(self, now: int) -> None:
         """Fire the triggers that depend on the drive's state; report stops that take too long."""
-        statechart, machine = self.statechart, self.machine
+        statechart, machine, state = self.statechart, self.machine, self.machine.state
         if statechart.state in ENABLING:
             if machine.enabled and self._fire(PhaseTrigger.DRIVE_ENABLED):
                 self._settled_at = now + self._settle_ns
@@ -536,7 +538,6 @@ class JointDrive(JointStatus):
             elif machine.waiting:
                 self._check_position(now)
             return
-        state = machine.state
         if not self.node.ready:
             self._fire(PhaseTrigger.NODE_LOST)
         # CiA 402-2, 6.3: only in these states the motor may have torque
