@@ -26,6 +26,7 @@ from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import INTERNAL_LIMIT, WARNING
 from canopen_control.cia402.units import wrap_int32
 from canopen_control.errors import DriveError
+from canopen_control.hardware.axis_statechart import AxisPhase
 from canopen_control.hardware.feedback import STANDSTILL
 from canopen_control.hardware.mode_targets import VelocityTarget
 from canopen_control.master.event_log import Level
@@ -306,13 +307,14 @@ _WRONG_WAY_TEXT: Final = "it turns against its command; check polarity (0x607E),
 
 _SLOWING_CHECKS: Final = 20
 _MOVING: Final = 5 * STANDSTILL  # rad/s or m/s
+_AT_REST: Final = (AxisPhase.ENABLED, AxisPhase.READY, AxisPhase.HALTED)  # also a homing that has ended
 _EXCESS: Final = 1.5  # ratio of the speed to the commanded speed from which an axis has to slow down
 _RPDOS_OFF: Final = (
     "check whether the drive has switched off its RPDOs (bit 31 of 0x1400:01 or 0x1401:01, which a reset of the node "
     "clears)"
 )
 _RUNS_ON_TEXTS: Final = {
-    True: f"it moves on although its target velocity is 0; {_RPDOS_OFF}, its brake and its load",
+    True: f"it moves on although it has to stand; {_RPDOS_OFF}, its brake and its load",
     False: f"it moves faster than commanded and does not slow down; {_RPDOS_OFF}, the scale of its velocity (0x606C), "
     "its brake and its load",
 }
@@ -368,7 +370,7 @@ class MotionWatch:
 
     def check_slowing(self, speed: float, target: ModeTarget | None, statechart: AxisStatechart, now: int) -> None:
         """Check whether an axis slows down to its target velocity, and in a stop, which is not waited for if not."""
-        commanded = math.inf
+        commanded = 0.0 if statechart.state in _AT_REST else math.inf
         if statechart.following and isinstance(target, VelocityTarget) and not self._machine.halted:
             if target.output.value == 0:
                 commanded = 0.0
@@ -378,7 +380,7 @@ class MotionWatch:
         self._at_zero = commanded == 0.0
         if self._runs_on:
             self._stopping.continue_from(self._following)  # the stop commands 0
-        elif self._stopping.fails(speed, required=statechart.falling):
+        elif self._stopping.fails(speed, required=statechart.falling or statechart.state is AxisPhase.DISABLING):
             statechart.expire(now)
 
     def check(self, target: ModeTarget | None, enabled: bool) -> None:
