@@ -29,6 +29,7 @@ from canopen_control.errors import ConfigError, DriveError, RobotConfigError, Sd
 from canopen_control.hardware.axis import TORQUE_MAX, position_span
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, MOTION_INTERFACES, TARGET
 from canopen_control.hardware.tracking import FEED_FORWARD
+from canopen_control.master.keys import SCALES
 from canopen_control.od.codec import decode, encode
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY, InterfaceInfo
 
@@ -317,8 +318,6 @@ _PROFILE: Final = ((objects.PROFILE_VELOCITY, (0,)), (objects.PROFILE_ACCELERATI
 _HOMING_SPEEDS: Final = (1, 2)  # speed during search for the switch, and for the zero
 _UNLIMITED: Final = 0xFFFFFFFF
 _SLOWEST_S: Final = 60.0  # duration of a ramp, as in `check`
-# the scales of bus.yml if none is given
-_DEFAULT_SCALES: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 1000.0, "vel_from_dev": 0.001}
 
 
 Pair = tuple[int, int] | None
@@ -357,9 +356,8 @@ def _counts_per_turn(encoder: Pair, gear: Pair, feed: Pair) -> float | None:
 
 def _scales(units: UnitKeys, axis: int, counts: float | None) -> dict[str, float]:
     """Return the scales of bus.yml, or if it gives none, those of `counts` per turn, if known."""
-    own = units.of_axis(axis)
-    if counts is None or any(own[name] != value for name, value in _DEFAULT_SCALES.items()):
-        return own
+    if counts is None or units.gives(axis, *SCALES):
+        return units.of_axis(axis)
     return units.with_scale(counts / math.tau).of_axis(axis)
 
 
@@ -563,7 +561,11 @@ class AxisParameters:
         axis.turn = turn or abs(scale.pos_to_dev) * math.tau
         axis.rpm_to_dev = math.copysign(60.0 / math.tau, scale.vel_to_dev)
         if turn is not None:
-            to_dev = scale.pos_to_dev if scale.pos_to_dev != _DEFAULT_SCALES["pos_to_dev"] else scale.vel_to_dev
+            units = axis.node.config.units
+            only_velocity = units.gives(axis.number, "scale_vel_to_dev") and not units.gives(
+                axis.number, "scale_pos_to_dev"
+            )
+            to_dev = scale.vel_to_dev if only_velocity else scale.pos_to_dev
             axis.rpm_to_dev = to_dev / turn * 60.0
 
     def _counts_of_motor(self) -> float | None:

@@ -320,7 +320,10 @@ class BootKeys:
 
 @dataclass(frozen=True)
 class UnitKeys:
-    """Units of the device: scales from and to device units, or counts per revolution with a gear ratio."""
+    """Units of the device: scales from and to device units, or counts per revolution with a gear ratio.
+
+    `given` contains the scales that bus.yml gives for the node; a given scale may equal the default of ros2_canopen.
+    """
 
     scale_pos_to_dev: float = 1000.0
     scale_pos_from_dev: float = 0.001
@@ -334,6 +337,7 @@ class UnitKeys:
     gear_ratio: float | list[int] | None = setting(None, low=1e-9, high=1e9)
     reversed: bool | None = None
     guesses: list[str] = field(default_factory=list)
+    given: frozenset[str] = derived(frozenset())
 
     def with_scale(self, to_device: float) -> UnitKeys:
         """Return a copy with all four scales derived from `to_device`, in device units per SI unit."""
@@ -344,7 +348,13 @@ class UnitKeys:
             scale_pos_from_dev=back,
             scale_vel_to_dev=to_device,
             scale_vel_from_dev=back,
+            given=self.given.union(SCALES),
         )
+
+    def gives(self, axis: int, *scales: str) -> bool:
+        """Whether bus.yml gives one of the scales for an axis, in `channels` or for the node."""
+        channel = self.channels[axis] if axis < len(self.channels) else None
+        return any(key in self.given or getattr(channel, key, None) is not None for key in scales)
 
     def of_axis(self, axis: int) -> dict[str, float]:
         """Return the arguments of `units.Scale` for an axis; values in `channels` override those of the node."""

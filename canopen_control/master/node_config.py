@@ -300,6 +300,7 @@ def _units(keys: UnitKeys, node: Node) -> UnitKeys:
     """Return the units of a node, with scales computed from counts_per_revolution, or as written and checked."""
     named = [key for key in NAMED_SCALES if node.get(key) is not None]
     scales = [key for key in SCALES if node.get(key) is not None]
+    keys = replace(keys, given=frozenset(key for key in (*SCALES, "scale_eff_from_dev") if node.get(key) is not None))
     if not named:
         _check_scales(keys, node)
         return keys

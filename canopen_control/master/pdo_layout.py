@@ -128,10 +128,4 @@ def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Co
 
 def _is_scaled(config: BusConfig, node: str, axis: int, quantity: str) -> bool:
     """Whether bus.yml sets the scale for a quantity of an axis; the defaults of ros2_canopen do not count."""
-    units = config.nodes[node].units
-    if units.counts_per_revolution is not None and quantity != "eff":
-        return True
-    keys = (f"scale_{quantity}_from_dev", f"scale_{quantity}_to_dev")
-    channel = units.channels[axis] if axis < len(units.channels) else None
-    section = config.sections[node]
-    return any(section.get(key) is not None or getattr(channel, key, None) is not None for key in keys)
+    return config.nodes[node].units.gives(axis, f"scale_{quantity}_from_dev", f"scale_{quantity}_to_dev")

@@ -42,7 +42,6 @@ from canopen_control.cia402.objects import (
     axis_index,
 )
 from canopen_control.frame import Service, cob_id, is_restricted
-from canopen_control.master.keys import UnitKeys
 from canopen_control.master.plan_builder import (
     STORED,
     PlanBuilder,
@@ -370,11 +369,11 @@ def _identity(node: NodeConfig, od: ObjectDictionary) -> NodeIdentity:
 
 
 def _turns(node: NodeConfig, od: ObjectDictionary) -> dict[int, float]:
-    """Return the position counts per turn by axis offset; axes with the default scale are omitted."""
+    """Return the position counts per turn by axis offset; axes without a scale in bus.yml are omitted."""
     turns = {}
     for number, offset in enumerate(_axes(od)):
         to_device = node.units.of_axis(number)["pos_to_dev"]
-        if to_device != UnitKeys().scale_pos_to_dev:
+        if node.units.gives(number, "scale_pos_to_dev"):
             turns[offset] = node.units.counts_per_revolution or abs(to_device) * math.tau
     return turns
 

@@ -48,6 +48,25 @@ def test_a_scale_of_bus_yml_wins(servo):
     assert bench.joint(2).scale.pos_to_dev == 500.0
 
 
+ROS2_CANOPEN_DEFAULTS = (
+    "scale_pos_to_dev: 1000.0",
+    "scale_pos_from_dev: 0.001",
+    "scale_vel_to_dev: 1000.0",
+    "scale_vel_from_dev: 0.001",
+)
+
+
+@pytest.mark.parametrize("given", [ROS2_CANOPEN_DEFAULTS, ("channels: [{scale_pos_to_dev: 1000}]",)])
+def test_a_scale_of_bus_yml_wins_with_the_value_of_the_default_too(servo, given):
+    """The examples of ros2_canopen write 1000.0, which its driver uses whatever 0x608F is."""
+    bench = servo("params3b", extra="\n  ".join(given))
+    bench.start()
+    assert bench.joint(2).scale.pos_to_dev == 1000.0
+    assert bench.joint(2).scale.vel_to_dev == 1000.0
+    assert planned_scales(bench.setup.bus, "drive_one", 0)["pos_to_dev"] == 1000.0
+    assert bench.setup.bus.plans["drive_one"].turns[0] == pytest.approx(1000 * math.tau)
+
+
 def test_the_offsets_of_bus_yml_count_without_a_scale(servo):
     bench = servo("offsets", extra="offset_pos_from_dev: 2.0\n  offset_pos_to_dev: -30.0")
     bench.start()
