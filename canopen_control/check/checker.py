@@ -245,7 +245,8 @@ def _slow_stops(buses: dict[str, BusConfig], stops: tuple[StopTime, ...]) -> Ite
             f"{facts.node}: {_subject(facts)} needs {ramp} s to brake from {speed} units/s "
             f"({case.by}); a stop that takes longer than {LONGEST_STOP_S:.0f} s becomes a quick stop"
         )
-        fix = "write a faster ramp to the drive under `sdo`, or lower the joint's velocity limit"
+        limit = "0x607F" if facts.joint == facts.node else "the velocity limit of the joint, its <limit> or 0x607F"
+        fix = f"write a faster ramp to the drive under `sdo`, or lower {limit}"
         if facts.own_unit:  # as in Kinco's FD5, whose ramps have another factor than its velocities
             fix = f"read the unit of the ramp in the manual: if it is that of the velocities per s, {fix}"
         severity = Severity.WARNING if case.ramp_s > _SLOW_RAMP_S else Severity.NOTE

@@ -57,6 +57,11 @@ def _without_feedback(robot: CheckedRobot) -> Iterator[Finding]:
                 yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
 
 
+def _has_errors(place: Node) -> bool:
+    """Whether an error was reported in a section of bus.yml, which explains what is missing in the plan."""
+    return any(error.where.startswith(place.where) for error in place.problems.errors)
+
+
 def _shown(od: ObjectDictionary, index: int) -> bool:
     """Whether an object exists and can be mapped to a TPDO."""
     entry = od.get(index, 0)
@@ -93,7 +98,7 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
                 for interface, index in measured.items()
                 if interface in joint.state_interfaces and objects.axis_index(index, int(axis)) not in carried
             }
-            for interface, index in missing.items():
+            for interface, index in {} if _has_errors(bus.place(name, "tpdo")) else missing.items():
                 text = f"joint {joint.name} has {interface} as state interface, but no TPDO of {name} has 0x{index:04X}"
                 derived = interface == VELOCITY and objects.axis_index(MEASURED[POSITION], int(axis)) in carried
                 end = "the velocity is derived from positions, later and coarser" if derived else "the value is unknown"

@@ -524,6 +524,13 @@ class AxisProcessData:
 
     def _unmapped(self, index: int, kind: str) -> RobotConfigError:
         name = objects.object_name(self.index(index))
+        if self.number and self.node.plan.motors is None and (self.index(index), 0) not in self.node.od:
+            # CiA 402-2, 5.1: the objects of an axis are 0x800 above those of the axis before
+            last = len(self.node.plan.axes) - 1
+            return RobotConfigError(
+                f"joint {self.joint}: {self.node.label} has no axis {self.number}, since 0x{self.index(index):04X} "
+                f"{name} is not in its EDS; the device has {f'the axes 0 to {last}' if last > 0 else 'only axis 0'}"
+            )
         return RobotConfigError(
             f"joint {self.joint}: no {kind} of {self.node.label} carries "
             f"0x{self.index(index):04X} {name}; map it in bus.yml"

@@ -370,9 +370,9 @@ def _group(
 
 def _refuse_doubles(joints: Sequence[JointDrive]) -> None:
     """Raise RobotConfigError if two joints with commands use the same axis."""
-    owners: dict[tuple[int, int], JointDrive] = {}
+    owners: dict[tuple[RemoteNode, int], JointDrive] = {}  # two buses may have the same node-ID
     for joint in joints:
-        owner = owners.setdefault((joint.node.node_id, joint.axis.number), joint)
+        owner = owners.setdefault((joint.node, joint.axis.number), joint)
         if owner is not joint and owner.commands and joint.commands:
             raise RobotConfigError(
                 f"joints {owner.joint} and {joint.joint} are both axis {joint.axis.number} of {joint.node.label}; give "
@@ -395,11 +395,8 @@ def _join_motors(joints: Sequence[JointDrive]) -> None:
 def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> JointDrive:
     """Bind a joint to its node (`device_name` or `node_id`); raise RobotConfigError for an unknown node."""
     name = joint.parameters.get("device_name")
-    if name is None and (node_id := joint.parameters.get("node_id")) is not None:
-        by_id = {str(node.node_id): key for key, (node, _) in nodes.items()}
-        name = by_id.get(node_id.strip())
-        if name is None:
-            raise RobotConfigError(f"joint {joint.name}: no node of bus.yml has node_id {node_id}")
+    if (node_id := joint.parameters.get("node_id")) is not None:
+        name = _named_by_id(joint.name, name, node_id.strip(), nodes)
     if name is None:
         names = ", ".join(nodes)
         raise RobotConfigError(f'joint {joint.name}: add <param name="device_name"> with a drive of bus.yml: {names}')
@@ -409,6 +406,28 @@ def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImag
         )
     node, image = nodes[name]
     return JointDrive(joint, node, image, _axis_of(joint))
+
+
+def _named_by_id(
+    joint: str, name: str | None, node_id: str, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]
+) -> str:
+    """Return the name of the node with a node-ID; raise RobotConfigError for none, several, or another than `name`."""
+    having = [key for key, (node, _) in nodes.items() if str(node.node_id) == node_id]
+    if name is not None:
+        # RobotSystem of ros2_canopen uses device_name, its Cia402System node_id
+        if name in nodes and name not in having:
+            raise RobotConfigError(
+                f"joint {joint}: device_name {name} is node {nodes[name][0].node_id}, but node_id is {node_id}; remove "
+                "the wrong one"
+            )
+        return name
+    if not having:
+        raise RobotConfigError(f"joint {joint}: no node of bus.yml has node_id {node_id}")
+    if len(having) > 1:
+        raise RobotConfigError(
+            f"joint {joint}: node_id {node_id} is {' and '.join(having)}, on two buses; write device_name instead"
+        )
+    return having[0]
 
 
 def _axis_of(joint: ControlJoint) -> int:

@@ -325,6 +325,7 @@ class _Reader:
         section, defaults = self._root.get("nodes"), self._root.get("defaults")
         if section is not None:
             self._refuse_unknown_sections()
+            _require_mapping(section)
         else:
             section = self._misnamed_nodes()
         pairs = section.items() if section is not None else self._root.items()
@@ -500,7 +501,9 @@ class _Reader:
             accepted = "nothing stops this drive when the master is lost, which --allow-unsupervised accepts"
             warn("dcf", f"{accepted}: {plan.unsupervised}")
         elif not config.supervision.allow_unsupervised:
-            complain("dcf", f"nothing would stop this drive when the master is lost: {plan.unsupervised}; {accepts}")
+            off = plan.unsupervised.startswith("heartbeat_consumer ")
+            key, accepts = ("heartbeat_consumer", f"write true, or {accepts}") if off else ("dcf", accepts)
+            complain(key, f"nothing would stop this drive when the master is lost: {plan.unsupervised}; {accepts}")
         return plan
 
     def _downloads(self, config: NodeConfig, node: Node, od: ObjectDictionary) -> tuple[tuple[int, int, bytes], ...]:
@@ -515,6 +518,11 @@ class _Reader:
         except (ConfigError, ValueError) as error:
             place.error(f"{config.boot.configuration_file}: {error}")
         return ()
+
+
+def _require_mapping(nodes: Node) -> None:
+    if nodes.kind in ("sequence", "scalar"):
+        nodes.error("expected a mapping; write each node as `NAME:`, without a dash, and its keys below it")
 
 
 def _decimal_hint(place: Node, od: ObjectDictionary) -> str:

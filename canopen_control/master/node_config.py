@@ -103,6 +103,9 @@ def _respelled(section: Node) -> Node:
     for key, pair in list(pairs.items()):
         if (spelling := _SPELLING.fullmatch(MISNAMED_NODE.get(key, ""))) and spelling[1] not in pairs:
             pairs[spelling[1]] = pair
+    for key in ("node_id", "dcf"):  # or the missing key would be reported too
+        if key not in pairs and (written := difflib.get_close_matches(key, [name.lower() for name in pairs], 1, 0.75)):
+            pairs[key] = next(pair for name, pair in pairs.items() if name.lower() == written[0])
     for kind in ("rpdo", "tpdo"):
         if kind not in pairs and (numbered := _numbered_pdos(pairs, kind)):
             place = next(iter(numbered.values()))[0]

@@ -587,6 +587,8 @@ def _why_unsupervised(builder: PlanBuilder, master: MasterConfig, *, monitors: b
     if not monitors:
         if (listed := builder.listed_value(HEARTBEAT_CONSUMER, 1)) is not None:
             return f"the sdo: list sets 0x1016:01 to 0x{listed:08X}, which does not monitor node {master.node_id}"
+        if builder.node.supervision.heartbeat_consumer is False and builder.can_write(HEARTBEAT_CONSUMER, 1):
+            return "heartbeat_consumer is false, so that it does not monitor the master"
         return "it has neither a writable heartbeat consumer (0x1016) nor node guarding"
     for offset in axes:
         index = ABORT_CONNECTION_OPTION + offset

@@ -104,7 +104,9 @@ def default_warnings(buses: Mapping[str, BusConfig]) -> Iterator[str]:
 def unmoved_drives(
     buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile | None
 ) -> Iterator[str]:
-    """Yield a note for each CiA 402 drive without a joint in the description."""
+    """Yield a note for each CiA 402 drive without a joint in the description, unless a joint names no node."""
+    if _has_lost_joint(buses, description):  # it may be the joint of the drive
+        return
     free = dict[str, str]()
     for joint, node, _, problem in _free(buses, description, control or ControllersFile()):
         free[node.name] = problem or (
@@ -116,6 +118,16 @@ def unmoved_drives(
                 reason = free.get(node.name, "it is a proxy, and cannot be enabled")
                 text = f"{node.name} is a CiA 402 drive and no joint of {description.path} names it"
                 yield f"{bus.path}:{node.line}: {text}: {reason}"
+
+
+def _has_lost_joint(buses: Mapping[str, BusConfig], description: UrdfDescription) -> bool:
+    nodes = [node for bus in buses.values() for node in bus.nodes.values()]
+    names, ids = {node.name for node in nodes}, {str(node.node_id) for node in nodes}
+    joints = [joint.parameters for tag in description.hardware if tag.plugin in PLUGINS for joint in tag.joints]
+    return any(
+        joint["device_name"] not in names if "device_name" in joint else joint.get("node_id", "").strip() not in ids
+        for joint in joints
+    )
 
 
 _EXTRA_DRIVES: Final = "drives_of_bus_yml"

@@ -225,6 +225,8 @@ def find_robot(
     missing: list[str] = []
     main = _find_file(bus, folder, BUS, "--bus", no_bus, files.get("bus"))
     alone = _is_default(controllers, description, launched) and not no_bus and _is_alone(folder)
+    if no_bus and folder is not None and _is_default(controllers, description, launched) and _is_alone(folder):
+        _refuse_misnamed_bus(no_bus)
     control, described = (main, main) if alone else _moving_files(controllers, description, folder, files, missing)
     bus_folder = folder if main == Path() else main.parent
     more = _more_buses(bus_folder, missing) if bus_folder is not None and bus is None else {}
@@ -296,6 +298,12 @@ def _used_instead(used: Mapping[str, Path], named: Mapping[str, Path]) -> dict[s
         for kind, path in named.items()
         if path.is_file() and used[kind] != Path() and path.resolve() != used[kind].resolve()
     }
+
+
+def _refuse_misnamed_bus(no_bus: Sequence[str]) -> None:
+    """Raise RobotConfigError if a folder without other files of a robot has a bus file under another name."""
+    if any("; name the file by --bus" in text for text in no_bus):
+        raise RobotConfigError("; ".join(no_bus))
 
 
 def _moving_files(
@@ -513,7 +521,8 @@ def _find_own_file(
             several = ", ".join(str(path.relative_to(place)) for path in matches)
             missing.append(f"{place} has several of {expected}: name one with {option} ({several})")
             return Path()
-    missing.append(f"{folder} has no {expected}{_elsewhere(folder, names)}")
+    found = _elsewhere(folder, names)
+    missing.append(f"{folder} has no {expected}{found or f'; write one, or give a file by {option} FILE'}")
     return Path()
 
 
@@ -561,16 +570,24 @@ def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
         return f"; name one with --description: {_listed(folders)}" if folders else ""
     if folders := [path.parent for path in folder.glob(f"config/*/{names}")]:
         return f"; name a folder that has one: {_listed(folders)}"
-    files = [path for place in _places(folder, described=False) for path in place.glob("*.y*ml") if _is_bus(path)]
-    return f"; name the file by --bus: {_listed(files)}" if files and names == BUS else ""
+    option, is_meant = ("--bus", _is_bus) if names == BUS else ("--controllers", _is_controllers)
+    files = [path for place in _places(folder, described=False) for path in place.glob("*.y*ml") if is_meant(path)]
+    return f"; name the file by {option}: {_listed(files)}" if files else ""
 
 
 def _is_bus(path: Path) -> bool:
     """Whether a file looks like a bus.yml, because one of its lines contains `node_id:`."""
+    return _has_line(path, r"\s+node_id\s*:")
+
+
+def _is_controllers(path: Path) -> bool:
+    """Whether a file looks like a parameter file with the controllers of a controller manager."""
+    return _has_line(path, r"\s*(/[\w/*]*)?controller_manager\s*:")
+
+
+def _has_line(path: Path, begin: str) -> bool:
     try:
-        return path.is_file() and bool(
-            re.search(r"(?m)^\s+node_id\s*:", path.read_text(encoding="utf-8")[:_SAMPLE_SIZE])
-        )
+        return path.is_file() and bool(re.search(f"(?m)^{begin}", path.read_text(encoding="utf-8")[:_SAMPLE_SIZE]))
     except (OSError, UnicodeDecodeError):
         return False
 

@@ -21,6 +21,7 @@ from mypy_extensions import mypyc_attr
 
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import provide
+from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.observer import RobotObserver
@@ -224,6 +225,11 @@ class RobotUnderTest:
         for name, bus in setup.joined.items():
             self.wires[name].listeners.append(self.digest.frame)
             for node in bus.nodes.values():
+                if (other := self.drives.get(node.node_id)) is not None:
+                    raise RobotConfigError(
+                        f"{node.name} on bus {name} and a node on bus {other.wire.name} are both node {node.node_id}; "
+                        "a simulation names drives by node-ID: to simulate this robot, give one another node-ID"
+                    )
                 eds = bus.eds_paths[node.name]
                 drive = self.drives[node.node_id] = SimulatedDrive(self, self.wires[name], node.node_id, eds)
                 drive.quirks = unit_quirks(bus, node.name)

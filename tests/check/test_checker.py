@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from support.peerfiles import write_peer_files
-from support.robots import copy_robby
+from support.robots import copy_robby, split_robby
 
 from canopen_control.check.checker import CheckOptions, check_robot, start_warnings
 from canopen_control.data_files import data_names, data_path
@@ -321,3 +321,63 @@ def test_a_key_without_a_meaning_is_a_note_with_its_line():
     for item in findings:
         if "has no meaning" in item.text:
             assert lines[item.line - 1].lstrip().startswith(item.text.partition(":")[0])
+
+
+NODE = '<param name="device_name">${side}_drive</param>'
+
+
+def test_two_buses_may_have_the_same_node_id(tmp_path):
+    """The axes of two robots, each of which was made for a bus of its own, often have the same node-IDs."""
+    config = split_robby(tmp_path)
+    path = config / "bus_right.yml"
+    path.write_text(path.read_text().replace("node_id: 2", "node_id: 3"))
+    assert texts_of(config, Severity.ERROR) == []
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ('<param name="node_id">3</param>', "left_wheel_joint: node_id 3 is left_drive and right_drive, on two buses;"),
+        (NODE + '<param name="node_id">3</param>', ""),
+        (NODE + '<param name="node_id">2</param>', "left_wheel_joint: device_name left_drive is node 3, but node_id"),
+        (NODE + '<param name="channel">1</param>', "has no axis 1, since 0x6841 statusword (axis 1) is not in its EDS"),
+    ],
+)
+def test_a_joint_names_one_axis_and_only_one(tmp_path, parameters, words):
+    """RobotSystem of ros2_canopen takes device_name, its Cia402System node_id."""
+    config = split_robby(tmp_path, description={NODE: parameters})
+    path = config / "bus_right.yml"
+    path.write_text(path.read_text().replace("node_id: 2", "node_id: 3"))
+    errors = texts_of(config, Severity.ERROR)
+    assert len(errors) == bool(words)
+    assert words in "".join(errors)
+
+
+@pytest.mark.parametrize(
+    ("edits", "words"),
+    [
+        ({"bus": {"index: 0x6064": "index: 6064"}}, "bus.yml"),
+        ({"description": {"${side}_drive</param>": "${side}_driv</param>"}}, "device_name 'left_driv' is not a node"),
+    ],
+)
+def test_what_follows_from_an_error_is_not_reported_too(tmp_path, edits, words):
+    result = check(copy_robby(tmp_path, **edits))
+    errors = [str(item) for item in result.findings if item.severity is Severity.ERROR]
+    assert words in errors[0]
+    assert not any("state interface" in str(item) or "names it" in str(item) for item in result.findings)
+
+
+@pytest.mark.parametrize(
+    ("robot", "limit"), [("arm6", "the velocity limit of the joint, its <limit> or 0x607F"), ("alone", "0x607F")]
+)
+def test_a_slow_ramp_is_reported_with_a_limit_that_exists(tmp_path, robot, limit):
+    config = tmp_path / robot
+    shutil.copytree(data_path("config", "arm6"), config)
+    text = (config / "bus.yml").read_text()
+    slow = "  sdo:\n    - {index: 0x6084, sub_index: 0, value: 10000}\n"
+    (config / "bus.yml").write_text(text.replace("  sdo:\n", slow, 1))
+    if robot == "alone":
+        (config / "arm6.urdf").unlink()
+        (config / "ros2_controllers.yaml").unlink()
+    (first, *_) = [text for text in texts_of(config, Severity.WARNING) if "s to brake from" in text]
+    assert first.endswith(f"write a faster ramp to the drive under `sdo`, or lower {limit}")

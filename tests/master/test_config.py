@@ -562,3 +562,34 @@ def test_the_nodes_of_a_repeated_section_are_all_read_so_that_no_joint_lacks_its
     config, problems = inspect_bus(write(tmp_path, text))
     assert sorted(config.nodes) == ["left_drive", "right_drive"]
     assert len(problems.errors) == 1
+
+
+@pytest.mark.parametrize("nodes", ["- left: {node_id: 3}", "left"])
+def test_nodes_in_a_list_are_refused_at_their_place(tmp_path, nodes):
+    text = mistakes(
+        tmp_path,
+        f"""
+        master:
+          node_id: 1
+        nodes:
+          {nodes}
+    """,
+    )
+    assert "bus.yml:5:" in text
+    assert "nodes: expected a mapping; write each node as `NAME:`, without a dash" in text
+    assert text.count("bus.yml:") == 1
+
+
+@pytest.mark.parametrize("key", ["Node_ID: 3, dcf", "nodeId: 3, dcf", "node_id: 3, DCF", "node_id: 3, dcf_"])
+def test_a_misspelt_key_that_a_node_needs_is_one_error(tmp_path, key):
+    text = mistakes(
+        tmp_path,
+        f"""
+        master:
+          node_id: 1
+        nodes:
+          left: {{{key}: generic_cia402.eds}}
+    """,
+    )
+    assert "(did you mean '" in text
+    assert text.count("bus.yml:") == 1

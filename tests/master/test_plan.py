@@ -257,6 +257,12 @@ def test_what_a_device_beats_without_end_is_watched_instead_of_guarding(tmp_path
     assert any("0x1017 is 100 ms and cannot be written" in note for note in notes)
 
 
+def test_monitoring_that_bus_yml_switches_off_is_the_reason(tmp_path):
+    _, _, (error,) = read_plan(tmp_path, "heartbeat_consumer: false", "generic_cia402.eds")
+    assert "heartbeat_consumer is false, so that it does not monitor the master; write true, or accept that" in error
+    assert "heartbeat_consumer: nothing would stop this drive" in error
+
+
 def test_a_second_axis_without_0x6007_is_stopped_by_the_nmt_state(tmp_path):
     plan, _, errors = read_plan(tmp_path, dcf=DATA / "reports" / "amr_two_channels" / "two_axis.eds")
     assert not errors

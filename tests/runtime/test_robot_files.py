@@ -309,3 +309,25 @@ def test_a_misspelt_folder_is_suggested(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "my_cell")
     with pytest.raises(RobotConfigError, match=r"; the folder .*/my_cell has this name: give \.$"):
         find_buses("my_cell")
+
+
+def test_a_missing_file_is_named_with_what_to_do(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yml", "x.urdf")
+    with pytest.raises(
+        RobotConfigError, match=r"has no ros2_controllers\.yaml; write one, or give .* --controllers FILE"
+    ):
+        find_robot(str(folder))
+    (folder / "controllers.yaml").write_text("/**/controller_manager:\n  ros__parameters:\n    update_rate: 50\n")
+    with pytest.raises(RobotConfigError, match=r"name the file by --controllers: \S+/controllers\.yaml$"):
+        find_robot(str(folder))
+    (folder / "x.urdf").unlink()
+    with pytest.raises(RobotConfigError, match="or give a file by --description FILE"):
+        find_robot(str(folder), controllers=str(folder / "controllers.yaml"))
+
+
+def test_a_misnamed_bus_alone_needs_no_other_file(tmp_path):
+    folder = robot(tmp_path / "r", "bus.yaml")
+    (folder / "bus.yaml").write_text("nodes:\n  left:\n    node_id: 2\n")
+    with pytest.raises(RobotConfigError, match=r"has no bus\.yml; name the file by --bus: \S+/bus\.yaml$"):
+        find_robot(str(folder))
+    assert find_robot(str(folder), bus=str(folder / "bus.yaml")).bus_alone

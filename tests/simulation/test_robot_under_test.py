@@ -2,8 +2,10 @@ import re
 
 import pytest
 from support import makers
+from support.robots import split_robby
 from support.simulated import Played, S, setup_of
 
+from canopen_control.errors import RobotConfigError
 from canopen_control.runtime.core import RobotState
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
@@ -117,3 +119,12 @@ def test_the_drives_have_the_velocity_unit_of_bus_yml(tmp_path):
     assert not [event.sentence for event in robot.events if "velocities are in" in event.sentence]
     assert 1.5 < robot.position("pan") < 3.1
     robot.close()
+
+
+def test_a_node_id_on_two_buses_is_refused_because_drives_are_named_by_it(tmp_path):
+    config = split_robby(tmp_path)
+    path = config / "bus_right.yml"
+    path.write_text(path.read_text().replace("node_id: 2", "node_id: 3"))
+    setup = read_robot(find_robot(str(config)))
+    with pytest.raises(RobotConfigError, match="right_drive on bus right and a node on bus can are both node 3"):
+        RobotUnderTest(setup)
