@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import sys
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import add_duration
 from canopen_control.cli.support.bus_description import add_network_arguments, watched_bus
 from canopen_control.cli.support.frame_output import add_view_arguments, show, show_file
+from canopen_control.errors import ConfigError
 
 if TYPE_CHECKING:
     import argparse
@@ -29,6 +30,7 @@ EXAMPLE = """canopen-control trace
          canopen-control trace robby --can can0 --changes
          canopen-control trace robby --file run.log --json"""
 LABEL = "trace"
+_RECORDINGS: Final = (".log", ".asc", ".blf", ".trc", ".gz", ".zip")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,6 +49,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb until Ctrl-C, --for, --count or the end of the file."""
     if args.file is not None:
         return show_file(args, args.file)
+    if args.config is not None and args.config.lower().endswith(_RECORDINGS):
+        raise ConfigError(f"{args.config} is not a robot; give a recording with --file {args.config}")
     from canopen_control.trace.listen import batches, open_listener
 
     watched = watched_bus(args, args.can)

@@ -372,9 +372,8 @@ def _turns(node: NodeConfig, od: ObjectDictionary) -> dict[int, float]:
     """Return the position counts per turn by axis offset; axes without a scale in bus.yml are omitted."""
     turns = {}
     for number, offset in enumerate(_axes(od)):
-        to_device = node.units.of_axis(number)["pos_to_dev"]
         if node.units.gives(number, "scale_pos_to_dev"):
-            turns[offset] = node.units.counts_per_revolution or abs(to_device) * math.tau
+            turns[offset] = node.units.counts_per_revolution or abs(node.units.of_axis(number)["pos_to_dev"]) * math.tau
     return turns
 
 

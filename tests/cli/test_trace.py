@@ -32,6 +32,7 @@ def test_a_wrong_option_is_a_sentence(options, words, capsys):
         (["robby", "--file", "/nowhere/x.db"], ".log, .asc, .blf, .trc"),
         (["--can", "memory:x"], "inside one process"),
         ([], "no robot is running"),
+        (["run.log"], "run.log is not a robot; give a recording with --file run.log"),
     ],
 )
 def test_what_cannot_be_listened_to_is_a_sentence(options, words, capsys):
