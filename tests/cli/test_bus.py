@@ -131,8 +131,8 @@ def test_the_bit_rate_and_its_load(ports, capsys):
         (["up", "can0", "--bitrate", "x"], 2, "invalid int value"),
         (["up", "vcan0", "--bitrate", "500000"], 2, "has no bit rate"),
         (["down", "can7"], 2, "no CAN interface 'can7'"),
-        (["up", "local:x"], 2, "local:x is not an interface of the kernel"),
-        (["down", "slcan:/dev/ttyACM0"], 2, "slcan:/dev/ttyACM0 is not an interface of the kernel"),
+        (["up", "local:x"], 2, "local:x is not a kernel interface"),
+        (["down", "slcan:/dev/ttyACM0"], 2, "slcan:/dev/ttyACM0 is not a kernel interface"),
     ],
 )
 def test_what_does_not_work_is_one_sentence(arguments, code, message, capsys):
