@@ -217,7 +217,7 @@ class PageServer:
             title=title,
             tailwind=False,  # a compiler of styles in the browser: slow to start
             binding_refresh_interval=None,
-            reconnect_timeout=3.0,
+            reconnect_timeout=10.0,  # in s; a page loads again if its server was busy for longer
             message_history_length=0,  # after a reconnection a client gets the current state only
             gzip_middleware_factory=None,
             show_welcome_message=False,
