@@ -41,15 +41,13 @@ from canopen_control.hardware.joint_events import (
     JUMP_TEXT,
     FaultWatch,
     ForeignRpdoWatch,
-    HomePosition,
-    HomingPhase,
     JointEvent,
-    JointHoming,
-    MotionWatch,
     StatusWatch,
     joint_event_of,
 )
+from canopen_control.hardware.joint_homing import HomePosition, HomingPhase, JointHoming
 from canopen_control.hardware.joint_targets import JointTargets
+from canopen_control.hardware.motion_watch import MotionWatch
 from canopen_control.master.event_log import Level
 from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.urdf.joint_element import POSITION, VELOCITY

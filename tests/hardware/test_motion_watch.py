@@ -14,8 +14,8 @@ from canopen_control.errors import BusConfigError
 from canopen_control.frame import CanFrame
 from canopen_control.hardware.axis import AxisObjectLimits
 from canopen_control.hardware.axis_statechart import STOPPED, AxisPhase
-from canopen_control.hardware.joint_events import MotionWatch
 from canopen_control.hardware.mode_targets import VelocityTarget
+from canopen_control.hardware.motion_watch import MotionWatch
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.testing.tested_robot import TestedRobot

@@ -7,7 +7,7 @@ from support import makers
 from support.generic import write_generic
 from support.robots import FORWARD
 
-from canopen_control.hardware import joint_events
+from canopen_control.hardware import motion_watch
 from canopen_control.hardware.joint_targets import JointTargets
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
@@ -58,7 +58,7 @@ def test_an_axis_that_takes_its_set_points_from_elsewhere_is_named_and_breaks_no
 
 @pytest.mark.sources
 def test_an_axis_that_stands_and_is_not_named_is_reported(robot, monkeypatch):
-    monkeypatch.setattr(joint_events, "STANDING_CHECKS", 1000)
+    monkeypatch.setattr(motion_watch, "STANDING_CHECKS", 1000)
     stands = robot("csv", "set_points_elsewhere")
     stands.command("vel", 0.5, 0.5, seconds=3.0)
     stands.run(2.8)
@@ -103,7 +103,7 @@ def test_an_axis_whose_brake_lifts_late_stops_without_a_leap_and_names_the_key(r
 @pytest.mark.rest
 @pytest.mark.sources
 def test_a_late_brake_that_is_not_named_is_reported(robot, monkeypatch):
-    monkeypatch.setattr(joint_events, "_LATE_CHECKS", 1000)
+    monkeypatch.setattr(motion_watch, "_LATE_CHECKS", 1000)
     late = robot("csp", "brake_delay=1")
     lead(late, 3.6)
     assert rules(late) == {"target_missed"}
@@ -162,6 +162,6 @@ def test_what_is_visible_must_move(robby, monkeypatch, speed, reported):
         self.hold() if self._axis.joint == "right_wheel_joint" else follow(self, now, period)
 
     monkeypatch.setattr(JointTargets, "follow", withheld)
-    monkeypatch.setattr(joint_events, "STANDING_CHECKS", 1000)
+    monkeypatch.setattr(motion_watch, "STANDING_CHECKS", 1000)
     drive(robby, 5.0, speed, seconds=3.0)
     assert rules(robby) & {"motion_missing"} == reported
