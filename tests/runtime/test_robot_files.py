@@ -48,7 +48,8 @@ REFUSED = {
     "no description": (("bus.yml", "ros2_controllers.yaml"), {}, r"\*\.urdf"),
     "a further bus alone": (("bus_arm.yml",), {}, r"bus\.yml"),
     "a description that is missing, where bus.yml may be": (
-        ("ros2_controllers.yaml",), {}, r"^\S+ has no \*\.urdf\.xacro or \*\.urdf or \*\.system\.xacro$",
+        ("ros2_controllers.yaml",), {},
+        r"^\S+ has no \*\.urdf\.xacro or \*\.urdf or \*\.system\.xacro; write one, or .* --description FILE$",
     ),
     "two descriptions": ((*THREE, "y.urdf"), {}, "--description"),
     "a device": (THREE, {"bus": "/dev/zero"}, "/dev/zero is a pipe or a device, not a file"),
