@@ -218,6 +218,7 @@ class Jog:
         self._poll_s = max(_POLL_S, self._setup.cycle_ns / 1e9)
         self._targets: dict[str, float] = {}  # targets of the joints that are commanded by position
         self._commanded = 0.0  # monotonic time of the last command
+        self._velocity = 0.0  # of the joint that a jog brings to its speed
 
     def __enter__(self) -> Jog:
         try:
@@ -249,10 +250,14 @@ class Jog:
         try:
             return self._turn(joint)
         except NotEnabled as error:  # the robot has stopped during the jog
-            return PreflightStep("jog", False, f"{joint}: {self._why_stopped() or error}")
+            reason = self._why_stopped() or str(error)
+            if self._velocity > self.speed * (1 + TOLERANCE):
+                reason = f"{self._velocity:.3f} rad/s at a command of {self.speed:g}; {reason}"
+            return PreflightStep("jog", False, f"{joint}: {reason}")
 
     def _turn(self, joint: str) -> PreflightStep:
         low, high = self.speed * (1 - TOLERANCE), self.speed * (1 + TOLERANCE)
+        self._velocity = 0.0
         speeds, start = {joint: self.speed}, self._positions()
         if not self._until(speeds, lambda: self._is_fast(joint, start)):
             velocity = self._reading(joint)["velocity"]
@@ -310,6 +315,7 @@ class Jog:
         sample = self._reading(joint)
         if joint in self._targets:
             return abs(sample["position"] - start[joint]) >= self.speed * _RUN_UP_S
+        self._velocity = sample["velocity"]
         return abs(sample["velocity"] - self.speed) <= self.speed * TOLERANCE
 
     def _groups(self) -> dict[str, list[str]]:
