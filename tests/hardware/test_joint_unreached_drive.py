@@ -40,6 +40,7 @@ def test_a_drive_that_has_switched_its_rpdos_off_is_stopped_by_each_action(robot
     assert _stops_within(created, seconds)
 
 
+@pytest.mark.sources
 def test_a_drive_that_goes_on_after_its_homing_has_failed_is_stopped(robot, monkeypatch):
     """There are drives that do not end a homing when bit 4 is cleared."""
     control = HomingMode.control
