@@ -398,10 +398,12 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         followed.is_cancelling = True
         followed.sender.client.ask(self.cancels(why), lambda _done, error: self.report(self._topic, error))
 
-    def abort_goals(self) -> None:
-        for followed in list(self._goals.values()):
+    def abort_goals(self) -> bool:
+        active = list(self._goals.values())
+        for followed in active:
             self._aborted.append(followed.uuid)
             self._end(followed, self.failed("the ROS bridge has ended, which aborts the goal"))
+        return bool(active)
 
     def awaits_result_requests(self) -> bool:
         return not all(map(self._server.is_result_requested, self._aborted))

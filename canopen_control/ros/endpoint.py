@@ -237,8 +237,9 @@ class Endpoint:
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
         """Handle the objects received in TPDOs, by node name."""
 
-    def abort_goals(self) -> None:
-        """Abort the active goals of an action server."""
+    def abort_goals(self) -> bool:
+        """Abort the active goals of an action server; return whether there were any."""
+        return False
 
     def awaits_result_requests(self) -> bool:
         """Whether the result of an aborted goal has not been requested by its client."""

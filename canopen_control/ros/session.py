@@ -202,6 +202,8 @@ A = TypeVar("A")
 _JOIN_S: Final = 1.0
 _RESULTS_S: Final = 1.0  # longest wait for the requests for the results of aborted goals
 _LOOK_S: Final = 0.02
+# Fast DDS: a message is read from the sender's shared memory, which disappears with the sender
+_SENT_S: Final = 0.5
 _MAX_EVENT_LENGTH: Final = 500  # characters, the limit of the robot's API
 _LACKING_NS: Final = 1_000_000_000
 
@@ -314,11 +316,12 @@ class RosSession:
         its goal after the goal was accepted, and that request may not have been read yet.
         """
         self._reactor.remove_reader(self._client.fileno())
-        for endpoint in self._all():
-            endpoint.abort_goals()
+        aborted = [endpoint.abort_goals() for endpoint in self._all()]  # all of them, also after the first with goals
         deadline = time.monotonic() + _RESULTS_S
         while any(endpoint.awaits_result_requests() for endpoint in self._all()) and time.monotonic() < deadline:
             time.sleep(_LOOK_S)
+        if any(aborted):
+            time.sleep(_SENT_S)
         self._ended = True
         done = self._spinner.stop(_JOIN_S)
         for name in list(self._endpoints):
