@@ -103,7 +103,7 @@ FAULT_RESET_IF_NEEDED: Final = f"{FAULT_RESET} if a drive is in fault"
 """Advice about a node that is absent: by 0x6007 of CiA 402-2, an enabled drive that leaves OPERATIONAL, or that lost
 its master, may return in a fault."""
 ENABLE_AFTER_LOSS: Final = f"{FAULT_RESET_IF_NEEDED}, then {_ENABLE}"
-_FORSAKEN_TEXT: Final = (
+_MASTER_LATE_TEXT: Final = (
     "this program stood still for longer than the drive waits for the master ({:g} s), so that the drive has stopped "
     "by itself; is the computer busy, or was it suspended?"
 )
@@ -271,14 +271,14 @@ class CanopenSystem(ComponentLifecycle):
         for joint in self.joints:
             joint.stop(now)
 
-    def stop_forsaken(self, nodes: Collection[RemoteNode], now: int) -> None:
+    def stop_without_master(self, nodes: Collection[RemoteNode], now: int) -> None:
         """Stop the axes of nodes that have missed the master for their timeout, and so have stopped by themselves."""
         joints = [joint for joint in self.joints if joint.node in nodes and joint.machine.goal is DriveGoal.ENABLED]
         for joint in joints:
             joint.machine.disable()  # CiA 402-2, table 22, transition 16: 0x0F would lead out of QUICK STOP ACTIVE
         for joint in joints:
             if joint.enable_requested:
-                text = _FORSAKEN_TEXT.format(joint.node.plan.master_timeout_ns / 1e9)
+                text = _MASTER_LATE_TEXT.format(joint.node.plan.master_timeout_ns / 1e9)
                 self._report_event(joint, JointEvent("master_late", text, Level.ERROR, stops=True), now)
             else:
                 joint.stop(now)

@@ -104,7 +104,7 @@ def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResul
     try:
         return (yield from _boot(plan, transfers, reset=reset))
     except BootError as error:
-        if error.letter not in ("B", "C"):  # it does not answer, or is no such drive
+        if error.letter not in ("B", "C"):  # it does not answer, or is another device
             yield from _disable_refused(plan, transfers)
         raise
 

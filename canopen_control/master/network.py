@@ -295,7 +295,7 @@ class Network:
             self._guarding.postpone(nanoseconds)
             self._stale = True
 
-    def forsaken(self, now: int, since: int) -> list[RemoteNode]:
+    def without_master(self, now: int, since: int) -> list[RemoteNode]:
         """Return the ready nodes that have missed this master for their timeout, because it sent nothing from `since`.
 
         They have reacted to that (0x6007, 0x1029) before they show it: without SYNCs they send no statusword.

@@ -214,9 +214,9 @@ class RobotCycle:
         """Return the period in s of a cycle after skipped edges, and report the edges to the hardware components."""
         if not self._following:
             self._report_skipped_edges(skipped)
-        forsaken = [node for bus in self._buses for node in bus.network.forsaken(now, self.sent_at)]
-        for system in self._systems if forsaken else ():
-            system.stop_forsaken(forsaken, now)
+        without_master = [node for bus in self._buses for node in bus.network.without_master(now, self.sent_at)]
+        for system in self._systems if without_master else ():
+            system.stop_without_master(without_master, now)
         return self._period * (1 + min(skipped, CAUGHT_UP))
 
     def step_now(self, now: int) -> None:
