@@ -11,7 +11,6 @@ while the node is OPERATIONAL. Exceptions are a node that has just sent its boot
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -104,9 +103,10 @@ def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResul
     try:
         return (yield from _boot(plan, transfers, reset=reset))
     except BootError as error:
-        if error.letter not in ("B", "C"):  # it does not answer, or is another device
-            yield from _disable_refused(plan, transfers)
-        raise
+        refusal = error
+    if refusal.letter not in ("B", "C"):  # it does not answer, or is another device
+        yield from _disable_refused(plan, transfers)
+    raise refusal
 
 
 def _boot(plan: NodePlan, transfers: BootTransfers, *, reset: bool) -> Generator[Request, Answer, BootResult]:
@@ -216,9 +216,11 @@ def _check_software(plan: NodePlan, transfers: BootTransfers) -> Generator[Reque
 
 def _disable_refused(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     """Disable the axes of a node whose boot has failed, as far as it answers."""
-    with contextlib.suppress(SdoAbort, SdoTimeout, SdoLengthError):
+    try:
         for offset in plan.axes:
             yield from _disable(transfers, offset, (yield from transfers.number(STATUSWORD + offset, 0)) or 0)
+    except (SdoAbort, SdoTimeout, SdoLengthError):
+        return
 
 
 def _disable(transfers: BootTransfers, offset: int, statusword: int) -> Generator[Request, Answer, None]:

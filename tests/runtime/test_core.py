@@ -287,6 +287,7 @@ def test_shutdown_ramps_disables_and_leaves_the_drives_in_peace(robby):
     assert robby.robot.failure is None
 
 
+@pytest.mark.sources
 def test_a_drive_that_may_have_power_at_the_end_still_watches_the_master_and_stops_by_itself(robby, monkeypatch):
     robby.hold(10.0, 10.0, ms=500)
     monkeypatch.setattr(robby.drives[LEFT].drives[0].power, "obey", lambda *_: None)
