@@ -21,7 +21,7 @@ from support.browser import LEFT_WHEEL, RIGHT_WHEEL, RobotPage, without_webgl
 from support.floor import plant_text
 from support.host import eventually
 from support.pages import AXIS, NODE, state
-from support.robotview import DIFF_DRIVE, RIGHT, STANDING
+from support.robotview import DIFF_DRIVE
 
 import canopen_control
 from canopen_control.client import RobotClient, find_robots
@@ -79,8 +79,8 @@ def test_one_button_after_another_drives(show):
     for button in ("Forward", "Left", "Forward"):
         page.press(button)
         show.turning(0.5)
-        page.page.wait_for_timeout(600)  # it is held on, and not for a moment alone
-        assert abs(show.velocity(RIGHT)) > STANDING
+        page.page.wait_for_timeout(600)
+        show.turning(0.5)  # while it is held, and again after a renewal that came late on a busy machine
         page.page.mouse.up()
         show.stood_after(time.time())
 
