@@ -211,6 +211,7 @@ def checks() -> list[Part]:
 DEALT: Final = ("-n", "2", "--dist", "worksteal")  # tests without processes: no CPU is idle at the end of a long file
 # the tests of a file share its fixtures, such as running robots and browsers
 SHARED: Final = ("-n", "2", "--dist", "loadfile")
+SHARED_BY_3: Final = ("-n", "3", "--dist", "loadfile")  # without limits in time: they wait for half of their duration
 APART: Final = ("-n", "8", "--dist", "loadgroup")  # a few tests that mostly wait for answers: all at once
 
 
@@ -263,7 +264,7 @@ def rest_steps() -> list[list[list[Part]]]:
     compiled = Path("build/compiled").absolute()
     rest = rest_files()
     with_processes = set(files_with(*PROCESS_MARKS))
-    long = pytest("long tests with processes", "process and rest and not alone and not timed", *SHARED,
+    long = pytest("long tests with processes", "process and rest and not alone and not timed", *SHARED_BY_3,
                   *(path for path in rest if path in with_processes), again=True)  # fmt: skip
     long_fast = pytest("long tests without a process", "not process and rest and not alone and not timed", *rest,
                        again=True)  # fmt: skip

@@ -181,9 +181,12 @@ def expect_run(stage, words):
     elif words[0] in ON_A_TERMINAL and "--topic" not in words:
         look(stage, words)
     elif (text := endless(words)) is not None:
-        if words[0] == "record" and "run.log" in words:
-            (stage.place / "run.log").unlink(missing_ok=True)  # of `make_files`, and refused as an existing file
+        made, kept = stage.place / "run.log", stage.place / "made.log"
+        if words[0] == "record":
+            made.rename(kept)  # an existing file is refused
         interrupt(stage, words, text)
+        if words[0] == "record":
+            kept.replace(made)  # an interrupted recorder may have received nothing
     else:
         program = stage.call(*words, seconds=TIMEOUT_S)
         assert program.wait() == 0, program.err
