@@ -100,7 +100,7 @@ def test_the_rest_begins_with_the_robots_that_leave_most_to_the_compiler_and_end
     assert {item.nice for lane in computing for item in lane} == {run_tests._LEAVING_ALL}
     assert {item.nice for item in waiting} == {0}
     workers = {item.name: item.command[item.command.index("-n") + 1] for item in waiting}
-    assert workers == {"timed tests": "2", "long tests with processes": "2", "compiled, whole robots": "2"}
+    assert workers == {"timed tests": "2", "long tests with processes": "3", "compiled, whole robots": "2"}
 
 
 # ------------------------------------------------------------------------------------------------- running parts
