@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import math
+import time
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from functools import partial
@@ -248,6 +249,11 @@ class TrajectorySender:
 
 _WATCH_S: Final = 0.25
 """Interval in s between checks for clients that have left the graph."""
+_REQUEST_S: Final = 3.5
+"""Time in s within which a client requests the result of an accepted goal.
+
+Clients do so at once; Fast DDS repeats a request that was lost after at most 3 s (WriterTimes.heartbeat_period).
+"""
 _CLIENT_GONE: Final = "the action client that sent the goal has left the ROS graph"
 
 
@@ -262,6 +268,7 @@ class FollowedGoal(Generic[V]):
     def __init__(self, request: GoalRequest, sender: TrajectorySender, clients: ActionClients) -> None:
         self.uuid, self.client, self.sender = request.uuid, request.client, sender
         self.verdict: V | None = None
+        self.accepted_at = -math.inf  # time.monotonic
         self.is_cancelling = False
         self.cancelled = False
         self.last_feedback = -math.inf
@@ -298,7 +305,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         self._samples: NewSamples[S] = NewSamples(kind)
         self._topic = f"{controller.name}/{name}"
         self._goals: dict[bytes, FollowedGoal[V]] = {}
-        self._aborted: list[bytes] = []  # at the end of the bridge
+        self._aborted: list[FollowedGoal[V]] = []  # at the end of the bridge
         self._watched = -math.inf
         self._server = AsyncActionServer(
             ros.node,
@@ -363,7 +370,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         elif not verdict.accepted:
             self._refuse(followed, verdict, verdict.text)
         else:
-            followed.verdict = verdict
+            followed.verdict, followed.accepted_at = verdict, time.monotonic()
             self._ros.call(partial(self._server.answer, followed.uuid, None))
             followed.sender.client.ask(self.asks_for_end(), partial(self._on_end, followed), ENDLESS)
 
@@ -401,12 +408,15 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     def abort_goals(self) -> bool:
         active = list(self._goals.values())
         for followed in active:
-            self._aborted.append(followed.uuid)
+            self._aborted.append(followed)
             self._end(followed, self.failed("the ROS bridge has ended, which aborts the goal"))
         return bool(active)
 
     def awaits_result_requests(self) -> bool:
-        return not all(map(self._server.is_result_requested, self._aborted))
+        earliest = time.monotonic() - _REQUEST_S
+        return any(
+            goal.accepted_at > earliest and not self._server.is_result_requested(goal.uuid) for goal in self._aborted
+        )
 
     def close(self) -> None:
         """Abort the active goals, send their results to the clients, and destroy the action server."""

@@ -242,7 +242,7 @@ class Endpoint:
         return False
 
     def awaits_result_requests(self) -> bool:
-        """Whether the result of an aborted goal has not been requested by its client."""
+        """Whether the client of an aborted goal has not requested the result, and may still do so."""
         return False
 
     def close(self) -> None:

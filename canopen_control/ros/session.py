@@ -200,7 +200,6 @@ class RosTime:
 
 A = TypeVar("A")
 _JOIN_S: Final = 1.0
-_RESULTS_S: Final = 1.0  # longest wait for the requests for the results of aborted goals
 _LOOK_S: Final = 0.02
 # Fast DDS: a message is read from the sender's shared memory, which disappears with the sender
 _SENT_S: Final = 0.5
@@ -317,8 +316,7 @@ class RosSession:
         """
         self._reactor.remove_reader(self._client.fileno())
         aborted = [endpoint.abort_goals() for endpoint in self._all()]  # all of them, also after the first with goals
-        deadline = time.monotonic() + _RESULTS_S
-        while any(endpoint.awaits_result_requests() for endpoint in self._all()) and time.monotonic() < deadline:
+        while any(endpoint.awaits_result_requests() for endpoint in self._all()):
             time.sleep(_LOOK_S)
         if any(aborted):
             time.sleep(_SENT_S)

@@ -1,12 +1,11 @@
 import contextlib
-import os
 import signal
 import subprocess
 import sys
 import threading
 
 import pytest
-from support.host import TIMEOUT_S, eventually
+from support.host import TIMEOUT_S, eventually, runs
 from support.parameter_node import session_with
 
 from canopen_control.cli.support.parsers import parser_of
@@ -81,14 +80,9 @@ def test_a_verb_ends_when_its_parent_is_killed():
     )
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as beginner:
         child = int(beginner.stdout.readline())
-        assert os.path.exists(f"/proc/{child}")
+        assert runs(child)
         beginner.send_signal(signal.SIGKILL)
-    assert eventually(lambda: not os.path.exists(f"/proc/{child}") or _state(child) == "Z")
-
-
-def _state(pid):
-    with open(f"/proc/{pid}/stat") as file:
-        return file.read().rpartition(")")[2].split()[0]
+    assert eventually(lambda: not runs(child))
 
 
 @pytest.mark.process
