@@ -286,9 +286,9 @@ self.reactor.call_later(300_000_000, begin)
     Mutant(
         "emcy_not_told",
         "an EMCY is not reported",
-        Change("master.remote_node", "NodeLog.emcy", "self._gate.passes(now)", "False"),
+        Change("master.node_log", "NodeLog.emcy", "self._gate.passes(now)", "False"),
         (_scenario("robby", "robby_fault"),),
-        "master/test_remote_node",
+        "master/test_node_log",
     ),
     Mutant(
         "answer_of_another_object",
