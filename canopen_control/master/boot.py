@@ -66,7 +66,11 @@ NMT_TRIES = 3  # NMT commands are unconfirmed: repeated while no heartbeat shows
 LOAD = b"load"
 _COMMUNICATION_PARAMETERS = 2  # subindex of 0x1011 whose restored values are effective after reset communication
 _OPERATION_ENABLED_BIT = 0x04
-_SHUTDOWN = 0x0006
+_SHUTDOWN, _DISABLE_VOLTAGE = 0x0006, 0x0000
+_QUICK_STOP_ACTIVE, _STATE_BITS = 0x07, 0x6F  # CiA 402-2, table 30
+_POWER_CHECK_NS = 100 * _MILLISECOND
+_POWER_CHECKS, _CHECKS_PER_COMMAND, _REFUSALS = 50, 10, 2
+_QUICK_STOP_CHECKS = 20  # of these, for the ramp of a quick stop
 #: target object -> object with the actual value, which RPDOs contain until the first command
 _PRESETS = {(0x607A, 0): 0x6064, (0x60C1, 1): 0x6064, (0x6060, 0): 0x6061}
 
@@ -229,6 +233,40 @@ def _disable(transfers: BootTransfers, offset: int, statusword: int) -> Generato
         yield from _write_optional(transfers, CONTROLWORD + offset, _SHUTDOWN.to_bytes(2, "little"))
 
 
+def disable_axes(plan: NodePlan, *, restarting: bool) -> Generator[Request, Answer, None]:
+    """Disable the axes of a node that is not booted, because the run ends; raise CanopenError without a confirmation.
+
+    An earlier master may have left them enabled, and the reset at the beginning of a boot ends their monitoring of a
+    master's heartbeat. A node that is `restarting` answers SDO only after its boot-up.
+    """
+    yield NextStep("disable")
+    if restarting:
+        yield AwaitBootUp(plan.boot_up_ns)
+    transfers = BootTransfers(plan.motors)
+    for offset in plan.axes:
+        yield from _disable_axis(plan, transfers, offset)
+
+
+def _disable_axis(plan: NodePlan, transfers: BootTransfers, offset: int) -> Generator[Request, Answer, None]:
+    """Command an axis to disable until its statusword confirms that it has no power."""
+    statusword: int | None = None
+    for check in range(_POWER_CHECKS):
+        statusword = yield from _read_optional(plan, "B", transfers, STATUSWORD + offset, 0)
+        if statusword is not None and not statusword & _OPERATION_ENABLED_BIT:
+            return
+        if check % _CHECKS_PER_COMMAND == 0:
+            if len(transfers.warnings) >= _REFUSALS:
+                break
+            # CiA 402-2, table 22, transition 12: only disable voltage ends a quick stop in which the axis stays
+            stays = statusword is not None and statusword & _STATE_BITS == _QUICK_STOP_ACTIVE
+            word = _DISABLE_VOLTAGE if stays and check >= _QUICK_STOP_CHECKS else _SHUTDOWN
+            yield from _write_optional(transfers, CONTROLWORD + offset, word.to_bytes(2, "little"))
+        yield AwaitHeartbeat(_POWER_CHECK_NS)
+    state = "unknown" if statusword is None else f"0x{statusword:04X}"
+    refusal = f"; {transfers.warnings[-1]}" if transfers.warnings else ""
+    raise boot_error(plan, "J", f"it was commanded to disable, and its statusword is {state}{refusal}")
+
+
 def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> Generator[Request, Answer, int | None]:
     """Read modes and actual values of a drive; unless `running`, disable it and clear its target velocity."""
     modes: int | None = None
@@ -361,9 +399,10 @@ class FinishedStep:
 
 
 class BootTask:
-    """Running boot of a node, which ends with either a `result` or an `error`.
+    """Running boot of a node, or another task of boot requests, which ends with a `result` or an `error`.
 
-    `count_tpdos` returns the number of TPDOs received from the node: a new TPDO proves OPERATIONAL like a heartbeat.
+    A `disabling` task is `disable_axes`, not `boot`; its result is None. `count_tpdos` returns the number of TPDOs
+    received from the node: a new TPDO proves OPERATIONAL like a heartbeat.
     """
 
     def __init__(
@@ -375,12 +414,17 @@ class BootTask:
         reset: bool,
         now: int,
         count_tpdos: Callable[[], int] = lambda: 0,
+        disabling: bool = False,
     ) -> None:
         self.result: BootResult | None = None
         self.error: CanopenError | None = None
+        self.done = False
+        """Whether the task has ended, successfully or not."""
         self.steps: list[FinishedStep] = []
         self.started = now
-        self._generator: Generator[Request, Answer, BootResult] = boot(plan, reset=reset)
+        self._generator: Generator[Request, Answer, BootResult | None] = (
+            disable_axes(plan, restarting=reset) if disabling else boot(plan, reset=reset)
+        )
         self._sdo, self._send_nmt, self._count_tpdos = sdo, send_nmt, count_tpdos
         self._sdo_timeout = plan.sdo_timeout_ns
         self._tpdos = 0
@@ -388,11 +432,6 @@ class BootTask:
         self._waiting: Request | None = None
         self._deadline = 0
         self._resume(now, lambda: next(self._generator))
-
-    @property
-    def done(self) -> bool:
-        """Whether the boot has ended, successfully or not."""
-        return self.result is not None or self.error is not None
 
     @property
     def step(self) -> str:
@@ -463,10 +502,10 @@ class BootTask:
                 request = self._generator.send(None)
         except StopIteration as end:
             self._enter("", now)
-            self.result = end.value
+            self.result, self.done = end.value, True
         except CanopenError as error:
             self._enter("", now, str(error))
-            self.error = error
+            self.error, self.done = error, True
         else:
             self._wait_for(request, now)
 

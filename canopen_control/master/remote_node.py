@@ -108,6 +108,8 @@ class RemoteNode:
         self.fault: FaultEvent | None = None
         """Fault in the last EMCY message of the node, which may be an error reset."""
         self.expected_state: NmtState | None = None  # state requested by the last NMT command of a user
+        self.disabled: bool | None = None
+        """Whether the node has confirmed to `disable` that no axis has power; None if not asked, or never heard of."""
         self.restart_command = ""
         """Shell command that starts the node's virtual drive again, after its process has ended; else ""."""
         self.log = NodeLog(config, owner.report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
@@ -119,6 +121,7 @@ class RemoteNode:
         self._stopping_until: int | None = None
         self._task: BootTask | None = None
         self._retry_at: int | None = None
+        self._ending = False
 
     @property
     def boot_step(self) -> str:
@@ -139,6 +142,8 @@ class RemoteNode:
 
     def begin_boot(self, now: int, *, reset: bool = True) -> None:
         """Start a boot of the node, and abort a boot in progress; `reset` is passed to `boot`."""
+        if self._ending:
+            return
         self._abandon()
         self._owner.guard(self, False, now)
         self._owner.watch_heartbeat(self.node_id, 0)
@@ -161,6 +166,30 @@ class RemoteNode:
         )
         self._guarding_boot = False
         self.log.heartbeat_changed(round(self.plan.heartbeat_timeout_ns / self.config.supervision.multiplier))
+        self._settle(now)
+
+    @property
+    def can_be_disabled(self) -> bool:
+        """Whether an axis of the node, which is not ready, may have power, and SDO may reach it."""
+        heard = self.nmt_state is not None or (bool(self.boot_step) and not (self.last_seen is None and self.error))
+        return bool(self.plan.axes) and not self.ready and heard and self.nmt_state is not NmtState.STOPPED
+
+    @property
+    def is_disabling(self) -> bool:
+        """Whether the node has not yet answered to `disable`."""
+        return self._ending and self._task is not None
+
+    def disable(self, now: int) -> None:
+        """End the boot and disable the axes by SDO, because the run ends; a second call does nothing.
+
+        `disabled` is the result. The node is not booted any more.
+        """
+        if self._ending:
+            return
+        restarting = self._task is not None and self._task.awaits_boot_up
+        self._abandon()
+        self._ending, self._retry_at, self.disabled = True, None, False
+        self._task = BootTask(self.plan, self.sdo, self._send_command, reset=restarting, now=now, disabling=True)
         self._settle(now)
 
     def read(self, index: int, subindex: int, done: Callable[[SdoRequest], None]) -> None:
@@ -450,6 +479,9 @@ class RemoteNode:
         if not task.done:
             return
         self._task = None
+        if self._ending:
+            self._end_disabling(task.error, now)
+            return
         self.boot_steps = task.steps
         self.boots += 1
         if task.result is not None:
@@ -505,6 +537,17 @@ class RemoteNode:
         self._owner.watch_heartbeat(self.node_id, timeout)
         text = f"0x1017 was set to {ms} ms by SDO: until the next boot its heartbeat timeout is {timeout / 1e9:g} s"
         self.log.report(now, "heartbeat_changed", text)
+
+    def _end_disabling(self, error: CanopenError | None, now: int) -> None:
+        """Take the result of `disable`; a node that never answered may not exist."""
+        self.state, self.disabled = NodeState.WAITING, error is None
+        if error is None:
+            return
+        if isinstance(error, BootError) and error.letter == "B" and self.last_seen is None:
+            self.disabled = None
+        else:
+            text = f"{self.label}: could not be disabled: {without_node(str(error), self.node_id, self.name)}"
+            self._owner.report(Event(now, "not_disabled", self.name, text, Level.ERROR))
 
     def _failed(self, error: CanopenError | None, now: int) -> None:
         text = str(error)

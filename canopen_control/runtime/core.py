@@ -35,6 +35,7 @@ from canopen_control.runtime.enable_status import (
     StopLatch,
     claimed_off,
     cost_of_skipping,
+    disable_unready,
     enable_hint,
     in_fault,
     no_target,
@@ -456,11 +457,16 @@ class RobotCore(CycledRobot):
     def _advance_stop(self, now: int) -> None:
         """End the run when all drives have stopped, or after `STOP_TIMEOUT_NS`."""
         late = now > self._stopping_until
-        if not late and not all(system.stopped for system in self.systems):
+        asked, waits = disable_unready(self.nodes.values(), now)
+        for bus in {self.bus_of(node) for node in asked}:
+            bus.send_waiting()
+        if not late and (waits or not all(system.stopped for system in self.systems)):
             return
         if late:
             self.report(Event(now, "stop_timeout", "", "the drives did not confirm the stop in time", Level.ERROR))
-        how, powered = stop_summary(self.joints.values())  # before the NMT reset clears the statuswords
+        how, powered = stop_summary(
+            self.joints.values(), self.nodes.values()
+        )  # before the NMT reset clears the statuswords
         if late or powered:
             first = "the drives did not confirm the stop in time; " if late else ""
             self.failure = self.failure or f"{first}{how}; check the drives before you approach the robot"

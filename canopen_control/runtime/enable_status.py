@@ -175,25 +175,42 @@ def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
     return f"{node.label}: {reason}"
 
 
-def stop_summary(joints: Iterable[JointDrive]) -> tuple[str, set[RemoteNode]]:
+def disable_unready(nodes: Iterable[RemoteNode], now: int) -> tuple[set[RemoteNode], bool]:
+    """Disable, at the end of a run, the axes of nodes that are not ready, and that an earlier master may have enabled.
+
+    Return the nodes to which this call has sent something, and whether a node has not confirmed yet.
+    """
+    asked = {node for node in nodes if node.can_be_disabled and node.disabled is None}
+    for node in asked:
+        node.disable(now)
+    return asked, any(node.is_disabling for node in nodes)
+
+
+def stop_summary(joints: Iterable[JointDrive], nodes: Iterable[RemoteNode]) -> tuple[str, set[RemoteNode]]:
     """Return the power states of the drives at the end of a run as text, and the nodes that have or may have power.
 
-    A node that never booted has no power from this run. The text is "" without drives.
+    Nodes without a joint are included. A node that never booted and never answered has no power from this run. The text
+    is "" without drives.
     """
-    states = [(joint.node, joint.state) for joint in joints if joint.node.identity is not None]
-    unbooted = dict.fromkeys(joint.node.name for joint in joints if joint.node.identity is None)
+    joints = list(joints)
+    asked = [node for node in nodes if node.disabled is not None]
+    states = [(joint.node, joint.state) for joint in joints if joint.node not in asked]
+    unbooted = dict.fromkeys(node.name for node, _ in states if node.identity is None)
+    states = [(node, state) for node, state in states if node.identity is not None]
     parts = [
         f"{node.name} still has power ({state.name.replace('_', ' ')}): cut its supply if it moves"
         for node, state in states
         if state in POWERED_STATES and state is not None
     ]
-    unseen = dict.fromkeys(node.name for node, state in states if state is None)
+    uncertain = [node for node in asked if not node.disabled]
+    uncertain += [node for node, state in states if state is None]
+    unseen = dict.fromkeys(node.name for node in uncertain)
     if unseen:
         parts.append(f"could not confirm that {', '.join(unseen)} {'is' if len(unseen) == 1 else 'are'} disabled")
-    doubtful = {node for node, state in states if state is None or state in POWERED_STATES}
+    doubtful = {*uncertain, *(node for node, state in states if state in POWERED_STATES)}
     if unbooted:
         parts.append(f"{', '.join(unbooted)} {'was' if len(unbooted) == 1 else 'were'} not booted")
-    return "; ".join(parts) or ("its drives are disabled" if states else ""), doubtful
+    return "; ".join(parts) or ("its drives are disabled" if states or asked else ""), doubtful
 
 
 def _names(joints: Iterable[JointDrive]) -> str:

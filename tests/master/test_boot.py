@@ -11,10 +11,10 @@ from canopen_control.cia301.pdo import MappedObject
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.errors import BootError
 from canopen_control.frame import CanFrame
-from canopen_control.master.boot import BootTask, boot
+from canopen_control.master.boot import BootTask, boot, disable_axes
 from canopen_control.master.plan import NodePlan
 from canopen_control.master.plan_builder import PlannedPdo, PlannedWrite
-from canopen_control.master.requests import LETTERS, Read
+from canopen_control.master.requests import LETTERS, AwaitHeartbeat, Read, WriteObject
 from canopen_control.od.model import DataType
 from canopen_control.rpc.messages.robot import NodeIdentity
 
@@ -411,3 +411,50 @@ def test_the_reads_of_a_boot_are_counted():
     result = device.run(boot(scripted(writes=(PlannedWrite(0x6083, 0, b"\x01\0\0\0", "ramp"),)), reset=True))
     assert result.reads == sum(isinstance(request, Read) for request in device.log) == 7
     assert result.writes == 1
+
+
+class Axis:
+    """A node that is asked to disable its axis: its statusword and what is written to its controlword."""
+
+    def __init__(self, *statuswords):
+        self.words, self.written, self.waits = list(statuswords), [], 0
+        self.error = None
+
+    def disable(self):
+        asked = disable_axes(replace(PLAN, axes=(0,)), restarting=False)
+        answer = None
+        try:
+            while True:
+                request = asked.send(answer)
+                answer = self.answer(request)
+        except StopIteration:
+            return self
+        except BootError as error:
+            self.error = error
+            return self
+
+    def answer(self, request):
+        if isinstance(request, Read):
+            word = self.words.pop(0) if len(self.words) > 1 else self.words[0]
+            return word.to_bytes(2, "little")
+        if isinstance(request, WriteObject):
+            self.written.append((request.index, int.from_bytes(request.data, "little")))
+        self.waits += isinstance(request, AwaitHeartbeat)
+        return None
+
+
+def test_an_axis_without_power_is_not_commanded_when_the_run_ends():
+    assert Axis(0x0631).disable().written == []
+
+
+def test_an_axis_that_is_enabled_is_disabled_and_watched_until_it_has_no_power():
+    axis = Axis(0x0637, 0x0637, 0x0637, 0x0631).disable()
+    assert axis.written == [(0x6040, 6)]
+    assert axis.error is None
+
+
+def test_an_axis_that_stays_in_its_quick_stop_gets_disable_voltage_after_the_time_for_its_ramp():
+    axis = Axis(0x0617).disable()
+    assert axis.written[:3] == [(0x6040, 6), (0x6040, 6), (0x6040, 0)]
+    assert "its statusword is 0x0617" in str(axis.error)
+    assert axis.waits == 50, "five seconds"

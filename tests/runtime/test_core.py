@@ -4,6 +4,7 @@ import itertools
 import math
 
 import pytest
+from support.generic import write_generic
 from support.observers import Observer
 from support.robots import FORWARD, LEFT, MS, RIGHT, Bench, copy_robby, split_robby
 from support.samples import status_dict
@@ -11,6 +12,8 @@ from support.watching import Witness, watch
 
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import MemoryBus
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError
 from canopen_control.frame import CanFrame, pack_records
@@ -655,3 +658,68 @@ def test_a_drive_that_is_enabled_and_never_shows_its_mode_is_disabled_again_and_
     robby.until(lambda: robby.joint(LEFT).machine.state is not State.OPERATION_ENABLED)
     assert robby.robot.state is not RobotState.RUNNING
     assert [robby.drives[node].get(0x6064) for node in (LEFT, RIGHT)] == [0, 0]
+
+
+def turning_without_master(make, folder):
+    """Return a bench whose drives turn on after their master has died, as with 0x6007 = 0, and a new robot for it."""
+    config = write_generic(folder, modes="velocity_mode: 3")
+    bench = make(f"left{id(folder)}", config=config, drives=(2, 3), controllers=["velocity"])
+    bench.start()
+    for _ in range(5):
+        bench.robot.command("velocity", [2.0, 2.0], "test")
+        bench.run(100)
+    bench.robot.close()
+    for drive in bench.drives.values():
+        drive.store.set(0x6007, 0, 0)  # CiA 402-2: no reaction to a lost master, nor to a reset of the communication
+    bench.robot = RobotCore(bench.setup, bench.reactor)
+    bench.events.clear()
+    bench.robot.observers.append(Observer(event=bench.events.append))
+    assert abs(bench.speed(2)) > 1000
+    return bench
+
+
+@pytest.mark.parametrize("ms", [0, 1, 8, 12, 100])
+def test_drives_that_an_earlier_master_left_turning_are_disabled_although_the_boot_is_interrupted(
+    benches, tmp_path, ms
+):
+    bench = turning_without_master(benches, tmp_path)
+    bench.robot.start()
+    bench.run(ms)
+    assert not any(node.ready for node in bench.robot.nodes.values())
+    bench.robot.shutdown("SIGINT")
+    bench.until(lambda: bench.robot.state is RobotState.STOPPED)
+    assert bench.texts("stopped") == ["generic has stopped, its drives are disabled"]
+    assert bench.robot.failure is None
+    bench.run(1000)
+    assert [drive.get(0x6041) & 0x04 for drive in bench.drives.values()] == [0, 0]
+    assert [bench.speed(node) for node in bench.drives] == [0, 0]
+
+
+def test_a_drive_that_refuses_to_be_disabled_during_its_boot_is_reported_and_keeps_its_monitoring(benches, tmp_path):
+    def refuse(_entry, _value):
+        raise SdoServerAbort(AbortCode.DEVICE_STATE)
+
+    bench = turning_without_master(benches, tmp_path)
+    bench.drives[2].store.guard([0x6040], refuse)
+    bench.robot.start()
+    bench.run(12)
+    bench.robot.shutdown("SIGINT")
+    bench.until(lambda: bench.robot.state is RobotState.STOPPED, 10_000)
+    assert "could not confirm that drive_one is disabled" in bench.robot.failure
+    (event,) = [event for event in bench.events if event.kind == "not_disabled"]
+    assert "node 2 (drive_one): could not be disabled" in event.text
+    assert "it refuses 0x6040:00" in event.text
+    assert not bench.drives[3].get(0x6041) & 0x04
+    resets = [frame for label, frame in bench.bus.history if label == "master" and frame.data[:1] == b"\x82"]
+    assert [frame.data[1] for frame in resets] == [2, 3, 2, 3, 3], "two boots; the other one alone is released"
+
+
+def test_a_run_without_drives_ends_soon_after_it_is_interrupted(benches, tmp_path):
+    config = write_generic(tmp_path)
+    bench = benches("none", config=config, drives=(), controllers=["velocity"])
+    bench.robot.start()
+    bench.run(12)
+    bench.robot.shutdown("SIGINT")
+    assert bench.until(lambda: bench.robot.state is RobotState.STOPPED) <= 2100
+    assert bench.texts("stopped") == ["generic has stopped, drive_one, drive_two were not booted"]
+    assert bench.robot.failure is None
