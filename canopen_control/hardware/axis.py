@@ -17,7 +17,7 @@ from canopen_control.cia402.modes import TARGET_OBJECTS, mode_of
 from canopen_control.cia402.state import State
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, PositionUnwrapper, Scale
 from canopen_control.errors import RobotConfigError, SdoAbort, without_node
-from canopen_control.hardware.axis_statechart import AxisPhase
+from canopen_control.hardware.axis_statechart import OVERDUE_TEXTS, AxisPhase
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class AxisStatus:
     """Statusword and mode display of an axis, from TPDOs or by SDO; None while unknown.
 
     `machine` supplies the mode to write by SDO if no RPDO contains 0x6060. `holds_load` means that the axis would drop
-    its load without power, so that disable voltage is not sent.
+    its load without power, so that neither disable voltage nor NMT stop is sent.
     """
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine, *, holds_load: bool = False) -> None:
@@ -68,6 +68,8 @@ class AxisStatus:
         self._mode = ModeBySdo(axis) if None in (axis.mode, axis.display) else None
         self._blind_since: int | None = None
         self._holds_load = holds_load
+        if holds_load:
+            self._node.holds_load = True
 
     def update(self, now: int) -> None:
         """Update the statusword and the mode display from the latest TPDOs; read missing values by SDO."""
@@ -111,15 +113,21 @@ class AxisStatus:
         stopping = self._holds_load or now - self._blind_since < BLIND_STOP_NS
         return QUICK_STOP_WORD if stopping else 0
 
-    def force_stop(self, phase: AxisPhase) -> None:
-        """Write the controlword of an overdue stop by SDO.
+    def force_stop(self, phase: AxisPhase, now: int) -> str:
+        """Write the controlword of an overdue stop by SDO, or send NMT stop as the last resort; return what is done.
 
+        A drive under local control (statusword bit 9), which does not obey by intention, gets no NMT stop.
         A drive may have switched its RPDOs off (bit 31 of 0x1400:01) while it shows OPERATION_ENABLED, and then
         receives no controlword and no target (ros2_canopen of Nature Robots, RPDO watchdog of 2026).
         """
         word = _FORCED_WORDS.get(phase)
         if word is not None:
             self.send(word)
+        elif phase is AxisPhase.STOP_FAILED and self._machine.remote and not self._node.holds_load:
+            # CiA 402-2, 0x6007: the drive reacts to NMT STOPPED as to the loss of its master
+            self._node.stop_as_last_resort(now)
+            return f"{OVERDUE_TEXTS[phase]}; NMT stop was sent, to which the drive reacts as its 0x6007 says"
+        return OVERDUE_TEXTS[phase]
 
     def send(self, word: int) -> None:
         """Write a controlword by SDO, in addition to the RPDO, of which it is unknown whether it arrives.

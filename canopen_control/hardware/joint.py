@@ -26,7 +26,6 @@ from canopen_control.hardware.axis import (
 from canopen_control.hardware.axis_parameters import AxisParameters, has_target, listed_modes, unlisted_modes
 from canopen_control.hardware.axis_statechart import (
     ENABLING,
-    OVERDUE_TEXTS,
     STOPPED,
     AxisPhase,
     AxisStatechart,
@@ -544,8 +543,8 @@ class JointDrive(JointStatus):
         elif state is not None and state is not State.OPERATION_ENABLED and self._stands(now):
             self._fire(PhaseTrigger.AT_STANDSTILL)
         if not (statechart.falling and self.has_settled(now)) and statechart.overdue(now):
-            self._events.append(JointEvent("stop_overdue", OVERDUE_TEXTS[statechart.state], Level.ERROR))
-            self._status.force_stop(statechart.state)
+            text = self._status.force_stop(statechart.state, now)
+            self._events.append(JointEvent("stop_overdue", text, Level.ERROR))
 
     def _check_position(self, now: int) -> None:
         """Report a drive that is not enabled because its position is unknown or outside its limits."""

@@ -75,6 +75,14 @@ class NodeOwner(Protocol):
 class RemoteNode:
     """Configured node, with its SDO client, boot, supervision and PDOs."""
 
+    holds_load = False
+    """Whether the load of an axis of the node would fall without power."""
+    disobeys = False
+    """Whether `stop_as_last_resort` was called since the last boot."""
+    disabled: bool | None = None
+    """Whether the node has confirmed to `disable` that no axis has power; None if not asked, or never heard of."""
+    _ending = False
+
     def __init__(
         self,
         config: NodeConfig,
@@ -108,8 +116,6 @@ class RemoteNode:
         self.fault: FaultEvent | None = None
         """Fault in the last EMCY message of the node, which may be an error reset."""
         self.expected_state: NmtState | None = None  # state requested by the last NMT command of a user
-        self.disabled: bool | None = None
-        """Whether the node has confirmed to `disable` that no axis has power; None if not asked, or never heard of."""
         self.restart_command = ""
         """Shell command that starts the node's virtual drive again, after its process has ended; else ""."""
         self.log = NodeLog(config, owner.report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
@@ -121,7 +127,6 @@ class RemoteNode:
         self._stopping_until: int | None = None
         self._task: BootTask | None = None
         self._retry_at: int | None = None
-        self._ending = False
 
     @property
     def boot_step(self) -> str:
@@ -172,7 +177,8 @@ class RemoteNode:
     def can_be_disabled(self) -> bool:
         """Whether an axis of the node, which is not ready, may have power, and SDO may reach it."""
         heard = self.nmt_state is not None or (bool(self.boot_step) and not (self.last_seen is None and self.error))
-        return bool(self.plan.axes) and not self.ready and heard and self.nmt_state is not NmtState.STOPPED
+        stopped = NmtState.STOPPED in (self.nmt_state, self.expected_state)  # CiA 301, 7.3.2.2.5: no SDO
+        return bool(self.plan.axes) and not self.ready and heard and not stopped
 
     @property
     def is_disabling(self) -> bool:
@@ -226,6 +232,14 @@ class RemoteNode:
         # CiA 301, 7.2.8.3.2.1: life guarding counts from the first remote frame on
         if command not in RESETS:  # without remote frames the node would consider the master lost
             self._owner.guard(self, True, now)
+
+    def stop_as_last_resort(self, now: int) -> None:
+        """Send NMT stop to a drive that obeys no controlword; the node is out of use until `nmt start`.
+
+        A reset would end the drive's monitoring of the master, so that it would not stop at the end of the run either.
+        """
+        self.disobeys = True
+        self.command(NmtCommand.STOP, now)
 
     def _send_command(self, command: NmtCommand) -> None:
         if command in RESETS:
@@ -491,6 +505,7 @@ class RemoteNode:
 
     def _become_ready(self, result: BootResult, started: int, now: int) -> None:
         self.identity, self.error, self.state, self.ready = result, None, NodeState.READY, True
+        self.disobeys = False
         if not self._guarding_boot:
             self._owner.guard(self, True, now)
         self._stopping_until = None

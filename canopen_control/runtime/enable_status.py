@@ -204,7 +204,12 @@ def stop_summary(joints: Iterable[JointDrive], nodes: Iterable[RemoteNode]) -> t
     ]
     uncertain = [node for node in asked if not node.disabled]
     uncertain += [node for node, state in states if state is None]
-    unseen = dict.fromkeys(node.name for node in uncertain)
+    parts += [
+        f"{node.name} obeyed no stop command and may have power: cut its supply if it moves"
+        for node in dict.fromkeys(uncertain)
+        if node.disobeys
+    ]
+    unseen = dict.fromkeys(node.name for node in uncertain if not node.disobeys)
     if unseen:
         parts.append(f"could not confirm that {', '.join(unseen)} {'is' if len(unseen) == 1 else 'are'} disabled")
     doubtful = {*uncertain, *(node for node, state in states if state in POWERED_STATES)}

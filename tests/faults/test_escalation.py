@@ -4,6 +4,7 @@ import pytest
 from support.faultbench import LEFT, RIGHT, FaultBench
 from support.robots import copy_robby
 
+from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.axis_statechart import Action, AxisPhase
 
@@ -47,15 +48,25 @@ def test_a_drive_that_does_not_stop_is_commanded_to_quick_stop_then_to_disable_v
     bench.until(lambda: joint.statechart.state is AxisPhase.VOLTAGE_DISABLED, ms=4000)
     bench.run(40)
     assert joint.axis.controlword.value == 0x00
-    bench.until(lambda: joint.statechart.state is AxisPhase.STOP_FAILED, ms=2000)
+    bench.until(lambda: bench.texts("stop_overdue")[2:], ms=2000)
     assert [text.split(": ")[1].split(";")[0] for text in bench.texts("stop_overdue")] == [
         "has not stopped in time",
         "its quick stop did not end in time",
         "no stop command had a visible effect, so it may have power",
     ]
-    bench.bus.drop(None)
-    bench.run(6000)  # it receives again, coasts, and is reported disabled
+    assert bench.powered(LEFT)
+    bench.until(lambda: not bench.powered(LEFT))  # it reacts to NMT stop, and RPDOs and SDO still do not reach it
+    assert bench.standing(LEFT)
+    assert "NMT stop was sent" in bench.texts("stop_overdue")[-1]
     assert joint.statechart.state is AxisPhase.DISABLED
+    bench.bus.drop(None)
+    bench.run(2000)
+    assert joint.node.nmt_state is NmtState.STOPPED
+    assert "nmt start left_drive" in bench.axis_refused()
+    joint.node.command(NmtCommand.START, bench.reactor.now())
+    bench.until(lambda: joint.node.ready)
+    bench.run(100)
+    assert bench.axis(Action.FAULT_RESET) is None
     bench.goes_on()
 
 
@@ -68,11 +79,13 @@ def test_the_power_of_a_drive_that_holds_a_load_is_never_taken(turning):
     bench.run(1000)
     assert joint.axis.controlword.value == 0x02
     assert bench.powered(LEFT)
+    assert joint.node.nmt_state is NmtState.OPERATIONAL
+    assert "NMT stop" not in bench.texts("stop_overdue")[-1]
 
 
 @pytest.mark.rest
 def test_the_last_sentence_names_the_drive_that_has_power_still(turning):
-    bench = turning()
+    bench = turning(description={DEVICE: DEVICE + '<param name="holds_load">true</param>'})
     deaf(bench)
     bench.robot.shutdown("a test")
     bench.until(lambda: bench.texts("stopped"), ms=16_000)
@@ -83,6 +96,19 @@ def test_the_last_sentence_names_the_drive_that_has_power_still(turning):
         "the drives did not confirm the stop in time; left_drive still has power (OPERATION ENABLED): "
         "cut its supply if it moves; check the drives before you approach the robot"
     )
+
+
+@pytest.mark.rest
+def test_the_last_sentence_names_the_drive_that_obeyed_no_stop_command(turning):
+    bench = turning()
+    deaf(bench)
+    bench.robot.shutdown("a test")
+    bench.until(lambda: bench.texts("stopped"), ms=16_000)
+    text = "left_drive obeyed no stop command and may have power: cut its supply if it moves"
+    assert bench.texts("stopped") == [f"robby has stopped, {text}"]
+    assert bench.robot.failure == f"{text}; check the drives before you approach the robot"
+    nmt = [frame.data for label, frame in bench.bus.history if label == "master" and frame.can_id == 0]
+    assert nmt[-2:] == [b"\x02\x03", b"\x82\x02"], "it keeps its monitoring of the master; the other is released"
 
 
 def test_the_last_sentence_names_the_drive_without_feedback(turning):

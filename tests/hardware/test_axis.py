@@ -19,6 +19,7 @@ from canopen_control.hardware.axis import (
     ModeBySdo,
     StatuswordBySdo,
 )
+from canopen_control.hardware.axis_statechart import AxisPhase
 
 MS = 1_000_000
 
@@ -26,10 +27,13 @@ MS = 1_000_000
 class Node:
     """Takes SDO requests and lets the test answer them."""
 
-    ready, node_id, name = True, 2, "pan_drive"
+    ready, node_id, name, holds_load = True, 2, "pan_drive", False
 
     def __init__(self):
-        self.reads, self.writes = [], []
+        self.reads, self.writes, self.stopped_at = [], [], None
+
+    def stop_as_last_resort(self, now):
+        self.stopped_at = now
 
     def read(self, index, subindex, done):
         self.reads.append((index, subindex, done))
@@ -157,6 +161,23 @@ def test_a_master_without_feedback_does_not_disable_the_voltage_of_a_load_that_w
     status = AxisStatus(axis, SimpleNamespace(mode=9), holds_load=True)
     axis.pdo.overdue = True
     assert status.blind_word(0) == status.blind_word(100 * BLIND_STOP_NS) == 0x02
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize(
+    ("remote", "holds_load", "sent"), [(True, False, True), (True, True, False), (False, False, False)]
+)
+def test_nmt_stop_is_the_last_resort_for_a_drive_without_a_load_that_is_under_the_control_of_the_bus(
+    remote, holds_load, sent
+):
+    axis = make_axis()
+    status = AxisStatus(axis, SimpleNamespace(mode=9, remote=remote), holds_load=holds_load)
+    for phase, word in ((AxisPhase.FORCED_QUICK_STOP, b"\2\0"), (AxisPhase.VOLTAGE_DISABLED, b"\0\0")):
+        assert "NMT" not in status.force_stop(phase, MS)
+        assert axis.node.writes[-1] == (0x6040, word)
+        assert axis.node.stopped_at is None
+    assert ("NMT stop was sent" in status.force_stop(AxisPhase.STOP_FAILED, 2 * MS)) is sent
+    assert axis.node.stopped_at == (2 * MS if sent else None)
 
 
 @pytest.mark.sources
