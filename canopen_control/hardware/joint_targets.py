@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
 UINT32_MAX: Final = (1 << 32) - 1
 _NAN: Final = math.nan
+_SAG: Final = 0.01  # rad or m by which a load may move an enabled axis that holds its position
 _PROFILE: Final = (objects.PROFILE_VELOCITY, objects.PROFILE_ACCELERATION)
 _LIMITS: Final = objects.SOFTWARE_POSITION_LIMIT
 
@@ -206,9 +207,13 @@ class JointTargets:
         self._held = None
 
     def hold(self) -> None:
-        """Set all targets to standstill at the current position."""
+        """Set all targets to standstill at the current position.
+
+        An enabled axis keeps its target position while it is near: a target that followed an axis that yields to its
+        load, for example when its brake is released, would let it sink further and further.
+        """
         raw = self._axis.raw_position
-        if raw == self._held:
+        if raw == self._held or self._keeps_target(raw):
             return
         if self._held is None:
             if self.current is not None:
@@ -217,6 +222,13 @@ class JointTargets:
             self._machine.mode_bits = 0 if self.current is None else self.current.held_bits
         self._held = raw
         self._axis.hold(raw)
+
+    def _keeps_target(self, raw: int) -> bool:
+        """Whether an enabled drive holds its target position, and the axis is near it."""
+        held, machine = self._held, self._machine
+        if held is None or not machine.enabled or not isinstance(self.current, HOLDING):
+            return False
+        return machine.mode == self.mode and abs(wrap_int32(raw - held)) <= _SAG * abs(self._axis.scale.pos_to_dev)
 
     def node_ready(self) -> None:
         """Make the next `hold` write standstill targets, because a boot has overwritten the outputs."""

@@ -2,19 +2,20 @@
 
 import itertools
 import math
+from dataclasses import dataclass
 
 import pytest
 from support.generic import write_generic
 from support.makers import drive, sentences
 from support.observers import Observer
 from support.robots import Bench
-from support.servos import command
+from support.servos import command, start_servos
 
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
 from canopen_control.errors import UnsupportedMode
-from canopen_control.hardware.axis_statechart import Action
-from canopen_control.virtual.plant import LagPlant
+from canopen_control.hardware.axis_statechart import Action, AxisPhase
+from canopen_control.virtual.plant import LagPlant, LoadedPlant
 
 K = 65536 / math.tau  # counts per rad, and per rad/s
 LIMIT = 0.8  # rad/s
@@ -232,3 +233,35 @@ def test_an_axis_that_coasts_without_an_effort_never_enters_csp_while_it_turns(r
     assert any("pan_drive" in text and "it still turns 5 s after" in text for text in sentences(created))
     assert drive(created, 2).modes.number == OperationMode.CSP
     assert created.state != "running"
+
+
+@dataclass(slots=True)
+class YieldingPlant(LoadedPlant):
+    """A motor whose loops have no integrator: it yields to its load by a distance from its target."""
+
+    def follow(self, demand, start_ns, end_ns):
+        for clock in self._steps(start_ns, end_ns):
+            position, velocity = demand.at(clock)
+            effort = (velocity + self._correction(position - self.position) - self.velocity) * 50.0
+            self._step(max(-self.torque_limit, min(self.torque_limit, effort * self._mass())))
+
+
+def test_an_enabled_axis_that_yields_to_its_load_keeps_its_target_position(tmp_path):
+    robby = start_servos(tmp_path, "yields", "position", modes="position_mode: 8", extra="enable_settle_ms: 3000")
+    assert robby.axis(Action.DISABLE) is None
+    robby.run(500)
+    for device in robby.drives.values():
+        mover = device.drives[0].mover
+        mover.plant = YieldingPlant(mover.plant.position, position_gain=20.0)
+    robby.robot.axis(Action.ENABLE, "all", lambda _error: None)
+    robby.until(lambda: robby.joint(2).statechart.state is AxisPhase.READY)
+    held, plant = robby.drives[2].get(0x607A), robby.drives[2].drives[0].mover.plant
+    plant.external = -50.0  # its brake has opened
+    robby.run(2500)
+    assert robby.joint(2).statechart.state is AxisPhase.READY
+    assert robby.drives[2].get(0x607A) == held
+    assert -0.01 < (robby.drives[2].get(0x6064) - held) / K < 0.0
+    plant.position += 0.1 * K  # it is turned further by hand, as with STO: it must not jump back
+    robby.run(100)
+    assert (robby.drives[2].get(0x607A) - held) / K == pytest.approx(0.1, abs=0.02)
+    robby.close()
