@@ -19,7 +19,13 @@ from canopen_control.cia402.units import counts_of_objects, rpm_of_unit
 from canopen_control.errors import RobotConfigError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.od.codec import accepts
-from canopen_control.od.indices import GUARD_TIME, HEARTBEAT_CONSUMER, HEARTBEAT_PRODUCER, LIFE_FACTOR
+from canopen_control.od.indices import (
+    ERROR_BEHAVIOUR,
+    GUARD_TIME,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_PRODUCER,
+    LIFE_FACTOR,
+)
 from canopen_control.scaffold.pdo_choice import PdoRequirement, PdoUse, choose_pdos
 
 if TYPE_CHECKING:
@@ -51,11 +57,15 @@ _FEEDBACK: Final = {POSITION: objects.POSITION_ACTUAL, VELOCITY: objects.VELOCIT
 
 @dataclass(frozen=True, slots=True)
 class Supervision:
-    """Supervision in use: heartbeat of the drive, heartbeat consumer in the drive, or node guarding."""
+    """Supervision in use: heartbeat of the drive, heartbeat consumer in the drive, or node guarding.
+
+    `reacts` means that the drive has an object for its reaction to the loss of the master.
+    """
 
     producer: bool
     consumer: bool
     guarding: bool
+    reacts: bool = True
 
     @property
     def stops_alone(self) -> bool:
@@ -196,7 +206,9 @@ def supervision_of(od: ObjectDictionary) -> Supervision:
         accepts(od.get(HEARTBEAT_CONSUMER, subindex), _ENTRY) for subindex in od.subindices(HEARTBEAT_CONSUMER)[1:]
     )
     guarding = accepts(od.get(GUARD_TIME, 0), _PERIOD_MS) and accepts(od.get(LIFE_FACTOR, 0), _LIFE)
-    return Supervision(producer, consumer, not (producer and consumer) and guarding)
+    # CiA 402-2, 0x6007; CiA 301, 7.5.2.32
+    reacts = (objects.ABORT_CONNECTION_OPTION, 0) in od or (ERROR_BEHAVIOUR, 1) in od
+    return Supervision(producer, consumer, not (producer and consumer) and guarding, reacts)
 
 
 _Chosen = list[tuple[str, OperationMode]]

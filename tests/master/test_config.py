@@ -593,3 +593,29 @@ def test_a_misspelt_key_that_a_node_needs_is_one_error(tmp_path, key):
     )
     assert "(did you mean '" in text
     assert text.count("bus.yml:") == 1
+
+
+def without_objects(text, *indices):
+    """Return the text of an EDS without some objects."""
+    for index in indices:
+        text = re.sub(rf"(?ms)^\[{index:04X}(sub[0-9A-F]+)?\]\n.*?(?=^\[)", "", text, flags=re.IGNORECASE)
+        text = re.sub(rf"(?m)^\d+=0x{index:04X}\n", "", text)
+    return text
+
+
+@pytest.mark.parametrize(
+    ("removed", "key", "warned"),
+    [
+        ((0x6007, 0x1029), "", True),
+        ((0x6007, 0x1029), "allow_unsupervised: true", False),
+        ((0x6007,), "", False),
+        ((0x1029,), "", False),
+    ],
+)
+def test_a_drive_whose_reaction_to_a_lost_master_no_object_defines_is_warned_of(tmp_path, removed, key, warned):
+    (tmp_path / "own.eds").write_text(without_objects(data_path("eds", "generic_cia402.eds").read_text(), *removed))
+    text = f"master: {{node_id: 1}}\nnodes:\n  arm:\n    dcf: own.eds\n    node_id: 3\n    {key}\n"
+    bus = read_bus(write(tmp_path, text))
+    notes = [note for note in bus.notes if "unknown whether it stops when the master is lost" in str(note)]
+    assert bool(notes) is warned
+    assert all("neither 0x6007 nor 0x1029:01" in str(note) for note in notes)

@@ -108,6 +108,11 @@ def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:
 
 def dead_man_words(supervision: Supervision) -> str:
     """Return a sentence about how the drive stops if this process ends."""
+    if supervision.stops_alone and not supervision.reacts:
+        return (
+            "UNKNOWN: the drive monitors this computer, but has neither 0x6007 nor 0x1029:01, so it may move on when "
+            "this computer fails; have an emergency stop within reach"
+        )
     if supervision.consumer:
         return (
             "the drive monitors this computer's heartbeat (0x1016) and stops on its own "

@@ -63,6 +63,7 @@ def test_the_user_is_notified_what_stops_the_drive():
     assert ["heartbeat (0x1016)" in reported[0], "guarded (0x100C, 0x100D)" in reported[1], "NONE" in reported[2]] == [
         True
     ] * 3
+    assert dead_man_words(Supervision(True, True, False, reacts=False)).startswith("UNKNOWN: the drive monitors")
 
 
 def test_a_running_robot_of_one_drive_is_jogged_through_it(private_folders, monkeypatch, capsys):
