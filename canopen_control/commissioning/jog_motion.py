@@ -51,12 +51,13 @@ class JogEnd(Enum):
     TRAVEL = "the travel limit is reached"
     SPEED = "the speed limit is reached"
     CURRENT = "the current limit is reached"
+    BLIND = "the drive reports neither position nor velocity, so no limit can be monitored"
     STATE = "the drive is not enabled any more"
 
     @property
     def failed(self) -> bool:
-        """Whether the jog was ended by a suspension, by a limit of speed or current, or by the state of the drive."""
-        return self in (JogEnd.SUSPENDED, JogEnd.SPEED, JogEnd.CURRENT, JogEnd.STATE)
+        """Whether a suspension, a limit of speed or current, missing feedback or the drive's state ended the jog."""
+        return self in (JogEnd.SUSPENDED, JogEnd.SPEED, JogEnd.CURRENT, JogEnd.BLIND, JogEnd.STATE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,7 @@ class JogLimits:
     current: float
 
 
+BLIND_S: Final = 0.1  # time without feedback after which a torque ends, because a free shaft accelerates without limit
 MAX_SPEED: Final = math.tau  # default in rad/s
 _MAX_TRAVEL: Final = 10.0 * math.tau  # default in rad
 
@@ -87,7 +89,8 @@ def limits_of(options: MotionOptions, scale: JogScale, speed: float = MAX_SPEED)
 class JogMotion:
     """Jog by held keys, for `seconds`, or to a position; `value` is in rad/s, in rad from the start, or per mille.
 
-    `command` is the value to send; for a position it is None until the start position is known.
+    `command` is the value to send; for a position it is None until the start position is known. The travel of a drive
+    without a position is reckoned from its velocity, measured or commanded; a torque needs one of both measured.
     """
 
     def __init__(self, kind: JogKind, value: float, limits: JogLimits, *, seconds: float | None, now: int) -> None:
@@ -103,6 +106,9 @@ class JogMotion:
         self._here = math.nan
         self._seconds = seconds
         self._farthest = self._fastest = math.nan
+        self._velocity = 0.0
+        self._reckoned = 0.0  # travel of a drive without a position
+        self._now = self._before = self._seen_at = now
 
     @property
     def by_keys(self) -> bool:
@@ -125,10 +131,10 @@ class JogMotion:
             return None if self._start is None else self._start + self._value
         if self.ended is not JogEnd.NONE:
             return 0.0
-        if not self._held:
-            return self._value
-        sign = self._direction()
-        return 0.0 if sign == 0 or self._blocked(sign) else math.copysign(self._keys.speed, sign)
+        sign = self._direction() if self._held else int(math.copysign(1, self._value))
+        if sign == 0 or (self._held and self._blocked(sign)) or self._is_fast(sign):
+            return 0.0
+        return math.copysign(self._keys.speed, sign) if self._held else self._value
 
     def nothing_turned(self, resolution: float) -> str | None:
         """Return a sentence if the shaft did not turn measurably, or if that is unknown, else None.
@@ -177,6 +183,7 @@ class JogMotion:
 
     def tick(self, now: int) -> None:
         """Advance the time: release a key that is no longer repeated, or end a motion after its duration."""
+        self._now = now
         self._keys.tick(now)
         if self._deadline is not None and now >= self._deadline:
             self.end(JogEnd.OVER)
@@ -195,10 +202,13 @@ class JogMotion:
             self.end(JogEnd.STATE)
         if current is not None and abs(current) > self.limits.current:
             self.end(JogEnd.CURRENT)
+        self._velocity = velocity if velocity is not None and math.isfinite(velocity) else 0.0
         if velocity is not None and math.isfinite(velocity):
             self._fastest = max(abs(velocity), 0.0 if math.isnan(self._fastest) else self._fastest)
         if position is None or not math.isfinite(position):
+            self._reckon(velocity)
             return
+        self._seen_at = self._before = self._now
         if self._start is None:
             self._start = position
         self._here = position
@@ -216,9 +226,27 @@ class JogMotion:
     def _direction(self) -> int:
         return self._sign if self._keys.velocities.moving else 0
 
+    def _reckon(self, velocity: float | None) -> None:
+        """Reckon the travel without a position, and end a torque without any feedback."""
+        seconds, self._before = (self._now - self._before) * 1e-9, self._now
+        if velocity is not None and math.isfinite(velocity):
+            self._seen_at = self._now
+            self._reckoned += velocity * seconds
+        elif self.kind is JogKind.VELOCITY:
+            self._reckoned += (self.command or 0.0) * seconds
+        elif self.kind is JogKind.TORQUE and self._now - self._seen_at > BLIND_S * 1e9:
+            self.end(JogEnd.BLIND)
+        if self.kind is not JogKind.POSITION:
+            self._check_travel(velocity)
+
+    def _is_fast(self, sign: int) -> bool:
+        """Whether a torque in this direction would accelerate a shaft beyond the speed limit."""
+        return self.kind is JogKind.TORQUE and sign * self._velocity >= self.limits.speed
+
     def _blocked(self, sign: int) -> bool:
         """Whether the travel in this direction is exhausted."""
-        return not math.isnan(self.travelled) and sign * self.travelled >= self.limits.travel
+        travelled = self._reckoned if math.isnan(self.travelled) else self.travelled
+        return sign * travelled >= self.limits.travel
 
     def _check_travel(self, velocity: float | None) -> None:
         if self.kind is JogKind.POSITION:

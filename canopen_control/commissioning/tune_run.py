@@ -24,7 +24,7 @@ from canopen_control.commissioning.driven_axis import (
     stop_drive,
 )
 from canopen_control.commissioning.frequency_response import HIGHEST
-from canopen_control.commissioning.jog_motion import JogEnd, JogKind
+from canopen_control.commissioning.jog_motion import BLIND_S, JogEnd, JogKind
 from canopen_control.commissioning.tune_gains import LOOP_DELAY_S
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.rpc.messages.robot import AxisRequest, ProcessData, Subscribe
@@ -42,10 +42,11 @@ if TYPE_CHECKING:
 # Command of a tuning run: an excitation within limits of travel, speed and current, and the reason of its end.
 #
 # Sans-IO; times are monotonic nanoseconds. The run ends by itself if the remaining travel is not longer than the
-# stopping distance, above the speed limit, above the current limit for `PEAK_S`, or when the drive is no longer
-# enabled; the command is 0 then. A torque accelerates a free shaft without limit. Therefore an additional torque of
-# `STEERED` times the peak pushes the shaft, alternately in both directions, which the identification of friction needs,
-# and back as soon as half of the travel or of the speed limit is reached.
+# stopping distance, above the speed limit, above the current limit for `PEAK_S`, with samples without feedback for
+# `BLIND_S`, or when the drive is no longer enabled; the command is 0 then. Without a position the travel is reckoned
+# from the velocity. A torque accelerates a free shaft without limit. Therefore an additional torque of `STEERED` times
+# the peak pushes the shaft, alternately in both directions, which the identification of friction needs, and back as
+# soon as half of the travel or of the speed limit is reached.
 
 
 STEERED: Final = 0.6  # additional torque as a fraction of the peak of the excitation
@@ -108,6 +109,7 @@ class TuneMotion:
         self._travelled, self._speed = math.nan, 0.0
         self._push = 0.0
         self._too_much_since: int | None = None
+        self._seen_at: int | None = None  # time of the last sample with a position or velocity, or of the first
 
     @property
     def command(self) -> float:
@@ -140,7 +142,9 @@ class TuneMotion:
         if not enabled:
             self.end(JogEnd.STATE)
         self._check_current(current)
-        if velocity is not None and math.isfinite(velocity):
+        before = self._now if self._seen_at is None else self._seen_at
+        knows_velocity = velocity is not None and math.isfinite(velocity)
+        if velocity is not None and knows_velocity:
             self._speed = velocity
             if abs(velocity) > self.limits.speed:
                 self.end(JogEnd.SPEED)
@@ -148,8 +152,17 @@ class TuneMotion:
             if self._start is None:
                 self._start = position
             self._travelled = position - self._start
-            if abs(self._travelled) + self._stopping() >= self.limits.travel:
-                self.end(JogEnd.TRAVEL)
+        elif knows_velocity:  # the travel of a drive without a position
+            travelled = 0.0 if math.isnan(self._travelled) else self._travelled
+            self._travelled = travelled + self._speed * (self._now - before) * 1e-9
+        elif self._now - before > BLIND_S * 1e9:
+            self.end(JogEnd.BLIND)
+        else:
+            self._seen_at = before
+            return
+        self._seen_at = self._now
+        if abs(self._travelled) + self._stopping() >= self.limits.travel:  # False for nan
+            self.end(JogEnd.TRAVEL)
         self._steer()
 
     def end(self, why: JogEnd) -> None:
@@ -185,6 +198,7 @@ _SOURCE: Final = "tune"
 _REMEDIES: Final = {
     JogEnd.CURRENT: "; use a weaker excitation, or raise --max-current if that is safe",
     JogEnd.SPEED: "; use a weaker excitation, or raise --max-speed if that is safe",
+    JogEnd.BLIND: "; map 0x6064 or 0x606C in a TPDO",
     JogEnd.TRAVEL: "; use a shorter run (--for), or raise --max-travel if that is safe",
 }
 _WAIT_S: Final = 1.0  # timeout of the first sample

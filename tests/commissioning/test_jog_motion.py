@@ -199,3 +199,35 @@ def test_a_small_step_is_not_reached_before_it_was_made():
     at(motion, 5.004)
     assert motion.ended is JogEnd.THERE
     assert motion.nothing_turned(COUNT) is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "velocity", "why", "least"),
+    [
+        (JogKind.VELOCITY, 2.0, JogEnd.TRAVEL, 4.9),
+        (JogKind.VELOCITY, None, JogEnd.TRAVEL, 4.9),
+        (JogKind.TORQUE, 2.0, JogEnd.TRAVEL, 4.9),
+        (JogKind.TORQUE, math.nan, JogEnd.BLIND, 0.1),
+    ],
+)
+def test_a_drive_without_a_position_is_limited_by_its_velocity_and_a_torque_needs_feedback(kind, velocity, why, least):
+    motion, seconds = jog(kind, 2.0, seconds=60.0), 0.0
+    while motion.ended is JogEnd.NONE and seconds < 10.0:
+        seconds += 0.02
+        motion.tick(round(seconds * 1e9))
+        at(motion, None, velocity)
+    assert motion.ended is why
+    assert seconds == pytest.approx(least, abs=0.15)
+    assert motion.command == 0.0
+    assert math.isnan(motion.travelled)
+
+
+@pytest.mark.parametrize("seconds", [None, 5.0])
+def test_a_torque_does_not_accelerate_beyond_the_speed_limit(seconds):
+    motion = jog(JogKind.TORQUE, 100.0, seconds=seconds)
+    if seconds is None:
+        motion.key("up", 0)
+    for velocity, command in ((1.9, 100.0), (2.0, 0.0), (3.0, 0.0), (-3.0, 100.0), (1.0, 100.0)):
+        at(motion, 0.0, velocity)
+        assert motion.command == command, velocity
+    assert motion.ended is JogEnd.NONE

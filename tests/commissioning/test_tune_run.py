@@ -89,8 +89,10 @@ def test_it_commands_its_excitation_and_is_over_with_it():
         ((0.0, 6.1, 0.0), JogEnd.SPEED),
         ((0.0, -6.1, None), JogEnd.SPEED),
         ((10.5, 0.0, 0.0), JogEnd.TRAVEL),
-        ((None, None, None), JogEnd.NONE),
-        ((math.nan, math.nan, 0.0), JogEnd.NONE),
+        ((None, None, None), JogEnd.BLIND),
+        ((math.nan, math.nan, 0.0), JogEnd.BLIND),
+        ((0.0, None, 0.0), JogEnd.NONE),
+        ((None, 5.0, 0.0), JogEnd.NONE),
     ],
 )
 def test_a_limit_ends_it_and_nothing_is_commanded_any_more(observed, why):
@@ -100,6 +102,31 @@ def test_a_limit_ends_it_and_nothing_is_commanded_any_more(observed, why):
     run.see(*observed, enabled=True)
     assert run.ended is why
     assert run.command == (3.0 if why is JogEnd.NONE else 0.0)
+
+
+def test_samples_without_feedback_end_it_soon_but_not_at_once():
+    run = motion_of_tune_motion(JogKind.TORQUE)
+    for ms, velocity, why in (
+        (0, None, JogEnd.NONE),
+        (50, 1.0, JogEnd.NONE),
+        (150, None, JogEnd.NONE),
+        (151, math.nan, JogEnd.BLIND),
+    ):
+        run.tick(ms * S // 1000)
+        run.see(None, velocity, None, enabled=True)
+        assert run.ended is why, ms
+    assert (run.command, run.ended.failed) == (0.0, True)
+
+
+def test_the_travel_of_a_drive_without_a_position_is_reckoned_from_its_velocity():
+    run = motion_of_tune_motion(excitation=StepExcitation(3.0, 60.0))
+    for ms in range(0, 5000, 100):
+        run.tick(ms * S // 1000)
+        run.see(None, 3.0, None, enabled=True)
+        if run.ended is not JogEnd.NONE:
+            break
+    assert run.ended is JogEnd.TRAVEL
+    assert run.travelled == pytest.approx(10.0, abs=0.3)
 
 
 def test_a_current_that_stays_too_high_ends_it_and_a_peak_does_not():
