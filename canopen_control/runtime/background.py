@@ -82,15 +82,23 @@ class BackgroundRobot:
             raise CanopenError(f"robot {self.name} did not run within {START_S:g} s of its start")
 
     def shutdown(self) -> None:
-        """Ramp the drives to a standstill and disable them, leave the buses and join the thread."""
+        """Ramp the drives to a standstill and disable them, leave the buses and join the thread.
+
+        A first Ctrl-C meanwhile is raised only afterwards: the end of the process would interrupt the ramp.
+        """
         self._ended = True  # before the session is read: see `_run`
         thread, session = self._thread, self._session
         if thread is None:
             return
         if session is not None and thread.is_alive():
             session.reactor.call_threadsafe(lambda: session.robot.shutdown("the program ends it"))
-        thread.join(START_S)
-        self._thread = None
+        try:
+            thread.join(START_S)
+        except KeyboardInterrupt:
+            thread.join(START_S)
+            raise
+        finally:
+            self._thread = None
 
     def _run(self) -> None:
         try:

@@ -73,6 +73,28 @@ def test_a_shutdown_before_the_robot_exists_boots_nothing(monkeypatch):
     assert find_robots() == []
 
 
+def test_a_ctrl_c_during_the_shutdown_does_not_interrupt_the_stop():
+    robot = mock("twice")
+    robot.start()
+    thread, joined = robot._thread, []
+
+    class Interrupted:
+        def is_alive(self):
+            return thread.is_alive()
+
+        def join(self, seconds):
+            joined.append(seconds)
+            if len(joined) == 1:
+                raise KeyboardInterrupt
+            thread.join(seconds)
+
+    robot._thread = Interrupted()
+    with pytest.raises(KeyboardInterrupt):
+        robot.shutdown()
+    assert not thread.is_alive()
+    assert find_robots() == []
+
+
 def test_it_can_be_started_again():
     robot = mock("again")
     for _ in range(2):
