@@ -42,6 +42,11 @@ class Call(Generic[R_co]):
         """Name and process id of the client, for events and errors."""
         return f"client {self.connection.name} (pid {self.connection.pid})"
 
+    @property
+    def holder(self) -> Connection | None:
+        """Connection of a client that waits for the answer, or None."""
+        return None if self._number is None else self.connection
+
     def sender(self, source: str | None) -> str:
         """Return the name and process id of a command's sender; `source` is the name given in the request, or None."""
         return f"{source} (pid {self.connection.pid})" if source else self.client

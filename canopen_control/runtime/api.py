@@ -587,6 +587,7 @@ class ApiServer(RobotObserver):
             joint=request.joint,
             method=request.method,
             mode=request.mode,
+            holder=call.holder,
         )
         node = "" if request.node == "all" else self._robot.node(str(request.node)).name
         action = f"{request.action} {request.mode}" if request.mode else request.action

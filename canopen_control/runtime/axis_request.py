@@ -134,12 +134,21 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
 
 
 class PendingAxisRequest:
-    """Pending `action` on `joints`; `done` is called once, with None on success, else with an error text."""
+    """Pending `action` on `joints`; `done` is called once, with None on success, else with an error text.
+
+    `holder` is the client that waits for the end of the action, or None.
+    """
 
     def __init__(
-        self, joints: Sequence[JointDrive], action: Action, deadline: int, done: Callable[[str | None], None]
+        self,
+        joints: Sequence[JointDrive],
+        action: Action,
+        deadline: int,
+        done: Callable[[str | None], None],
+        holder: object = None,
     ) -> None:
         self._joints, self._action, self._deadline, self._done = joints, action, deadline, done
+        self._holder = holder
         self._cycles = 0
         #: every drive has answered, and none has a fault: the reset has no effect
         self._useless = action is Action.FAULT_RESET and all(reached(joint, action) for joint in joints)
@@ -164,6 +173,15 @@ class PendingAxisRequest:
         if stopped:
             self._done(None)
         return stopped
+
+    def abandon(self, holder: object, now: int) -> list[str]:
+        """Stop the axes that this request homes, because its client has disconnected; return their names."""
+        if self._holder is not holder or holder is None or self._action is not Action.HOME:
+            return []
+        homing = [joint for joint in self._joints if joint.homing is not None]
+        for joint in homing:
+            joint.stop(now)
+        return [joint.joint for joint in homing]
 
     def fail(self, reason: str) -> None:
         self._done(reason)

@@ -331,8 +331,12 @@ class RobotCore(CycledRobot):
             raise
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
-        """End the commands of a disconnected client; `why` completes the event text about the client."""
+        """End commands and homings of a disconnected client; `why` completes the event text about the client."""
         self.manager.running.client_disconnected(holder, why)
+        now = self.reactor.now()
+        for names in filter(None, [request.abandon(holder, now) for request in self._requests]):
+            text = f"the client that homes {', '.join(names)} {why}, so the homing has ended; the drives are disabled"
+            self.report(Event(now, "commander_gone", "", text, Level.WARNING))
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
         """Switch controllers; new ones are loaded and configured first. ControlError, before any change, if refused."""
@@ -369,12 +373,14 @@ class RobotCore(CycledRobot):
         joint: str | None = None,
         method: int | None = None,
         mode: str | None = None,
+        holder: object = None,
     ) -> str:
         """Start an action on the axes of a node or of "all"; `done(error)` is called when it has ended.
 
         Raise ControlError if the action is refused. The action includes all axes of a base; returns a text that names
         the added axes, and the axes that "all" cannot enable, or "". `joint` selects one of several axes of a node.
         `method` is the homing method (None: the method in 0x6098), `mode` the mode of operation by name or number.
+        A homing ends when `client_disconnected` is called with its `holder`.
         """
         now = self.reactor.now()
         if action in MOVING_ACTIONS:
@@ -385,7 +391,8 @@ class RobotCore(CycledRobot):
         extra_ns = begin_action(action, joints, self.systems, now, method=method, mode=mode)
         if action in EXCLUSIVE_ACTIONS:
             self.manager.running.exclude([joint_drive.joint for joint_drive in joints], self.cycle.clock.now())
-        self._requests.append(PendingAxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + extra_ns, done))
+        deadline = now + REQUEST_TIMEOUT_NS + extra_ns
+        self._requests.append(PendingAxisRequest(joints, action, deadline, done, holder))
         if together:
             self.report(Event(now, "together", "", together))
         return "; ".join(filter(None, [together, no_target(omitted) if omitted else ""]))

@@ -8,6 +8,7 @@ import re
 import pytest
 from support.apiclient import Client
 from support.busalone import AloneBench, write_drives
+from support.generic import write_generic
 from support.observers import Observer
 from support.robots import FORWARD, LEFT, RIGHT, Bench
 
@@ -749,3 +750,27 @@ def test_values_that_are_taken_for_something_else_than_they_are_now_are_refused(
     client.close()
     drives.api.close()
     drives.close()
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_the_homing_of_a_client_that_is_gone_ends(tmp_path, waits):
+    servo = Bench("homes", config=write_generic(tmp_path), drives=(2, 3), controllers=["velocity"])
+    server = ApiServer(servo.robot)
+    servo.start()
+    homing, other, joint = Client(servo), Client(servo), servo.joint(2)
+    request = {"method": "axis", "params": {"action": "home", "node": "drive_one", "method": 17}}
+    homing.send(**({"id": 1} if waits else {}), **request)
+    servo.until(lambda: abs(servo.speed(2)) > 100)
+    other.close()
+    servo.run(20)
+    assert joint.homing is not None
+    homing.close()
+    servo.run(60)
+    assert (joint.homing is None) is waits
+    servo.run(1000)
+    assert joint.machine.enabled is not waits
+    assert servo.texts("commander_gone") == (
+        ["the client that homes one is gone, so the homing has ended; the drives are disabled"] if waits else []
+    )
+    server.close()
+    servo.close()
