@@ -10,6 +10,7 @@ from __future__ import annotations
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, NamedTuple
 
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtState
 from canopen_control.cia301.pdo import parse_mapping_entry
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
@@ -17,14 +18,15 @@ from canopen_control.cia402.state import TARGET_REACHED, State, decode_statuswor
 from canopen_control.conformance.check import expect
 from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
 from canopen_control.conformance.pdo_checks import CountedSync, pdo_records, present_values, reconfigured
-from canopen_control.errors import RemoteProtocolError, SdoAbort
-from canopen_control.od.indices import RPDO
+from canopen_control.errors import BusError, RemoteProtocolError, SdoAbort
+from canopen_control.od.indices import HEARTBEAT_CONSUMER, RPDO
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from canopen_control.conformance.checked_node import CheckedNode
     from canopen_control.conformance.pdo_checks import PdoRecord
+    from canopen_control.host.timer import Timer
 
 
 DRIVES = 402  # low word of 0x1000
@@ -245,6 +247,44 @@ def motion_of(node: CheckedNode) -> CheckMotion:
     return CheckMotion(start, distance, speed, max(round(speed / RAMP_S), 1))
 
 
+_WATCHERS = (124, 123)  # node-IDs of this program as the producer of a heartbeat; not that of `other_node_id`
+_BEAT_NS, _BEATS_MS = 100_000_000, 1000
+_UNSUPERVISED = "the drive does not monitor this program (0x1016), and moves on if this program is killed"
+
+
+@contextmanager
+def supervised(node: CheckedNode) -> Iterator[None]:
+    """Context in which the drive monitors a heartbeat of this program, so that it stops if the program is killed.
+
+    0x6007 = 0, no reaction, is changed to 1, the fault reaction.
+    """
+    watcher = next(node_id for node_id in _WATCHERS if node_id != node.node_id)
+    timers: list[Timer] = []
+
+    def beat() -> None:
+        timers[:] = [node.reactor.call_later(_BEAT_NS, beat)]
+        with suppress(BusError):  # a lost bus ends the check
+            node.send(ERROR_CONTROL_COB_ID + watcher, bytes([NmtState.OPERATIONAL]))
+
+    with ExitStack() as stack:
+        try:
+            if not _present(node, o.ABORT_CONNECTION_OPTION):
+                with suppress(NotApplicable):
+                    stack.enter_context(option(node, o.ABORT_CONNECTION_OPTION, 1))
+            stack.enter_context(node.kept(HEARTBEAT_CONSUMER, 1))
+            node.put(HEARTBEAT_CONSUMER, 1, watcher << 16 | _BEATS_MS, 4)
+        except (NotApplicable, SdoAbort):
+            node.notes.append(_UNSUPERVISED)
+        else:
+            beat()
+        try:
+            yield
+        finally:
+            stack.close()  # before the last heartbeat
+            for timer in timers:
+                timer.cancel()
+
+
 @contextmanager
 def moving(
     node: CheckedNode, mode: int, state: State = OE, *, deceleration_share: float = 1.0
@@ -264,6 +304,7 @@ def moving(
         (o.TARGET_POSITION, motion.start & 0xFFFFFFFF),
     )
     with ExitStack() as stack:
+        stack.enter_context(supervised(node))
         for index, value in values:
             with suppress(NotApplicable):
                 stack.enter_context(node.kept(index))

@@ -2,6 +2,8 @@
 
 import pytest
 
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
@@ -18,6 +20,7 @@ from canopen_control.conformance.drive_steps import (
     turn,
     watch,
 )
+from canopen_control.errors import BusError
 
 
 def test_a_drive_is_brought_to_a_state_and_loses_its_power_at_the_end(bench):
@@ -74,3 +77,39 @@ def test_the_shaft_returns_and_the_parameters_are_as_before(bench):
         turn(node, motion, motion.velocity)
     assert abs(signed(node, o.POSITION_ACTUAL) - motion.start) < 100
     assert node.read(o.PROFILE_ACCELERATION) == before
+
+
+@pytest.mark.parametrize("reaction", [0, 1])
+def test_a_drive_stops_by_itself_if_the_program_is_killed_while_it_turns(bench, reaction):
+    node = bench()
+    node.device.store.set(o.ABORT_CONNECTION_OPTION, 0, reaction)
+    with pytest.raises(BusError):
+        _turn_until_killed(node)
+
+
+def _turn_until_killed(node):
+    with moving(node, OperationMode.PV) as motion:
+        turn(node, motion, motion.velocity)
+        node.reactor.run_for(3_000_000_000)
+        assert node.device.get(o.VELOCITY_ACTUAL) == pytest.approx(motion.velocity, rel=0.1), "its heartbeat goes on"
+        node.port.close()
+        node.reactor.run_for(2_000_000_000)
+        node.device.advance_drives(node.reactor.now())
+        assert node.device.get(o.VELOCITY_ACTUAL) == 0
+        assert node.device.get(o.STATUSWORD) & 0x04 == 0
+
+
+def test_the_monitoring_of_a_motion_ends_with_it_and_a_drive_without_it_is_noted(bench):
+    node = bench()
+    with moving(node, OperationMode.PV):
+        assert node.number(0x1016, 1) == 124 << 16 | 1000
+    assert node.number(0x1016, 1) == 0
+    assert node.notes == []
+    node.device.store.guard([0x1016], _refuse)
+    with moving(node, OperationMode.PV):
+        assert node.number(0x1016, 1) == 0
+    assert any("moves on if this program is killed" in note for note in node.notes)
+
+
+def _refuse(_entry, _value):
+    raise SdoServerAbort(AbortCode.READ_ONLY)
