@@ -2,8 +2,8 @@
 
 No exception of a node, a controller or a client ends the cycle (`RobotCycle`). Nothing moves before a controller is
 active. A user, a signal, and the end of the requested duration end the robot by the same stop: targets go to zero, the
-drives ramp down by themselves and are disabled, and only then are the buses closed. After the loss of a bus the drives
-stop by their heartbeat consumers.
+drives ramp down by themselves and are disabled, and only then are the buses closed. After the loss of a bus its drives
+stop by their heartbeat consumers, those of other buses by the same stop.
 """
 
 from __future__ import annotations
@@ -527,10 +527,19 @@ class RobotCore(CycledRobot):
             system.stop(now)
 
     def _on_bus_lost(self, error: BusError) -> None:
-        """End the run after a bus was lost; without the master's heartbeat the drives stop on their own."""
+        """End the run after a bus was lost: stop the drives of the other buses; those of this bus stop on their own."""
         self.failure = self.failure or str(error)
+        if self.pacer.running and any(bus.port is not None for bus in self.buses.values()):
+            self.reactor.call_soon(self._stop_without_bus)
+            return
         self.close()
         self.reactor.call_soon(self._notify_stopped)
+
+    def _stop_without_bus(self) -> None:
+        for bus in self.buses.values():
+            if bus.port is None:
+                bus.network.bus_failed(f"bus {bus.name} was lost", self.reactor.now())
+        self.shutdown(f"a bus was lost: {self.failure}")
 
 
 _CONTROLLER_LEVELS = {"error": Level.ERROR, **dict.fromkeys(("activated", "deactivated", "parameter_set"), Level.INFO)}

@@ -297,9 +297,10 @@ def test_a_drive_that_may_have_power_at_the_end_still_watches_the_master_and_sto
     since = len(robby.bus.history)
     robby.robot.shutdown("a test")
     robby.until(lambda: robby.texts("stopped"), ms=20_000)
-    assert "left_drive still has power" in robby.robot.failure
+    assert "left_drive obeyed no stop command and may have power" in robby.robot.failure
     commands = [frame.data for label, frame in robby.bus.history[since:] if label == "master" and frame.can_id == 0]
-    assert commands == [bytes((0x82, RIGHT))]  # reset communication, which clears the heartbeat consumer
+    # NMT stop; reset communication, which clears the heartbeat consumer
+    assert commands == [bytes((0x02, LEFT)), bytes((0x82, RIGHT))]
     robby.run(1000)
     assert robby.drives[LEFT].get(0x6041) & 0x4F == 0x08, "fault"
 
@@ -723,3 +724,37 @@ def test_a_run_without_drives_ends_soon_after_it_is_interrupted(benches, tmp_pat
     assert bench.until(lambda: bench.robot.state is RobotState.STOPPED) <= 2100
     assert bench.texts("stopped") == ["generic has stopped, drive_one, drive_two were not booted"]
     assert bench.robot.failure is None
+
+
+def test_the_drives_of_the_other_bus_are_ramped_down_if_one_of_two_buses_is_lost(tmp_path):
+    buses = MemoryBus.get("one-left"), MemoryBus.get("one-right")
+    reactor = Reactor(ManualClock(1_000_000_000))
+    setup = read_robot(find_robot(str(split_robby(tmp_path))), can=["memory:one-left", "right=memory:one-right"])
+    core, events = RobotCore(setup, reactor), []
+    core.observers.append(Observer(event=events.append))
+    left_port = open_port(setup.channels["can"], label="left")
+    left = make_device(next(iter(setup.buses["can"].eds_paths.values())), LEFT)
+    right_port = open_port(setup.channels["right"], label="right")
+    right = make_device(next(iter(setup.buses["right"].eds_paths.values())), RIGHT)
+    hosts = NodeHost(reactor, left_port, [left]), NodeHost(reactor, right_port, [right])
+    try:
+        core.start()
+        reactor.run_for(2_000_000_000)
+        for _ in range(10):
+            core.command(FORWARD, [10.0, 10.0], "test")
+            reactor.run_for(100_000_000)
+        before = left.get(0x606C)
+        buses[1].close()
+        reactor.run_for(100_000_000)  # the drive would notice the missing heartbeat after 500 ms
+        assert 0 < abs(left.get(0x606C)) < 0.8 * abs(before)
+        reactor.run_for(1_000_000_000)
+        assert core.state is RobotState.STOPPED
+        assert left.get(0x606C) == 0
+        assert left.get(0x6041) & 0x4F == 0x40, "disabled, not in the fault of a lost master"
+        assert "memory:one-right" in core.failure
+        (stopped,) = [event.text for event in events if event.kind == "stopped"]
+        assert "could not confirm that right_drive is disabled" in stopped
+    finally:
+        core.close()
+        for part in (*hosts, left_port, right_port, reactor):
+            part.close()
