@@ -1,11 +1,12 @@
 """Move one drive with the arrow keys; this needs only the EDS of the drive.
 
 On a bare bus (--can CHANNEL --eds FILE) the drive is configured as `init` would do it, booted, supervised, enabled and
-moved slowly; at the end it is stopped along its ramp and disabled. Nothing is stored in it. A drive of a running robot
-without controllers is moved through that robot. The drive moves while you hold an arrow key; with --for or --position
-it moves at once, and any key ends the motion. It stops when you release the key, at Ctrl-C, at a limit and when the
-terminal is lost. If this program is killed, the drive stops on its own, because it monitors this program. This is not
-an emergency stop (ISO 13850): have one within reach, and keep the shaft free.
+moved slowly; at the end it is stopped along its ramp and disabled. Nothing is stored in it; its mode (0x6060), its
+SYNC period (0x60C2) and its reaction to a lost master (0x6007) remain changed until it is reset or switched off. A
+drive of a running robot without controllers is moved through that robot. The drive moves while you hold an arrow key;
+with --for or --position it moves at once, and any key ends the motion. It stops when you release the key, at Ctrl-C, at
+a limit and when the terminal is lost. If this program is killed, the drive stops on its own, because it monitors this
+program. This is not an emergency stop (ISO 13850): have one within reach, and keep the shaft free.
 
 Exit codes: 0 success; 1 the drive failed or has a fault, nothing turned, or jog was suspended (Ctrl-Z); 2 wrong usage,
 wrong EDS or node; 130 interrupted by SIGINT or SIGTERM.

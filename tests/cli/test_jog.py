@@ -137,6 +137,23 @@ def test_a_fault_is_reported_and_reset_only_on_demand_which_moves_nothing(bench,
     assert bench.jog("--for", "0.3") == 0
 
 
+def test_a_drive_that_a_dead_program_left_enabled_is_refused_with_the_command_that_disables_it(
+    bench, no_terminal, capsys
+):
+    assert main(["nmt", "start", "5", "--can", bench.bus.channel]) == 0
+    for index, value in ((0x6060, "3"), (0x6040, "6"), (0x6040, "7"), (0x6040, "15")):
+        assert main(["sdo", "write", "5", f"0x{index:04X}", value, *bench.words]) == 0
+    axis = bench.drive.drives[0]
+    assert axis.state is State.OPERATION_ENABLED
+    assert bench.jog("--for", "0.3") == 1
+    error = capsys.readouterr().err
+    assert "another program has enabled it" in error
+    command = error.split("disable the drive with: canopen-control ")[1].split()
+    assert main(command) == 0
+    assert axis.state is State.READY_TO_SWITCH_ON
+    assert bench.jog("--for", "0.3") == 0
+
+
 def test_a_drive_that_its_robot_commands_is_left_to_it(private_folders, no_terminal, capsys):
     with running():
         assert main(["jog", "2", "--for", "1"]) == 2

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from canopen_control.cia402.objects import CONTROLWORD, axis_index
 from canopen_control.cli.support.arguments import one_name, timeout_seconds
 from canopen_control.cli.support.output import Progress
 from canopen_control.cli.support.target import RobotTarget, add_target_arguments, find_eds, names_file, open_target
@@ -103,7 +104,9 @@ def read_bare_drive(args: argparse.Namespace, *, with_fault: bool = False) -> De
             command = f"canopen-control jog {args.node} --can {args.can} --eds {args.eds} --fault-reset"
             raise DriveError(f"{node} has a fault: {words}; reset it with: {command}")
         if reason := why_not_free(node):
-            raise DriveError(reason)
+            write = f"0x{axis_index(CONTROLWORD, args.axis):04X} 6 --can {args.can} --eds {args.eds}"
+            disable = f"canopen-control sdo write {args.node} {write}"
+            raise DriveError(f"{reason}, or if it has died, disable the drive with: {disable}")
         if unfinished := unfinished_words(node, reached(args)):
             raise DriveError(
                 f"{unfinished}; the drive is not moved with mixed parameters; to allow it, delete the file"
