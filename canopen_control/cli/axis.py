@@ -1,6 +1,6 @@
 """Enable, disable, halt, quick-stop, fault-reset or home the drives of a running robot, or set their mode.
 
-Ctrl-C during `home` ends the homing: the axes ramp down to a standstill and are disabled.
+Ctrl-C during `home` or `enable` ends it: the axes ramp down to a standstill and are disabled.
 
 Exit codes: 0 done; 1 the robot or a drive refused it; 2 wrong usage, no robot runs, or no such node.
 """
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 EXAMPLE = "canopen-control axis enable all"
 ACTIONS = ("enable", "disable", "halt", "quick-stop", "fault-reset", "home", "mode")
 TIMEOUT_S = 20.0
-HOMING_S = 3600.0  # the robot's own limit (homing_timeout_seconds) comes first
+LONG_S = 3600.0  # the robot's own limits (homing_timeout_seconds, transition_timeouts_ms) come first
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     )
     try:
         with RobotClient.connect(args.name) as robot:
-            answer = robot.ask(request, HOMING_S if args.action == "home" else TIMEOUT_S)
+            answer = robot.ask(request, LONG_S if args.action in ("enable", "home") else TIMEOUT_S)
     except KeyboardInterrupt:
         if args.action == "home":
             _end_homing(args)

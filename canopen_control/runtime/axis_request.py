@@ -20,7 +20,7 @@ from canopen_control.hardware.system import with_partners
 from canopen_control.master.keys import MotionKeys
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.hardware.axis import AxisProcessData
@@ -133,6 +133,14 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
     return tuple(complete), "; ".join(notes)
 
 
+def stop_rising(joints: Iterable[JointDrive], now: int) -> list[JointDrive]:
+    """Stop those of the joints that are being enabled, and their groups; return these joints."""
+    rising = [joint for joint in joints if joint.enable_requested and not joint.machine.enabled]
+    for joint in rising:
+        joint.group.stop(now)
+    return rising
+
+
 class PendingAxisRequest:
     """Pending `action` on `joints`; `done` is called once, with None on success, else with an error text.
 
@@ -163,7 +171,10 @@ class PendingAxisRequest:
         refused = [joint for joint in late if self._refused(joint)]
         if self._cycles > 1 and (refused or now > self._deadline) and not self._explaining(now):
             named = [joint for joint in late if joint.machine.fault] or refused or late
-            self._done("; ".join(self._reason(joint) for joint in named))
+            reasons = "; ".join(self._reason(joint) for joint in named)
+            if self._action is Action.ENABLE:
+                stop_rising(late, now)  # a drive must not be enabled after the answer that it is not
+            self._done(reasons)
             return True
         return False
 
@@ -175,10 +186,12 @@ class PendingAxisRequest:
         return stopped
 
     def abandon(self, holder: object, now: int) -> list[str]:
-        """Stop the axes that this request homes, because its client has disconnected; return their names."""
-        if self._holder is not holder or holder is None or self._action is not Action.HOME:
+        """Stop the axes that this request homes or enables, because its client is gone; return their names."""
+        if self._holder is not holder or holder is None:
             return []
-        homing = [joint for joint in self._joints if joint.homing is not None]
+        if self._action is Action.ENABLE:
+            return [joint.joint for joint in stop_rising(self._joints, now)]
+        homing = [joint for joint in self._joints if self._action is Action.HOME and joint.homing is not None]
         for joint in homing:
             joint.stop(now)
         return [joint.joint for joint in homing]
@@ -270,6 +283,8 @@ def begin_action(
             system.prepare_enable(part)
         for system, part in parts:
             system.enable(part)
+        patience = [sum(joint.node.config.motion.transition_timeouts_ms.values()) for joint in joints]
+        return max(patience, default=0) * 1_000_000
     elif action is Action.HOME:
         _home_axes(joints, method)
         return max((round(joint.node.config.motion.homing_timeout_seconds * 1e9) for joint in joints), default=0)

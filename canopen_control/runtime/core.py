@@ -331,11 +331,11 @@ class RobotCore(CycledRobot):
             raise
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
-        """End commands and homings of a disconnected client; `why` completes the event text about the client."""
+        """End commands and actions of a disconnected client; `why` completes the event text about the client."""
         self.manager.running.client_disconnected(holder, why)
         now = self.reactor.now()
         for names in filter(None, [request.abandon(holder, now) for request in self._requests]):
-            text = f"the client that homes {', '.join(names)} {why}, so the homing has ended; the drives are disabled"
+            text = f"the client that enables or homes {', '.join(names)} {why}, so its drives are stopped and disabled"
             self.report(Event(now, "commander_gone", "", text, Level.WARNING))
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
@@ -380,7 +380,7 @@ class RobotCore(CycledRobot):
         Raise ControlError if the action is refused. The action includes all axes of a base; returns a text that names
         the added axes, and the axes that "all" cannot enable, or "". `joint` selects one of several axes of a node.
         `method` is the homing method (None: the method in 0x6098), `mode` the mode of operation by name or number.
-        A homing ends when `client_disconnected` is called with its `holder`.
+        An unfinished enabling or homing ends when `client_disconnected` is called with its `holder`.
         """
         now = self.reactor.now()
         if action in MOVING_ACTIONS:

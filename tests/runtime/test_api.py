@@ -770,7 +770,7 @@ def test_the_homing_of_a_client_that_is_gone_ends(tmp_path, waits):
     servo.run(1000)
     assert joint.machine.enabled is not waits
     assert servo.texts("commander_gone") == (
-        ["the client that homes one is gone, so the homing has ended; the drives are disabled"] if waits else []
+        ["the client that enables or homes one is gone, so its drives are stopped and disabled"] if waits else []
     )
     server.close()
     servo.close()

@@ -2,6 +2,7 @@ import pytest
 from support.generic import write_generic
 from support.robots import LEFT, Bench
 
+from canopen_control.cia402.state import Command
 from canopen_control.errors import CanopenError, ControlError
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.runtime.core import REQUEST_TIMEOUT_NS
@@ -112,3 +113,49 @@ def test_a_touch_probe_is_read_where_there_is_one(robby, tmp_path):
     servo.until(lambda: len(results) == 2, ms=20_000)
     assert "node 2 (drive_one)" in results[1]
     servo.close()
+
+
+@pytest.fixture
+def slow(tmp_path):
+    """Return a robot of two drives, one of which does not leave SWITCHED_ON, and has 30 s for that."""
+    config = write_generic(tmp_path, modes="velocity_mode: 3", extra="transition_timeouts_ms: {4: 30000}")
+    bench = Bench("slow", config=config, drives=(2, 3), controllers=["velocity"])
+    bench.start()
+    assert ask(bench, Action.DISABLE) == [None]
+    bench.run(1000)
+    power = bench.drives[2].drives[0].power
+    obey = power.obey
+    power.obey = lambda command, now: None if command is Command.ENABLE_OPERATION else obey(command, now)
+    bench.release = lambda: setattr(power, "obey", obey)
+    yield bench
+    bench.close()
+
+
+@pytest.mark.sources
+def test_enabling_has_the_time_that_bus_yml_gives(slow):
+    answers = []
+    slow.robot.axis(Action.ENABLE, "all", answers.append)
+    slow.run(15_000)
+    assert answers == []
+    slow.release()
+    slow.until(lambda: answers)
+    assert answers == [None]
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize("lost", [True, False])
+def test_no_drive_is_enabled_after_its_request_has_ended(slow, lost):
+    answers, client = [], object()
+    slow.robot.axis(Action.ENABLE, "all", answers.append, holder=client)
+    slow.run(1000)
+    if lost:  # Ctrl-C
+        slow.robot.client_disconnected(client)
+        assert "so its drives are stopped and disabled" in slow.texts("commander_gone")[-1]
+    else:
+        slow.robot._requests[0]._deadline = slow.reactor.now()
+    slow.until(lambda: answers)
+    assert "enable not reached" in answers[0]
+    slow.run(1000)
+    slow.release()
+    slow.run(5000)
+    assert [drive.get(0x6041) & 0x6F for drive in slow.drives.values()] == [0x40, 0x40]
