@@ -223,3 +223,17 @@ def test_many_threads_may_use_one_robot(robot):
     for thread in threads:
         thread.join(60)
     assert wrong == []
+
+
+def test_homing_and_enabling_are_waited_for_as_long_as_the_robot_needs(robot, monkeypatch):
+    times = {}
+
+    def ask(_client, request, timeout=None):
+        times[request.action] = timeout
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RobotClient, "ask", ask)
+        for action in ("home", "enable", "disable"):
+            robot.axis(action)
+    assert times["home"] == times["enable"] == 3600.0, "a homing that goes on must not seem to have failed"
+    assert times["disable"] < 60.0
