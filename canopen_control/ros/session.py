@@ -38,10 +38,11 @@ from canopen_control.ros.robot_topics import (
     SimulationServices,
     TopicHardware,
 )
-from canopen_control.rpc.client import ReactorClient
+from canopen_control.rpc.client import ENDLESS, ReactorClient
 from canopen_control.rpc.messages.parameters import MANAGER, GetParameters
 from canopen_control.rpc.messages.robot import (
     ROBOT,
+    AxisRequest,
     GetDescription,
     GetLayout,
     GetNodes,
@@ -405,7 +406,8 @@ class RosSession:
             self._spinner.call(function)
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
-        self._asker.ask(request, answer)
+        # the robot's own limits (homing_timeout_seconds, transition_timeouts_ms) may be longer than the usual timeout
+        self._asker.ask(request, answer, ENDLESS if isinstance(request, AxisRequest) else None)
 
     # ------------------------------------------------------------------------------------------- robot to ROS
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.rpc.messages.robot import (
+    AxisRequest,
     CommandController,
     GetDescription,
     GetNodes,
@@ -223,7 +224,8 @@ class DeadMan:
 
 
 _TIMEOUT_S: Final = 2.0
-_ACTION_TIMEOUT_S: Final = 20.0  # for actions such as enabling
+_ACTION_TIMEOUT_S: Final = 20.0
+_ENABLE_TIMEOUT_S: Final = 3600.0  # the robot's own limit (transition_timeouts_ms) comes first
 
 
 class RobotConnection:
@@ -276,7 +278,8 @@ class RobotConnection:
         """Send a request on a separate connection and wait; return the reason for a failure, or None on success."""
         try:
             with RobotClient.connect(self.name, _TIMEOUT_S) as client:
-                client.ask(request, _ACTION_TIMEOUT_S)
+                is_enable = isinstance(request, AxisRequest) and request.action == "enable"
+                client.ask(request, _ENABLE_TIMEOUT_S if is_enable else _ACTION_TIMEOUT_S)
         except CanopenError as error:
             return str(error)
         return None

@@ -12,7 +12,9 @@ from support.ros import eventually
 
 from canopen_control.errors import RemoteError
 from canopen_control.ros.session import Mailbox, RosSession, RosTime, uses_sim_time
+from canopen_control.rpc.client import ENDLESS
 from canopen_control.rpc.messages.parameters import ParameterReading
+from canopen_control.rpc.messages.robot import AxisRequest, GetNodes
 from canopen_control.rpc.messages.samples import ImuSample, JointStatesSample, OdometrySample
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
@@ -357,3 +359,12 @@ def _warned(stage):
     if not hasattr(stage, "logging"):
         stage.logging = stage.peer.order("subscribe", topic="/rosout", of="rcl_interfaces/msg/Log", qos="latched")
     return any("sent an invalid message" in message["msg"] for message in stage.peer.waiting("/rosout"))
+
+
+@pytest.mark.sources
+def test_an_axis_action_is_waited_for_as_long_as_the_robot_needs():
+    asked, session = [], object.__new__(RosSession)
+    session._asker = SimpleNamespace(ask=lambda _request, _answer, timeout_ns=None: asked.append(timeout_ns))
+    session.ask(AxisRequest(action="home", node="left_drive"), print)
+    session.ask(GetNodes(), print)
+    assert asked == [ENDLESS, None], "a homing that goes on must not seem to have failed"
