@@ -59,7 +59,7 @@ from canopen_control.master.plan_pdos import (
     warn_of_unwatched_outputs,
 )
 from canopen_control.od.codec import encode
-from canopen_control.od.eds_sections import COMMISSIONING
+from canopen_control.od.eds_sections import saved_node_id
 from canopen_control.od.indices import (
     COB_ID_EMCY,
     COB_ID_SYNC,
@@ -93,7 +93,6 @@ SUPERVISION = frozenset((HEARTBEAT_CONSUMER, HEARTBEAT_PRODUCER, GUARD_TIME, LIF
 FACTORS = tuple((index, sub) for index in (POSITION_ENCODER_RESOLUTION, GEAR_RATIO, FEED_CONSTANT) for sub in (1, 2))
 """Objects that determine the position counts per turn."""
 _MILLISECOND = 1_000_000
-_NODE_ID = re.compile(r"0[xX][0-9A-Fa-f]{1,2}|[1-9][0-9]{0,2}")
 _NODE_ID_NAME = re.compile(r"(?i)(?:can ?)?node[ _-]?id")
 _STOPS = "a lost master stops the motor"
 _NO_HEARTBEAT = "node guarding replaces the heartbeat, which would disable it"
@@ -308,10 +307,7 @@ def _check_identity(builder: PlanBuilder) -> None:
 
 def _warn_of_another_node(builder: PlanBuilder) -> None:
     """Warn about a DCF that was saved for another node, if COB-IDs or the node-ID of that node are written."""
-    titles = {title.lower(): texts for title, texts in builder.od.sections.items()}
-    section = next((titles[name] for name in COMMISSIONING if name in titles), {})
-    text = next((value for key, value in section.items() if key.lower() == "nodeid"), "")
-    saved, node_id = int(text, 0) if _NODE_ID.fullmatch(text.strip()) else 0, builder.node.node_id
+    saved, node_id = saved_node_id(builder.od), builder.node.node_id
     if not saved or saved == node_id or builder.node.boot.configuration_file:
         return
     foreign = [

@@ -131,7 +131,10 @@ _DEVICE_ORDER = (
 )
 _FIRST = ("fileinfo", "deviceinfo", "dummyusage", "comments")
 _TITLES = dict(zip(_FIRST, ("FileInfo", "DeviceInfo", "DummyUsage", "Comments"), strict=True))
-_COMPACT_KEYS = ("compactsubobj", "datatype", "accesstype", "defaultvalue", "pdomapping", "lowlimit", "highlimit")
+_COMPACT_KEYS = (
+    *("compactsubobj", "datatype", "accesstype", "defaultvalue", "pdomapping", "lowlimit", "highlimit"),
+    "parametervalue",
+)
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _MANUFACTURER = range(0x2000, 0x6000)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -18,6 +19,7 @@ from canopen_control.frame import EXTENDED_BIT, is_restricted
 from canopen_control.od.codec import forbidden_limit
 from canopen_control.od.dcf import decode_concise
 from canopen_control.od.eds_sections import (
+    COMMISSIONING,
     EntryReader,
     Pair,
     RangeType,
@@ -48,7 +50,7 @@ from canopen_control.od.model import (
     ObjectInfo,
     profile_type,
 )
-from canopen_control.od.pdos import INVALID, MAX_BITS, is_cob_id, pdos_of
+from canopen_control.od.pdos import COUNT, INVALID, MAPPING, MAX_BITS, is_cob_id, pdos_of
 from canopen_control.od.xdd import is_xml, xdd_sections
 
 if TYPE_CHECKING:
@@ -378,7 +380,7 @@ _SECTION = re.compile(r"^\s*\[[0-9A-Fa-f]{4}", re.MULTILINE)  # section of an ob
 _RANGE_SUB = re.compile(r"([0-9a-f]{2,4}) ?sub ?0?1")
 _RANGES = range(0x40, 0x260)  # manufacturer-specific data types (CiA 301, 7.4.7)
 _COMPACT = re.compile(r"([0-9a-f]{4})(name|value)")
-_LOOKS_LIKE_OBJECT = re.compile(r"[0-9][0-9a-f]{3}(?!denotation\Z)")
+_LOOKS_LIKE_OBJECT = re.compile(r"(?:0x)?[0-9][0-9a-f]{3}(?!denotation\Z|objectlinks\Z)")
 _MODULE = re.compile(r"m[0-9]+moduleinfo")
 _HIGHEST_SUB = 0xFE
 _TYPES: dict[int | None, DataType] = {int(data_type): data_type for data_type in DataType}
@@ -624,23 +626,38 @@ class _Reader:
         self.od.entries[index, subindex] = self.entry_reader.read(section, index, subindex, name, code)
 
     def _expand(self, section: Section, index: int, count: int) -> None:
-        """Create the entries that CompactSubObj implies (CiA 306-1, 4.6.3.4)."""
+        """Create the entries that CompactSubObj implies (CiA 306-1, 4.6.3.4).
+
+        The section [xxxxValue] has the ParameterValues of the subindices in a DCF, and their defaults in an EDS.
+        """
         label = self.od.objects[index].name
-        entries = self.od.entries
-        entries[index, 0] = Entry(
-            index, 0, "Highest sub-index supported", DataType.UNSIGNED8, "ro", default=count, line=section.line
-        )
         names = self._compact_pairs(f"{index:04x}name", count)
         values = self._compact_pairs(f"{index:04x}value", count)
         values_section = self.sections.get(f"{index:04x}value")
         model = self.entry_reader.read(section, index, 1, label, ObjectCode.VAR)
+        is_dcf = "parametervalue" in section.values or any(name in self.sections for name in COMMISSIONING)
+        subs: list[Entry] = []
         for subindex in range(1, count + 1):
-            name = names[subindex].value if subindex in names else f"{label}{subindex}"
-            pair = values.get(subindex)
-            if pair is None:
-                entries[index, subindex] = self.entry_reader.like(model, subindex, name)
-            else:
-                entries[index, subindex] = self.entry_reader.like(model, subindex, name, values_section, pair.key)
+            name = (names[subindex].value if subindex in names else "") or f"{label}{subindex}"
+            entry = self.entry_reader.like(model, subindex, name)
+            if (pair := values.get(subindex)) is not None and values_section is not None:
+                entry = self.entry_reader.with_value(entry, values_section, pair.key, is_dcf=is_dcf)
+            subs.append(entry)
+        for entry in (self._compact_sub0(model, subs, section.line), *subs):
+            self.od.entries[entry.address] = entry
+
+    @staticmethod
+    def _compact_sub0(model: Entry, subs: list[Entry], line: int) -> Entry:
+        """Return subindex 0 of an object with CompactSubObj: the number of subindices, which cannot be written.
+
+        In a mapping record it is the number of mapped objects instead, and can be written as they can (CiA 301,
+        7.5.2.36 and 7.5.2.38). dcfgen describes the mapping records of a file with CompactPDO in this way.
+        """
+        access, count = "ro", len(subs)
+        if any(first <= model.index < first + COUNT for first in MAPPING.values()):
+            access, count = model.access, sum(1 for _ in takewhile(lambda entry: entry.value, subs))
+        name = "Highest sub-index supported"
+        return Entry(model.index, 0, name, DataType.UNSIGNED8, access, default=count, line=line)
 
     def _compact_pairs(self, name: str, count: int) -> dict[int, Pair]:
         """Return the pairs of an [xxxxName] or [xxxxValue] section, by subindex."""
@@ -648,11 +665,14 @@ class _Reader:
         if section is None:
             return {}
         pairs: dict[int, Pair] = {}
-        for pair in section.numbered():
-            subindex = int(pair.key) if len(pair.key) < 5 else -1
+        for pair in section.pairs():
+            if pair.key.lower() == "nrofentries":
+                continue
+            subindex = int(pair.key) if pair.key.isascii() and pair.key.isdigit() and len(pair.key) < 5 else -1
             if 0 < subindex <= count and subindex not in pairs:
                 pairs[subindex] = pair
             else:
-                text = f"[{section.title}] has the key {clip(pair.key)}, which is repeated or not 1 to {count}; ignored"
+                what = f"which is repeated or not a decimal number from 1 to {count}"
+                text = f"[{section.title}] has the key {clip(pair.key)}, {what}; ignored"
                 self.report.warning(pair.line, "compact-unused", text)
         return pairs

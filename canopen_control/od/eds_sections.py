@@ -90,14 +90,14 @@ class Section:
         """Return the texts by key, with keys as spelled in the file."""
         return self.written
 
+    def pairs(self) -> Iterator[Pair]:
+        """Yield all pairs."""
+        pairs = zip(self.values, self.written.items(), strict=True)
+        return (Pair(written, value, self.line_of(key)) for key, (written, value) in pairs)
+
     def numbered(self) -> Iterator[Pair]:
         """Yield the pairs with a numeric key, as in object lists."""
-        pairs = zip(self.values, self.written.items(), strict=True)
-        return (
-            Pair(written, value, self.line_of(key))
-            for key, (written, value) in pairs
-            if key.isascii() and key.isdigit()
-        )
+        return (pair for pair in self.pairs() if pair.key.isascii() and pair.key.isdigit())
 
 
 def _lines_of_keys(body: str, line: int) -> dict[str, int]:
@@ -299,16 +299,18 @@ class _Splitter:
 
 
 _TYPES: dict[int, DataType] = {int(data_type): data_type for data_type in DataType}
+_TYPE_NAMES = {data_type.name: data_type for data_type in DataType}
 _ACCESS = {name: name for name in ACCESS_TYPES}
 _ACCESS_ALIASES = {
     "r": "ro",
     "w": "wo",
-    "r/w": "rw",
     "wr": "rw",
     "readonly": "ro",
     "writeonly": "wo",
     "readwrite": "rw",
+    "constant": "const",
 }
+_SEPARATORS = re.compile(r"[\s/_-]+")
 _VALUE_KEYS = ("defaultvalue", "parametervalue")
 
 
@@ -385,11 +387,18 @@ class EntryReader:
             section.texts(),
         )
 
-    def like(self, model: Entry, subindex: int, name: str, values: Section | None = None, key: str = "") -> Entry:
-        """Return a copy of `model` for another subindex, with the default of `key` in `values` if given."""
-        parsed = _NO_VALUE if values is None else self._read_value(values, key, model.data_type)
-        default, relative, _ = Parsed(model.default, model.relative) if parsed is _NO_VALUE else parsed
-        return replace(model, subindex=subindex, name=name, default=default, relative=relative, texts={})
+    def like(self, model: Entry, subindex: int, name: str) -> Entry:
+        """Return a copy of `model` for another subindex."""
+        return replace(model, subindex=subindex, name=name, texts={})
+
+    def with_value(self, entry: Entry, values: Section, key: str, *, is_dcf: bool) -> Entry:
+        """Return a copy of an entry with the value of `key` as its ParameterValue in a DCF, else as its default."""
+        parsed = self._read_value(values, key, entry.data_type)
+        if parsed is _NO_VALUE:
+            return entry
+        if is_dcf:
+            return replace(entry, parameter_value=parsed.value, parameter_relative=parsed.relative)
+        return replace(entry, default=parsed.value, relative=parsed.relative)
 
     def _traits(self, section: Section, code: int, address: Address) -> _Traits:
         text = section.values.get
@@ -419,7 +428,15 @@ class EntryReader:
     def _data_type(self, section: Section, code: int, address: Address) -> tuple[DataType, bool]:
         if "datatype" not in section.values and code == ObjectCode.DOMAIN:
             return DataType.DOMAIN, True
-        number = optional_number(section, "datatype", self.report)
+        named = _TYPE_NAMES.get(section.get("datatype").partition(";")[0].strip().upper())
+        if named is not None:
+            text = f"DataType={clip(section.get('datatype'))} is a name; treated as 0x{named:04X}, its number"
+            self.report.warning(section.line_of("datatype"), "data-type", text)
+            return named, True
+        report = Report(self.report.path)
+        number = optional_number(section, "datatype", report)
+        if number is not None:
+            self.report.issues += report.issues  # if it is no number, one issue below is enough
         ranged = self.ranges.get(number) if number is not None else None
         if ranged is not None:
             return ranged.base, True
@@ -452,7 +469,8 @@ class EntryReader:
         return self.ranges.get(number) if number is not None else None
 
     def _access(self, section: Section) -> str:
-        text, _, comment = (part.strip() for part in section.get("accesstype").lower().partition("#"))
+        plain = section.get("accesstype").partition(";")[0]  # an ordinary comment (CiA 306-1, 4.2)
+        text, _, comment = (part.strip() for part in plain.lower().partition("#"))
         access = _ACCESS.get(text)
         if access is not None and comment:
             message = (
@@ -460,7 +478,7 @@ class EntryReader:
             )
             self.report.warning(section.line_of("accesstype"), "number-comment", message)
         if access is None:
-            access = _ACCESS_ALIASES.get(text, "rw")
+            access = _ACCESS_ALIASES.get(_SEPARATORS.sub("", text), "rw")
             description = f"AccessType={clip(text)} is unknown" if text else f"[{section.title}] has no AccessType"
             self.report.warning(section.line_of("accesstype"), "access-type", f"{description}; treated as {access}")
         return access
@@ -615,6 +633,17 @@ def _commission(od: ObjectDictionary, section: Section, report: Report) -> None:
         canopen_manager=read_number(section, "canopenmanager", 0, report) != 0,
         lss_serial_number=optional_number(section, "lss_serialnumber", report),
     )
+
+
+def saved_node_id(od: ObjectDictionary) -> int:
+    """Return the node-ID for which a DCF was saved, from its section [DeviceComissioning]; 0 if it has none."""
+    titles = {title.lower(): texts for title, texts in od.sections.items()}
+    section = next((titles[name] for name in COMMISSIONING if name in titles), {})
+    text = next((value for key, value in section.items() if key.lower() == "nodeid"), "")
+    try:
+        return parse_number(text).value
+    except ValueError:
+        return 0
 
 
 def _bitrate(section: Section, report: Report) -> int | None:

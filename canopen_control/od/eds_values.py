@@ -62,6 +62,9 @@ _UTF8 = ValueIssue("text-utf8", Severity.NOTE, "characters outside ISO 8859-1 ar
 _DAYS = ValueIssue("time-form", Severity.NOTE, "two numbers are treated as days and milliseconds")
 _TWO, _LATIN = 2, 0xFF
 _TWOS = ValueIssue("number-sign", Severity.WARNING, "treated as two's complement")
+_EXTENDED = ValueIssue("number-sign", Severity.WARNING, "treated as two's complement with more bits than the type")
+_PARENTHESES = ValueIssue("number-form", Severity.WARNING, "the parentheses are ignored")
+_WIDER = (32, 64)  # bits of the integers that tools print in hexadecimal
 
 
 def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> Parsed:
@@ -158,13 +161,18 @@ def _odd_number(text: str, issue: ValueIssue | None) -> Number:
 
 def _relative(text: str, node_id: int | None) -> Number:
     """Return the value of a sum such as ``$NODEID+0x200``, with its terms in any order; raise ValueError if invalid."""
-    text = text.partition(";")[0]
+    text = text.partition(";")[0].strip()
+    issue = None
+    if text.startswith("(") and text.endswith(")"):
+        text, issue = text[1:-1], _PARENTHESES
     parts = [part.strip() for part in text.split("+", 4)]
     names = [part for part in parts if "$" in part]
     if len(names) != 1 or names[0].lower() != _NODE_ID:
         raise ValueError("neither a number nor $NODEID plus a number")
     numbers = [parse_number(part) for part in parts if "$" not in part]
-    issue = next((number.issue for number in numbers if number.issue is not None), None)
+    if sum(number.value for number in numbers) < 0:  # as an unsigned number it would have another value per node
+        raise ValueError("$NODEID minus a number is not possible (CiA 306-1)")
+    issue = next((number.issue for number in numbers if number.issue is not None), issue)
     return Number(sum(number.value for number in numbers) + (node_id or 0), True, issue)
 
 
@@ -175,6 +183,9 @@ def _fitted(number: Number, data_type: DataType, relative: bool, text: str) -> P
         return Parsed(value, relative, issue)
     if high < value < span:  # only signed types have this gap
         return Parsed(value - span, relative, issue or (None if is_hex else _TWOS))
+    for bits in _WIDER:  # INTEGER16 as 0xFFFF8000
+        if is_hex and low < 0 and low <= value - (1 << bits) < 0:
+            return Parsed(value - (1 << bits), relative, issue or _EXTENDED)
     if -span // 2 <= value < 0 and low == 0 and span > 2:
         return Parsed(value + span, relative, issue or _TWOS)
     raise ValueError(f"{text[:_MAX_DIGITS]} does not fit {data_type.name} ({low} to {high})")

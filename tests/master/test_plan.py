@@ -385,7 +385,8 @@ def saved_for(folder, node_id, object_name="Node-ID"):
     text += f"ParameterValue={node_id}\n\n[DeviceComissioning]\nNodeID={node_id}\n"
     cob_id = "DefaultValue=$NODEID+0x200\n"
     assert cob_id in text
-    (folder / "saved.dcf").write_text(text.replace(cob_id, f"{cob_id}ParameterValue=0x{0x200 + node_id:X}\n", 1))
+    number = int(str(node_id).partition(";")[0])
+    (folder / "saved.dcf").write_text(text.replace(cob_id, f"{cob_id}ParameterValue=0x{0x200 + number:X}\n", 1))
     return "saved.dcf"
 
 
@@ -395,6 +396,7 @@ def saved_for(folder, node_id, object_name="Node-ID"):
         (7, "", "Node-ID", ["RPDO 1 0x207", "Node-ID (0x2F00) = 7"]),
         (7, "rpdo: {1: {cob_id: auto}}", "Node ID", ["Node ID (0x2F00) = 7"]),
         (7, "rpdo: {1: {cob_id: auto}}", "Node-ID of the SDO client", []),
+        ("07 ; left", "rpdo: {1: {cob_id: auto}}", "Node ID", ["Node ID (0x2F00) = 7"]),
         (3, "", "Node-ID", []),
     ],
 )

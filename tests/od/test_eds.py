@@ -16,7 +16,7 @@ from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
 from canopen_control.od import eds as eds_module
 from canopen_control.od.codec import default_of, encode
-from canopen_control.od.dcf import eds_text, encode_concise
+from canopen_control.od.dcf import concise_of, eds_text, encode_concise
 from canopen_control.od.eds import parse_eds, read_eds
 from canopen_control.od.issues import Severity
 from canopen_control.od.model import TYPES, DataType, ObjectCode
@@ -459,7 +459,7 @@ def test_subindices_are_hexadecimal_in_any_spelling(title):
     assert (0x2000, 0x1F) in parse(eds("2000sub1F")).od
 
 
-@pytest.mark.parametrize("title", ["1018sub", "1018sub100", "1018subG", "20005"])
+@pytest.mark.parametrize("title", ["1018sub", "1018sub100", "1018subG", "20005", "0x2000", "0x2000sub1"])
 def test_what_resembles_an_object_and_is_none_is_reported(title):
     file = parse(DEVICE_TYPE, section(title, ParameterName="x"))
     assert codes(file) == ["section-unknown"]
@@ -479,10 +479,42 @@ def test_compact_objects_have_names_values_and_a_default_for_the_others():
     assert codes(file) == []
     subs = [file.od[0x2000, subindex] for subindex in (1, 2, 3)]
     assert [entry.name for entry in subs] == ["Things1", "second", "third"]
+    assert parse(compact(1), section("2000Name", **{"1": ""})).od[0x2000, 1].name == "Things1"
     assert [entry.default for entry in subs] == [0x205, 7, 0x30]
     assert [entry.relative for entry in subs] == [True, False, False]
     assert all(entry.pdo_mappable for entry in subs)
     assert (file.od[0x2000, 0].default, file.od[0x2000, 0].data_type) == (3, DataType.UNSIGNED8)
+
+
+def concise(file):
+    return [(subindex, int.from_bytes(data, "little")) for _, subindex, data in concise_of(file.od)]
+
+
+def test_values_of_compact_objects_in_a_dcf_are_parameter_values():
+    """[xxxxValue] overrides the ParameterValue of the object, and is written at boot (CiA 306-1, 4.6.3.4)."""
+    values = section("2000Value", NrOfEntries=2, **{"2": "7", "3": "$NODEID+0x200"})
+    commissioning = section("DeviceComissioning", NodeID=5)
+    file = parse(compact(3, DefaultValue="1"), values, commissioning)
+    assert [file.od[0x2000, subindex].default for subindex in (1, 2, 3)] == [1, 1, 1]
+    assert concise(file) == [(2, 7), (3, 0x205)]
+    assert file.od[0x2000, 3].parameter_relative
+    for more in ([], [commissioning]):
+        file = parse(compact(3, ParameterValue="9"), values, *more, node_id=5)
+        assert concise(file) == [(1, 9), (2, 7), (3, 0x205)]
+    again = parse_eds(eds_text(file.od).encode(), 5)
+    assert again.od.entries == file.od.entries
+    assert "ParameterValue" not in again.od.objects[0x2000].texts
+
+
+def test_a_compact_mapping_record_counts_its_mapped_objects():
+    """Subindex 0 as a constant would make the mapping of bus.yml impossible, and map objects at address 0."""
+    for values, count in (({}, 0), ({"1": "0x60400010", "2": "0x60600008", "4": "0x60FF0020"}, 2)):
+        text = section("1600Value", NrOfEntries=len(values), **values)
+        for access in ("rw", "ro"):
+            od = parse(compact(8, index="1600").replace("AccessType=rw", f"AccessType={access}"), text).od
+            assert (od[0x1600, 0].default, od[0x1600, 0].access) == (count, access)
+            assert od.subindices(0x1600) == list(range(9))
+    assert [(entry.subindex, entry.access) for entry in parse(compact(1, index="1010")).od] == [(0, "ro"), (1, "rw")]
 
 
 @pytest.mark.parametrize(
@@ -493,6 +525,7 @@ def test_compact_objects_have_names_values_and_a_default_for_the_others():
         (compact("x"), ["key-number", "sub-missing"]),
         (compact(2) + section("2000Value", **{"3": "1"}), ["compact-unused"]),
         (compact(2) + section("2000Value", **{"1": "1", "01": "2"}), ["compact-unused"]),
+        (compact(2) + section("2000Value", **{"0x1": "1"}), ["compact-unused"]),
         (compact(2) + section("2000Value", **{"1": "x"}), ["value-form"]),
         (DEVICE_TYPE + section("1000Value", **{"1": "x"}), ["compact-unused"]),
     ],

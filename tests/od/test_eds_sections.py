@@ -79,8 +79,17 @@ def test_an_unknown_type_is_bytes_and_the_value_stays_as_text(data_type):
     file = parse(eds(data_type=data_type, DefaultValue="5"))
     entry = only(file)
     assert (entry.data_type, entry.default, entry.texts["DefaultValue"]) == (DataType.DOMAIN, None, "5")
-    issue = next(issue for issue in file.issues if issue.code == "data-type")
+    (issue,) = [issue for issue in file.issues if issue.code in ("data-type", "key-number")]
+    assert issue.code == "data-type"
     assert "its values are kept as text" in issue.text
+
+
+@pytest.mark.parametrize("text", ["INTEGER16", "integer16 ; signed"])
+def test_the_name_of_a_type_is_read_as_its_number(text):
+    file = parse(eds(data_type=text, DefaultValue="-5"))
+    assert (only(file).data_type, only(file).default) == (DataType.INTEGER16, -5)
+    (issue,) = [issue for issue in file.issues if issue.code == "data-type"]
+    assert issue.text.endswith("is a name; treated as 0x0003, its number")
 
 
 def test_a_domain_needs_no_type():
@@ -95,6 +104,10 @@ def test_a_domain_needs_no_type():
         ("Const", "const", []),
         ("r/w", "rw", ["access-type"]),
         ("readonly", "ro", ["access-type"]),
+        ("Read-Only", "ro", ["access-type"]),
+        ("read only", "ro", ["access-type"]),
+        ("constant", "const", ["access-type"]),
+        ("ro ; as the others", "ro", []),
         ("const # as the others", "const", ["number-comment"]),
         ("?", "rw", ["access-type"]),
         (None, "rw", ["access-type"]),

@@ -72,12 +72,25 @@ def test_what_is_not_a_number(text):
         (" $NODEID + 512 ; COB-ID", 515),
         ("$NODEID+0x40000000+0x200", 0x40000203),
         ("$NODEID+0x80000300", 0x80000303),
+        ("($NODEID + 0x200)", 0x203),
     ],
 )
 def test_the_node_id_stands_anywhere(text, value):
     parsed = parse_value(text, DataType.UNSIGNED32, 3)
     assert (parsed.value, parsed.relative) == (value, True)
     assert parse_value(text, DataType.UNSIGNED32).value == value - 3
+
+
+def test_parentheses_around_a_sum_are_reported():
+    issue = parse_value("($NODEID+0x200)", DataType.UNSIGNED32, 3).issue
+    assert issue is not None
+    assert issue.text == "the parentheses are ignored"
+
+
+def test_a_sum_below_the_node_id_is_refused():
+    """As two's complement it would become 0x100000002 for node 3."""
+    with pytest.raises(ValueError, match="minus a number"):
+        parse_value("-1+$NODEID", DataType.UNSIGNED32)
 
 
 @pytest.mark.parametrize("text", ["$MY_NODE_ID+0x200", "$NODEID-1", "$NODEID+$NODEID", "$NODEID+x", "$NODEID*2", "$"])
@@ -93,6 +106,9 @@ def test_what_is_not_a_node_id(text):
         ("0xFD", DataType.INTEGER8, -3, None),
         ("0xFFFFFF", DataType.INTEGER24, -1, None),
         ("4294967295", DataType.INTEGER32, -1, "number-sign"),
+        ("0xFFFF8000", DataType.INTEGER16, -32768, "number-sign"),
+        ("0xFFFFFFF6", DataType.INTEGER8, -10, "number-sign"),
+        ("0xFFFFFFFFFFFFFFFE", DataType.INTEGER32, -2, "number-sign"),
         ("-1", DataType.UNSIGNED32, 0xFFFFFFFF, "number-sign"),
         ("-128", DataType.INTEGER8, -128, None),
         ("1", DataType.BOOLEAN, 1, None),
@@ -106,7 +122,15 @@ def test_two_s_complement_is_the_type_s(text, data_type, value, code):
 
 @pytest.mark.parametrize(
     ("text", "data_type"),
-    [("256", "UNSIGNED8"), ("0x100", "INTEGER8"), ("-129", "INTEGER8"), ("2", "BOOLEAN"), ("-1", "BOOLEAN")],
+    [
+        ("256", "UNSIGNED8"),
+        ("0x100", "INTEGER8"),
+        ("0xFFFF7FFF", "INTEGER16"),
+        ("0xFFFFFFFF", "UNSIGNED8"),
+        ("-129", "INTEGER8"),
+        ("2", "BOOLEAN"),
+        ("-1", "BOOLEAN"),
+    ],
 )
 def test_what_a_type_cannot_hold_is_refused(text, data_type):
     with pytest.raises(ValueError, match=f"does not fit {data_type}"):

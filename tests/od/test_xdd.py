@@ -118,7 +118,7 @@ def test_a_written_file_of_one_device_has_its_node_id_and_its_values():
         ({"ObjectType": "0x07 # VAR"}, 'objectType="7" dataType="0007"'),
         ({"ObjectType": "07", "DataType": "0007h"}, 'objectType="7" dataType="0007"'),
         ({"ObjectType": "VAR", "DataType": "0x0004 # INTEGER32"}, 'objectType="7" dataType="0004"'),
-        ({"DataType": "UNSIGNED32"}, 'objectType="7" dataType="000F"'),
+        ({"DataType": "UNSIGNED16"}, 'objectType="7" dataType="0006"'),
         ({"PDOMapping": "0x00"}, 'PDOmapping="no"'),
         ({"PDOMapping": "1", "AccessType": "RWW"}, 'accessType="rw" PDOmapping="RPDO"'),
         ({"ObjFlags": "1 # no download"}, 'objFlags="0001"'),
