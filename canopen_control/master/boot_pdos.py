@@ -377,8 +377,9 @@ def _restore_own(
         yield from _write_unless_refused(transfers, mapping, 0, count)
     objects = []
     for slot in range(1, ((yield from transfers.number(mapping)) or 0) + 1):
-        entry = (yield from transfers.number(mapping, slot)) or 0
-        objects.append(parse_mapping_entry(entry))
+        mapped = parse_mapping_entry((yield from transfers.number(mapping, slot)) or 0)
+        if mapped[2]:  # an entry of 0 maps nothing, as in a plan
+            objects.append(mapped)
     cob_id = (yield from transfers.number(communication, 1)) or INVALID_BIT
     kind = yield from transfers.number(communication, 2)
     return _DevicePdo(cob_id, 255 if kind is None else kind, tuple(objects))

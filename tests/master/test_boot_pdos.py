@@ -216,6 +216,14 @@ def test_a_fixed_mapping_that_carries_what_is_needed_is_adopted_with_its_order()
     assert "RPDO 1 is used with the node's own mapping (0x6060:00, 0x6040:00): it refuses" in transfers.warnings[0]
 
 
+def test_empty_entries_of_a_fixed_mapping_map_nothing():
+    node = device(0x60400010, 0, 0x60600008, 0, refuse=MAPPING_FIXED)
+    transfers = run(node)
+    assert transfers.adopted[0][1].objects == (CONTROLWORD, MODE)
+    with pytest.raises(BootError, match=r"its own mapping \(0x6040:00\) lacks 0x6060:00"):
+        run(device(0x60400010, 0, refuse=MAPPING_FIXED))
+
+
 def test_further_objects_of_an_adopted_rpdo_are_kept_at_what_they_are():
     node = device(0x60400010, 0x60600008, 0x60FF0020, refuse=MAPPING_FIXED)
     node.objects[0x60FF, 0] = number(77)
