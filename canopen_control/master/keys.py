@@ -120,6 +120,7 @@ UNUSED_NODE = {
 
 _MICROSECONDS = "; write it in us, such as 20000"
 _MILLISECONDS = "; write it in ms, such as 100"
+_AUTO = "; write auto for the default COB-ID of the node, or the COB-ID as a number, such as 0x182"
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ class PdoConfig:
     """PDO section of bus.yml; None selects the default of the EDS. `inhibit_time` is in 100 us, other times in ms."""
 
     enabled: bool = True
-    cob_id: int | Literal["auto"] | None = setting(None, low=1, high=0xFFFFFFFF)
+    cob_id: int | Literal["auto"] | None = setting(None, low=1, high=0xFFFFFFFF, hint=_AUTO)
     transmission: int | None = setting(None, low=0, high=255)
     inhibit_time: int | None = setting(None, low=0, high=0xFFFF)
     event_timer: int | None = setting(None, low=0, high=0xFFFF, hint=_MILLISECONDS)

@@ -19,10 +19,13 @@ from canopen_control.master.keys import (
     MotionKeys,
     NodeConfig,
     PdoConfig,
+    PdoObjectKeys,
+    SdoEntry,
     SupervisionKeys,
     UnitKeys,
     named_scale,
 )
+from canopen_control.profiles import object_of
 from canopen_control.yamlfile.convert import convert, keys_of
 from canopen_control.yamlfile.node import Node
 
@@ -222,6 +225,106 @@ def _nest_pdo_keys(node: Node) -> Node:
 
 
 _PDO_KEYS: Final = frozenset(keys_of(PdoConfig))
+_MAPPING_KEYS: Final = tuple(keys_of(PdoObjectKeys))
+_SDO_KEYS: Final = tuple(keys_of(SdoEntry))
+_SYNONYMS: Final = frozenset(("type", "data", "object", "objects", "timer", "id", "address", "active", "disabled"))
+
+
+def _plain_lists(node: Node) -> Node:
+    """Return a node whose `sdo`, `rpdo` and `tpdo` have the form that the conversion expects.
+
+    Objects written as `0x6081: 1000`, and PDOs written as a list, are errors with the right form, but read so that no
+    second error results. Keys that mean nothing are reported and left out, because dcfgen ignores them.
+    """
+    keys = node.keys()
+    pairs = {name: (keys[name], value) for name, value in node.items()}
+    if (section := node.get("sdo")) is not None and section.kind in ("sequence", "mapping"):
+        entries = section.elements() if section.kind == "sequence" else [section]
+        if section.kind == "mapping":
+            first = section.pairs()[:1]
+            is_short = bool(first) and object_of(first[0][0].text) is not None
+            if not is_short:
+                section.error("expected a list, got a mapping; begin each object with a dash: `- {index: ...}`")
+        written = [write for entry in entries for write in _writes(entry)]
+        pairs["sdo"] = pairs["sdo"][0], Node.sequence(_at(section, "sequence"), written)
+    for kind in ("rpdo", "tpdo"):
+        if (section := node.get(kind)) is not None and section.kind in ("sequence", "mapping"):
+            numbered = _by_number(section) if section.kind == "sequence" else section.pairs()
+            pdos = {key.text: (key, _plain_pdo(pdo)) for key, pdo in numbered}
+            pairs[kind] = pairs[kind][0], Node.mapping(_at(section, "mapping"), pdos)
+    return Node.mapping(_at(node, "mapping"), pairs)
+
+
+def _writes(entry: Node) -> list[Node]:
+    """Return the writes of an entry of `sdo`: itself, or one for each of its keys such as `0x6081`."""
+    short = [(key, value) for key, value in entry.pairs() if object_of(key.text) is not None]
+    if not short:
+        is_whole = entry.get("index") is not None and entry.get("value") is not None
+        return [_without_foreign(entry, _SDO_KEYS) if is_whole else entry]
+    key, value = short[0]
+    key.error(f"write each object as `- {{{_form(key.text)}, value: {value.text or '...'}}}`")
+    return [_entry(key, {"value": value}) for key, value in short]
+
+
+def _form(text: str) -> str:
+    index, subindex, _ = object_of(text) or (0, 0, None)
+    return f"index: 0x{index:04X}, sub_index: {subindex}"
+
+
+def _entry(place: Node, more: Mapping[str, Node]) -> Node:
+    """Return the entry of a list for the object that a text such as `0x6081:01` names."""
+    index, subindex, _ = object_of(place.text) or (0, 0, None)
+    numbers = {"index": index, "sub_index": subindex}
+    values = {
+        key: Node.scalar(_at(place, "scalar"), hex(number), number, quoted=False) for key, number in numbers.items()
+    }
+    keys = {key: Node.scalar(_at(place, "scalar"), key, key, quoted=False) for key in (*values, *more)}
+    return Node.mapping(_at(place, "mapping"), {key: (keys[key], value) for key, value in (values | more).items()})
+
+
+def _by_number(section: Node) -> list[tuple[Node, Node]]:
+    """Report PDOs that are written as a list, and return them numbered."""
+    section.error("expected the PDOs by number, got a list; write `1:`, `2:` ... instead of the dashes")
+    numbers = [str(number) for number in range(1, len(section.elements()) + 1)]
+    keys = [Node.scalar(_at(section, "scalar"), number, int(number), quoted=False) for number in numbers]
+    return list(zip(keys, section.elements(), strict=True))
+
+
+def _plain_pdo(pdo: Node) -> Node:
+    pdo = _without_foreign(pdo, _PDO_KEYS)
+    mapping = pdo.get("mapping")
+    if mapping is None or mapping.kind != "sequence":
+        return pdo
+    objects = []
+    for entry in mapping.elements():
+        if entry.kind == "scalar" and object_of(entry.text) is not None:
+            entry.error(f"write each object as `- {{{_form(entry.text)}}}`")
+            objects.append(_entry(entry, {}))
+        else:
+            objects.append(_without_foreign(entry, _MAPPING_KEYS))
+    pairs = {key.text: (key, value) for key, value in pdo.pairs()}
+    pairs["mapping"] = pairs["mapping"][0], Node.sequence(_at(mapping, "sequence"), objects)
+    return Node.mapping(_at(pdo, "mapping"), pairs)
+
+
+def _without_foreign(section: Node, known: Collection[str]) -> Node:
+    """Warn about the keys of a section that resemble no known key, and return the section without them."""
+    if section.kind != "mapping":
+        return section
+    pairs = {key.text: (key, value) for key, value in section.pairs()}
+    for name, (key, _) in list(pairs.items()):
+        if name not in known and not _resembles(name, known):
+            key.warning(f"unknown key {name!r} has no effect, neither here nor in ros2_canopen; remove it")
+            del pairs[name]
+    return Node.mapping(_at(section, "mapping"), pairs)
+
+
+def _resembles(name: str, known: Collection[str]) -> bool:
+    """Whether a key may stand for a known one, so that it cannot be left out."""
+    shortened = any(len(name) > 2 and key.startswith(name) for key in known)
+    return shortened or name in _SYNONYMS or bool(difflib.get_close_matches(name.lower(), known, 1, 0.6))
+
+
 _DRIVERS: Final = tuple(name.lower() for name in (*DRIVE_DRIVERS, "402", "Proxy", "BasicDevice", "MasterDriver"))
 
 
@@ -238,7 +341,7 @@ def _foreign_driver(node: Node) -> str:
 def node_config(name: str, node: Node, master: MasterConfig, options: FileOptions) -> tuple[NodeConfig, Node] | None:
     """Convert and check the keys of a node; return them with the corrected section, or None if they are unusable."""
     ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE, _foreign_driver(node))
-    node = _nest_pdo_keys(_respelled(node))
+    node = _plain_lists(_nest_pdo_keys(_respelled(node)))
     keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)
     if keys is None:
         return None

@@ -8,6 +8,7 @@ procedure) are always written.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Final
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from canopen_control.cia301.pdo import MappedObject
-    from canopen_control.master.keys import NodeConfig
+    from canopen_control.master.keys import NodeConfig, SdoEntry
     from canopen_control.od.model import ObjectDictionary, Value
 
 
@@ -241,6 +242,8 @@ STORED = "as in the EDS, but the device may have stored another value"
 """Reason of a write that has no effect if the device has the values of its EDS."""
 _PROCEDURES = frozenset((0x1010, 0x1011))  # objects that do not return the written value
 _BYTES = frozenset((DataType.OCTET_STRING, DataType.DOMAIN))
+_WHOLE = re.compile(r"\s*[-+]?[0-9]{1,20}\s*", re.ASCII)
+_HEX = re.compile(r"\s*[-+]?0[xX][0-9A-Fa-f]{1,16}\s*", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,13 +305,15 @@ class PlanBuilder:
     _records: dict[tuple[str, int], dict[tuple[int, int], tuple[int, bytes]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        sdo = [_with_numbers(entry, self.od) for entry in self.node.boot.sdo]
+        self.node = replace(self.node, boot=replace(self.node.boot, sdo=sdo))
         self._downloaded = {(index, subindex): data for index, subindex, data in self.downloads}
         for place, write in enumerate(self.node.boot.sdo):
             pdo, entry = pdo_of(write.index), self.od.get(write.index, write.sub_index)
             if pdo is None or entry is None:
                 continue  # objects missing from the EDS are reported when the list is planned
             try:
-                data = encode(_bytes_of(write.value, entry.data_type), entry.data_type)
+                data = encode(_encodable(write.value, entry.data_type), entry.data_type)
             except ValueError as error:
                 self.complain(f"sdo[{place}]", f"0x{write.index:04X}:{write.sub_index:02X} {entry.name}: {error}")
                 continue
@@ -360,7 +365,7 @@ class PlanBuilder:
                 self._cannot(key, reason, f"{place} is {entry.access}, it cannot be written")
             return
         try:
-            data = encode(_bytes_of(value, entry.data_type), entry.data_type)
+            data = encode(_encodable(value, entry.data_type), entry.data_type)
         except ValueError as error:
             self._cannot(key, reason, f"{place}: {error}")
             return
@@ -493,14 +498,36 @@ class PlanBuilder:
         self.writes.append(planned)
 
 
-def _bytes_of(value: object, data_type: DataType) -> Value:
+def _with_numbers(entry: SdoEntry, od: ObjectDictionary) -> SdoEntry:
+    """Return an entry of `sdo:` with a whole number such as 3.0 or "3" as an integer if the object is one.
+
+    dcfgen converts every value to an integer.
+    """
+    described, value = od.get(entry.index, entry.sub_index), entry.value
+    if described is None or not described.data_type.is_integer:
+        return entry
+    if isinstance(value, float) and value.is_integer():
+        return replace(entry, value=int(value))
+    if isinstance(value, str) and _WHOLE.fullmatch(value):
+        return replace(entry, value=int(value))
+    return entry
+
+
+def _encodable(value: object, data_type: DataType) -> Value:
     """Convert hexadecimal text for an OCTET_STRING or DOMAIN to bytes; return other values unchanged.
 
-    Raise ValueError if the text is invalid.
+    Raise ValueError if the text is invalid, or if a number has another notation than its type.
     """
     if isinstance(value, str) and data_type in _BYTES:
         try:
             return bytes.fromhex(value)
         except ValueError:
             raise ValueError(f"{value!r} is not a valid {data_type.name}: expected hex digits") from None
+    if isinstance(value, str) and data_type.is_integer and _HEX.fullmatch(value):
+        raise ValueError(f"{value!r} is text; remove the quotes")
+    if isinstance(value, int) and data_type.signed and data_type.maximum < value <= 2 * data_type.maximum + 1:
+        negative = value - 2 * (data_type.maximum + 1)
+        raise ValueError(
+            f"{value} is more than {data_type.maximum} of {data_type.name}; write {negative}, if that is meant"
+        )
     return value  # type: ignore[return-value]  # encode checks the type of the value

@@ -268,3 +268,55 @@ def test_offsets_that_do_not_cancel_are_doubted(tmp_path, offsets, rest):
     assert len(doubts) == bool(rest)
     if rest:
         assert f"would show a position {rest} away from it; set offset_pos_from_dev: " in doubts[0]
+
+
+@pytest.mark.parametrize(
+    ("keys", "form"),
+    [
+        ("sdo: [{0x6081: 1000}]", "write each object as `- {index: 0x6081, sub_index: 0, value: 1000}`"),
+        ("sdo: [{0x6083: 1, 0x6084: 2}]", "write each object as `- {index: 0x6083, sub_index: 0, value: 1}`"),
+        ("sdo: [{'0x60C2:01': 20}]", "write each object as `- {index: 0x60C2, sub_index: 1, value: 20}`"),
+        ("sdo: {0x6081: 1000}", "write each object as `- {index: 0x6081, sub_index: 0, value: 1000}`"),
+        ("sdo: {index: 0x6081, value: 5}", "begin each object with a dash: `- {index: ...}`"),
+        ("rpdo: {1: {mapping: [0x6040]}}", "write each object as `- {index: 0x6040, sub_index: 0}`"),
+        ("tpdo: [{mapping: [{index: 0x6041}]}]", "write `1:`, `2:` ... instead of the dashes"),
+    ],
+)
+def test_an_object_or_pdo_in_another_form_is_one_error_with_the_right_form(tmp_path, keys, form):
+    text = mistakes_of_a_node(tmp_path, keys)
+    assert form in text
+    assert text.count("bus.yml:") == 1
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        "sdo: [{index: 0x6081, value: 1000, comment: mm/s}]",
+        "rpdo: {1: {mapping: [{index: 0x6040, default_value: 6}]}}",
+        "rpdo: {1: {mapping: [{index: 0x6040}], comment: commands}}",
+    ],
+)
+def test_a_key_without_meaning_in_a_list_has_no_effect(tmp_path, keys):
+    """dcfgen reads only the keys that it knows."""
+    (note,) = [item for item in with_node(tmp_path, keys).notes if "unknown key" in item]
+    assert "has no effect, neither here nor in ros2_canopen" in note
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        "sdo: [{index: 0x6081, data: 1000}]",
+        "sdo: [{index: 0x6081, unit: 1000}]",
+        "rpdo: {1: {mapping: [{index: 0x6040, sub: 1}]}}",
+        "rpdo: {1: {type: 1}}",
+        "rpdo: {1: {transmission_type: 1}}",
+    ],
+)
+def test_a_key_in_a_list_that_may_stand_for_another_is_an_error(tmp_path, keys):
+    assert "unknown key" in mistakes_of_a_node(tmp_path, keys)
+
+
+@pytest.mark.parametrize("text", ["Auto", '"$NODEID+0x180"', "default"])
+def test_a_cob_id_that_is_no_number_names_auto(tmp_path, text):
+    result = mistakes_of_a_node(tmp_path, f"tpdo: {{1: {{cob_id: {text}}}}}")
+    assert "write auto for the default COB-ID of the node, or the COB-ID as a number, such as 0x182" in result

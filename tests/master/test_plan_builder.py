@@ -297,3 +297,34 @@ def test_an_offset_that_only_the_drive_has_stored_is_cleared_before_an_enable():
     robot.run_for(600_000_000)
     assert store.get(0x60B1, 0) == 0
     robot.close()
+
+
+def bus_with_sdo(folder, value):
+    path = folder / "bus.yml"
+    path.write_text(
+        "master: {node_id: 1}\nnodes:\n  lift:\n    node_id: 2\n    dcf: generic_cia402.eds\n    sdo:\n"
+        f"      - {{index: 0x6007, value: {value}}}\n"
+    )
+    config, problems = inspect_bus(path)
+    return [write.data for write in config.plans["lift"].writes if write.index == 0x6007], problems
+
+
+@pytest.mark.parametrize("value", ["3", "3.0", '"3"', '"03"', "0x3"])
+def test_a_whole_number_is_an_integer_in_any_notation(tmp_path, value):
+    """dcfgen converts every value by int()."""
+    data, problems = bus_with_sdo(tmp_path, value)
+    assert (data, problems.errors) == ([b"\x03\0"], [])
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ('"0x3"', "'0x3' is text; remove the quotes"),
+        ("0xFFFF", "65535 is more than 32767 of INTEGER16; write -1, if that is meant"),
+        ("0x10000", "65536 is not a valid INTEGER16"),
+        ("3.5", "expected a whole number"),
+    ],
+)
+def test_a_number_that_the_object_cannot_hold_has_its_right_notation(tmp_path, value, words):
+    (error,) = bus_with_sdo(tmp_path, value)[1].errors
+    assert words in error.message

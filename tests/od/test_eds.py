@@ -466,6 +466,13 @@ def test_what_resembles_an_object_and_is_none_is_reported(title):
     assert file.od.sections[title] == {"ParameterName": "x"}
 
 
+@pytest.mark.parametrize("title", ["2000ObjectLinks", "2000Denotation"])
+def test_sections_about_an_object_are_kept(title):
+    file = parse(eds("2000"), section(title, ObjectLinks=1, **{"1": "0x1000"}))
+    assert "section-unknown" not in codes(file)
+    assert title in file.od.sections
+
+
 def compact(count, index="2000", **keys):
     return section(
         index, ParameterName="Things", ObjectType=8, DataType=7, AccessType="rw", CompactSubObj=count, **keys
