@@ -313,6 +313,8 @@ def _with_known_period(config: BusConfig, budget: Budget, control: ControllersFi
         period = f"a cycle of {budget.period_ns / 1e6:g} ms"
         text = f"{period} is too short for its {budget.worst_bits} bits at {kbits} kbit/s"
         fix = f"the shortest possible period is {shortest:.2f} ms; {cure}, raise the bit rate, or map less"
+        if 0 < config.master.sync_period < rules.SHORTEST_SYNC_US:
+            fix = f"sync_period is in us; write {config.master.sync_period}000 for {config.master.sync_period} ms"
         yield Finding(path, line, Severity.ERROR, text, fix)
     elif budget.load > HIGH:
         text = f"the bus has a load of {budget.load:.0%} by process data and heartbeats alone"

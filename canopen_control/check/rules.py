@@ -605,7 +605,7 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
         return
     sync, rate = bus.master.sync_period, control.update_rate
     place = control.manager_keys.get("update_rate")
-    if place is None:
+    if place is None or 0 < sync < SHORTEST_SYNC_US:
         return
     if sync and rate * sync > 1_000_000:  # without SYNC the bus load rule reports it
         cycle = 1_000_000 / sync
@@ -627,6 +627,8 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
         yield Finding(place.path, place.line, Severity.NOTE, text, fix)
 
 
+SHORTEST_SYNC_US: Final = 250
+"""SYNC period in us in which no two frames fit at 1 Mbit/s; a smaller number was probably meant in ms."""
 UNEVEN: Final = 0.01
 """Deviation from a whole number up to which the SYNCs per controller update are considered whole."""
 

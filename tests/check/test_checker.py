@@ -158,6 +158,13 @@ def test_a_cycle_that_cannot_fit_is_refused_with_the_shortest_period(tmp_path):
     assert check(config).budgets["can"].shortest_period_ns == 46_750_000
 
 
+def test_a_period_in_ms_is_one_finding(tmp_path):
+    config = copy_robby(tmp_path, bus={"sync_period: 20000": "sync_period: 20"})
+    (error,) = texts_of(config, Severity.ERROR)
+    assert error.endswith("; sync_period is in us; write 20000 for 20 ms")
+    assert not [text for text in texts_of(config, Severity.NOTE) if "SYNC rate" in text]
+
+
 def test_without_sync_it_is_the_update_rate_that_the_bus_cannot_carry(tmp_path):
     config = copy_robby(
         tmp_path, bus={"sync_period: 20000": "sync_period: 0"}, controllers={"update_rate: 50": "update_rate: 2000"}
