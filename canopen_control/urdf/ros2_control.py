@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -132,6 +133,7 @@ def _transmission_interfaces(
 
 KINDS: Final = ("system", "actuator", "sensor")
 _CHILDREN: Final = ("hardware", "properties", "joint", "sensor", "gpio", "transmission")
+_NODE_ID: Final = re.compile(r"\s*([0-9]{1,9}|0[xX][0-9A-Fa-f]{1,8})\s*", re.ASCII)
 _PART_CHILDREN: Final = ("command_interface", "state_interface", "param", "limits")
 
 
@@ -213,7 +215,15 @@ def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint])
                 f"joint {name} mimics {mimic.joint}, so it has no command interface of its own; remove its command "
                 f'interfaces, or give it mimic="false" if it has its own drive',
             )
-    return ControlJoint(name, element.parameters(), commands, states, mimic, element.place)
+    return ControlJoint(name, _plain_node_id(element.parameters()), commands, states, mimic, element.place)
+
+
+def _plain_node_id(parameters: dict[str, str]) -> dict[str, str]:
+    """Return the parameters of a joint with its `node_id` as a plain number: `02` is 2, as for ros2_canopen."""
+    text = parameters.get("node_id", "")
+    if match := _NODE_ID.fullmatch(text):
+        return parameters | {"node_id": str(int(match[1], 10 if match[1].isdigit() else 16))}
+    return parameters
 
 
 def _note_repeated(document: UrdfDocument, element: Element, owner: str) -> None:

@@ -114,3 +114,13 @@ def test_a_plugin_and_a_parameter_given_twice_are_notes_and_the_value_of_ros2_co
         "r.urdf:7: <ros2_control name='s'>: param 'p' is given twice, and '2' applies; remove the other",
         "r.urdf:9: <joint name='j'>: param 'device_name' is given twice, and 'y' applies; remove the other",
     )
+
+
+@pytest.mark.parametrize(("text", "node_id"), [("2", "2"), ("02", "2"), (" 2 ", "2"), ("0x0A", "10"), ("left", "left")])
+def test_a_node_id_is_a_number_in_any_notation(text, node_id):
+    """Cia402System of ros2_canopen reads it with std::stoi."""
+    tag = ROS2.replace(
+        '<joint name="wheel_joint"><', f'<joint name="wheel_joint"><param name="node_id">{text}</param><'
+    )
+    (joint,) = parse_description(ROBOT.format(tag)).hardware[0].joints
+    assert joint.parameters == {"node_id": node_id}
