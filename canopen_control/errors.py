@@ -2,6 +2,7 @@
 
 CanopenError
   ConfigError            an error in a file, option or argument of the user
+    NoRobotError           no robot is running
     EdsError               an EDS or DCF file: path, line, reason
     BusConfigError         a bus.yml: path, line, key, reason
     RobotConfigError       controllers, description, or their combination with the bus
@@ -64,6 +65,7 @@ __all__ = [
     "InterfaceDown",
     "InterfaceNotFound",
     "LocalProtocolError",
+    "NoRobotError",
     "NotEnabled",
     "NotYetEnabled",
     "ProtocolError",
@@ -112,6 +114,10 @@ class CanopenError(Exception):
 
 class ConfigError(CanopenError):
     """Error in a user's file, option or argument."""
+
+
+class NoRobotError(ConfigError):
+    """Error of a verb for running robots while none runs."""
 
 
 class EdsError(ConfigError):

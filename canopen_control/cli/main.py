@@ -15,7 +15,7 @@ import stat
 import sys
 
 from canopen_control.cli.verbs import VERBS, overview
-from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.errors import CanopenError, ConfigError, NoRobotError
 from canopen_control.host.signals import INTERRUPTED, ProcessSignals
 
 TYPE_CHECKING = False  # the module typing takes longer to import than all that --help needs
@@ -176,7 +176,12 @@ def _dispatch(arguments: list[str]) -> int:
 
         import_msgspec()
     args = parser_of(verb).parse_args(arguments[1:])
-    return int(importlib.import_module(f"canopen_control.cli.{verb}").run(args))
+    try:
+        return int(importlib.import_module(f"canopen_control.cli.{verb}").run(args))
+    except NoRobotError as error:
+        if "can" not in args or args.can:
+            raise
+        raise ConfigError(f"{error}, or give the channel of a bus without a robot, as in --can can0") from None
 
 
 def _no_verb(word: str) -> str:

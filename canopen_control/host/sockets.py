@@ -28,7 +28,7 @@ import threading
 import time
 from pathlib import Path
 
-from canopen_control.errors import CanopenError, ConfigError, DiskFull, nearest
+from canopen_control.errors import CanopenError, ConfigError, DiskFull, NoRobotError, nearest
 
 TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
@@ -384,7 +384,7 @@ def select_robot(name: str | None = None) -> str:
         near = nearest(name, running, listed=False) or f"; running: {', '.join(running)}"
         raise ConfigError(f"no robot {name!r} is running{near}")
     if not running:
-        raise ConfigError(f"no robot is running; {_START}")
+        raise NoRobotError(f"no robot is running; {_START}")
     if len(running) > 1:
         raise ConfigError(f"several robots are running: {', '.join(running)}; choose one with --name")
     return running[0]

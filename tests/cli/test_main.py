@@ -62,6 +62,13 @@ def test_an_error_of_the_user_is_one_sentence_and_exit_code_2(capsys):
     assert error == "canopen-control: no robot is running; start one: canopen-control run robby\n"
 
 
+@pytest.mark.parametrize("verb", [["scan"], ["sdo", "read", "3", "0x1000"], ["nmt", "start", "3"], ["trace"]])
+def test_a_verb_for_a_bare_bus_names_its_option_if_no_robot_runs(verb, private_folders, capsys):
+    assert main(verb) == 2
+    start = "canopen-control: no robot is running; start one: canopen-control run robby"
+    assert capsys.readouterr().err == f"{start}, or give the channel of a bus without a robot, as in --can can0\n"
+
+
 UNKNOWN = [
     "axis enable nosuch",
     "nmt preop nosuch",
