@@ -28,7 +28,7 @@ from canopen_control.errors import nearest
 from canopen_control.frame import EXTENDED_BIT, is_restricted, rpdo_cob_id, tpdo_cob_id
 from canopen_control.master.keys import PdoConfig, PdoObjectKeys
 from canopen_control.master.plan_builder import STORED, PlannedPdo
-from canopen_control.od.model import DataType
+from canopen_control.od.model import SIGNED_TYPES
 from canopen_control.od.pdos import COMMUNICATION, COUNT, MAPPING, pdo_of
 from canopen_control.profiles import (
     AI_DELTA,
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     from canopen_control.master.keys import SignalKeys
     from canopen_control.master.plan_builder import PlanBuilder
-    from canopen_control.od.model import Address, Entry
+    from canopen_control.od.model import Address, DataType, Entry
     from canopen_control.profiles import Profile, SafeOutput
 
 
@@ -264,11 +264,6 @@ _SIGNED = frozenset(
         objects.FOLLOWING_ERROR_ACTUAL,
     )
 )
-_SIGNED_TYPES = {
-    DataType.UNSIGNED8: DataType.INTEGER8,
-    DataType.UNSIGNED16: DataType.INTEGER16,
-    DataType.UNSIGNED32: DataType.INTEGER32,
-}
 _RELIED_ON = (2, 5)  # the master depends on these, and writes them even without a request
 _EVENT_TIMER = _SETTINGS.index(5)
 
@@ -532,7 +527,8 @@ def _plan_live(
     if (mapping, 0) in builder.od:
         reason = STORED if stored_mapping else planned.reason
         builder.write(mapping, 0, 0, planned.key, reason, pdo=pdo)
-        for slot, mapped in enumerate(objects, 1):
+        slots = _slots(builder, mapping) or len(objects)
+        for slot, mapped in enumerate(objects[:slots], 1):  # more objects than that were reported
             builder.write(mapping, slot, mapping_entry(mapped), f"{planned.key}.mapping[{slot - 1}]", reason, pdo=pdo)
         builder.write(mapping, 0, len(objects), planned.key, reason, pdo=pdo)
     elif not stored_mapping:
@@ -632,12 +628,16 @@ def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None)
     # the data of a classic CAN frame
     if (bits := sum(mapped.bits for mapped in objects)) > MAX_BITS:
         builder.complain(key, f"the mapping has {bits} bits, a PDO at most {MAX_BITS}")
-    slots = sum((MAPPING[kind] + number - 1, slot) in builder.od for slot in range(1, 65))
+    slots = _slots(builder, MAPPING[kind] + number - 1)
     if pdo is not None and pdo.mapping is not None and 0 < slots < len(objects):
         builder.complain(
             key, f"the mapping has {len(objects)} objects, {kind.upper()} {number} of {builder.file} at most {slots}"
         )
     return objects
+
+
+def _slots(builder: PlanBuilder, mapping: int) -> int:
+    return sum((mapping, slot) in builder.od for slot in range(1, 65))
 
 
 def _check_bits(builder: PlanBuilder, key: str, mapped: PdoObjectKeys) -> None:
@@ -681,7 +681,7 @@ def _unmappable(builder: PlanBuilder, kind: str, index: int, subindex: int) -> s
 
 def _signed(index: int, data_type: DataType) -> DataType:
     """Return the data type of an object, signed if CiA 402 defines it as signed and the EDS does not."""
-    return _SIGNED_TYPES.get(data_type, data_type) if axis_of(index)[0] in _SIGNED else data_type
+    return SIGNED_TYPES.get(data_type, data_type) if axis_of(index)[0] in _SIGNED else data_type
 
 
 def _mappable(entry: Entry, kind: str) -> bool:

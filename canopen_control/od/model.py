@@ -104,6 +104,8 @@ _BITS: dict[int, int] = {
     DataType.TIME_DIFFERENCE: 48,
 }
 _SIGNED: frozenset[int] = frozenset(DataType[f"INTEGER{n}"] for n in _WIDTHS)
+SIGNED_TYPES = {DataType[f"UNSIGNED{bits}"]: DataType[f"INTEGER{bits}"] for bits in (8, 16, 32)}
+"""Signed types for objects of CiA 402 that an EDS has as unsigned; longer types do not occur there."""
 _REALS: frozenset[int] = frozenset((DataType.REAL32, DataType.REAL64))
 _RANGES: dict[int, tuple[int, int]] = {
     number: (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if number in _SIGNED else (0, (1 << bits) - 1)

@@ -32,7 +32,7 @@ from canopen_control.cia402 import objects as o
 from canopen_control.cia402.motors import motors_of
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, Service, cob_id, is_restricted
 from canopen_control.od.indices import PROGRAM_CONTROL
-from canopen_control.od.model import DataType, Entry
+from canopen_control.od.model import SIGNED_TYPES, DataType, Entry, profile_type
 from canopen_control.virtual.communication_objects import CommunicationObjects, ErrorControl, ProgramArea, Services
 from canopen_control.virtual.device_model import GENERIC, DeviceModel, make_function
 from canopen_control.virtual.injection_point import InjectionPoint
@@ -262,6 +262,35 @@ def _with_device_type(od: ObjectDictionary) -> ObjectDictionary:
     return complete
 
 
+def _with_signed_types(od: ObjectDictionary) -> ObjectDictionary:
+    """Return `od` with signed types for a drive's objects that are signed in CiA 402 and unsigned in the file.
+
+    One file of CiA 402 drives in four has such a type, such as UNSIGNED32 for 0x60FF; the drives use signed numbers.
+    """
+    if (o.CONTROLWORD, 0) not in od:
+        return od
+    retyped = {}
+    for entry in od:
+        signed = SIGNED_TYPES.get(entry.data_type)
+        types = () if signed is None else profile_type(*entry.address)
+        if signed is not None and signed in types and entry.data_type not in types:
+            retyped[entry.address] = _as_signed(entry, signed)
+    return replace(od, entries=od.entries | retyped) if retyped else od
+
+
+def _as_signed(entry: Entry, data_type: DataType) -> Entry:
+    """Return an entry with the same bits as numbers of a signed type; limits beyond that type are dropped."""
+    span = 1 << (data_type.bits or 0)
+
+    def number(value: Value | None) -> Value | None:
+        return value - span if isinstance(value, int) and value > data_type.maximum else value
+
+    fits = all(limit is None or limit <= data_type.maximum for limit in (entry.low, entry.high))
+    low, high = (entry.low, entry.high) if fits else (None, None)
+    default, parameter = number(entry.default), number(entry.parameter_value)
+    return replace(entry, data_type=data_type, default=default, parameter_value=parameter, low=low, high=high)
+
+
 class VirtualNode:
     """Virtual CANopen node: the services of CiA 301, and either the axes of a drive or another device function.
 
@@ -280,7 +309,7 @@ class VirtualNode:
         model: DeviceModel = GENERIC,
         plant: Callable[[int], Plant] | None = None,
     ) -> None:
-        od = _with_device_type(od)
+        od = _with_signed_types(_with_device_type(od))
         self.motors = motors = motors_of(od)
         od = od if motors is None else motors.view
         # Declared, not inferred: quirk actions use these in lambdas, and mypyc checks those before this class.

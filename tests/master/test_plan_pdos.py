@@ -265,8 +265,9 @@ def test_an_event_timer_of_zero_is_a_value_and_a_deadline_is_an_rpdos_timer(tmp_
 
 def test_a_mapping_of_more_objects_than_the_pdo_holds_is_refused(tmp_path):
     many = ", ".join(["{index: 0x6041}"] * 4)
-    with pytest.raises(BusConfigError, match=r"the mapping has 4 objects, TPDO 1 of TMCM-1270.eds at most 3"):
+    with pytest.raises(BusConfigError, match=r"the mapping has 4 objects, TPDO 1 of TMCM-1270.eds at most 3") as caught:
         planned(tmp_path, f"tpdo: {{1: {{mapping: [{many}]}}}}")
+    assert "0x1A00:04" not in str(caught.value)  # one cause, one error
 
 
 def test_a_dummy_fills_a_gap_only_where_the_device_allows_it(tmp_path):

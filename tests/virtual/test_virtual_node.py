@@ -14,8 +14,10 @@ from support.virtualbench import MS, Bench, S, T, entry, ready_tmcm, servo, serv
 from canopen_control.cia301.lss import MASTER_COB_ID, UNCONFIGURED
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia402.state import State, decode_statusword
+from canopen_control.data_files import data_path
 from canopen_control.frame import REMOTE_FLAG, CanFrame
-from canopen_control.od.model import ObjectDictionary
+from canopen_control.od.eds import read_eds
+from canopen_control.od.model import DataType, ObjectDictionary
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.node_outbox import BitRateActivated, HeartbeatMissed, NodeIdChanged
 from canopen_control.virtual.virtual_node import SYNC_LENGTH_ERROR, VirtualNode, merged
@@ -535,3 +537,33 @@ def test_unfetched_items_are_bounded():
         node.outbox.send(CanFrame(0x123))
     assert len(node.events()) == 1000
     assert len(node.frames()) == 1001
+
+
+UNSIGNED = {
+    (0x60FF, 0): (DataType.UNSIGNED32, DataType.INTEGER32),
+    (0x6064, 0): (DataType.UNSIGNED32, DataType.INTEGER32),
+    (0x6060, 0): (DataType.UNSIGNED8, DataType.INTEGER8),
+    (0x6071, 0): (DataType.UNSIGNED16, DataType.INTEGER16),
+    (0x6041, 0): (DataType.UNSIGNED16, DataType.UNSIGNED16),
+    (0x6081, 0): (DataType.UNSIGNED32, DataType.UNSIGNED32),
+}
+
+
+def test_a_drive_whose_file_has_unsigned_set_points_uses_signed_ones():
+    """0x60FF as UNSIGNED32, as in one CiA 402 file in twenty: the drive ran at full speed at a negative velocity."""
+    od = read_eds(data_path("eds", "generic_cia402.eds"), 5).od
+    entries = {
+        address: replace(od[address], data_type=file, default=0xFF, low=0, high=file.maximum)
+        for address, (file, _) in UNSIGNED.items()
+    }
+    node = make_device(replace(od, entries=od.entries | entries), 5)
+    for address, (file, used) in UNSIGNED.items():
+        entry = node.od[address]
+        assert entry.data_type is used, address
+        assert (entry.low, entry.high) == ((0, file.maximum) if used is file else (None, None))
+    assert (node.od[0x6060, 0].default, node.od[0x60FF, 0].default) == (-1, 0xFF)
+    digital = replace(od, entries={address: entry for address, entry in od.entries.items() if address != (0x6040, 0)})
+    assert (
+        make_device(replace(digital, entries=digital.entries | entries), 5).od[0x60FF, 0].data_type
+        is DataType.UNSIGNED32
+    )
