@@ -57,6 +57,20 @@ def _without_feedback(robot: CheckedRobot) -> Iterator[Finding]:
                 yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
 
 
+def _never_started(robot: CheckedRobot) -> Iterator[Finding]:
+    """Find joints with a command interface whose node has `boot: false`, so that the master never starts it."""
+    bus, description = robot.bus, robot.description
+    if bus is None or description is None or robot.mock:
+        return
+    commanded = [joint for tag in description.hardware for joint in tag.joints if joint.command_interfaces]
+    for name, node in bus.nodes.items():
+        joints = [joint.name for joint in commanded if node_of(bus, joint) is node]
+        if joints and not node.boot.enabled:
+            place = bus.place(name, "boot")
+            text = f"{name} has boot: false, so it is never started, and {', '.join(joints)} cannot move"
+            yield Finding(place.path, place.line, Severity.WARNING, text, "remove boot: false", column=place.column)
+
+
 def _has_errors(place: Node) -> bool:
     """Whether an error was reported in a section of bus.yml, which explains what is missing in the plan."""
     return any(error.where.startswith(place.where) for error in place.problems.errors)
@@ -223,6 +237,7 @@ def _commanded(robot: CheckedRobot, node: str) -> set[str]:
 
 DRIVE_RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
     _without_feedback,
+    _never_started,
     _measured,
     _modes_unlisted,
     _unjoined,

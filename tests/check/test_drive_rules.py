@@ -34,6 +34,19 @@ def test_check_names_what_the_description_asks_for_and_no_tpdo_brings(tmp_path, 
     assert any(re.search(f"joint pan {words}; map 0x60", item) for item in result)
 
 
+@pytest.mark.parametrize(("value", "found"), [("false", True), ("true", False)])
+def test_check_names_a_joint_whose_drive_is_never_started(tmp_path, value, found):
+    path = folder(tmp_path, "csv")
+    bus = path / "bus.yml"
+    bus.write_text(bus.read_text().replace("  velocity_mode: 9", f"  velocity_mode: 9\n  boot: {value}"))
+    reported = [text for text in findings(path) if "has boot: false" in text]
+    assert bool(reported) is found
+    if found:
+        assert (
+            "pan_drive has boot: false, so it is never started, and pan cannot move; remove boot: false" in reported[0]
+        )
+
+
 @pytest.mark.parametrize(("key", "noted"), [("", True), ("  velocity_mode: 9", False)])
 def test_check_names_a_drive_whose_eds_lists_no_modes(tmp_path, key, noted):
     path = folder(tmp_path, "csv", edit=lambda text: re.sub(r"(?s)\[6502\].*", "", text))
