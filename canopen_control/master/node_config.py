@@ -271,7 +271,7 @@ def _form(text: str) -> str:
     return f"index: 0x{index:04X}, sub_index: {subindex}"
 
 
-def _entry(place: Node, more: Mapping[str, Node]) -> Node:
+def _entry(place: Node, more: dict[str, Node]) -> Node:
     """Return the entry of a list for the object that a text such as `0x6081:01` names."""
     index, subindex, _ = object_of(place.text) or (0, 0, None)
     numbers = {"index": index, "sub_index": subindex}
