@@ -103,6 +103,7 @@ EXAMPLE = """canopen-control drive --node-id 3 --eds TMCM-1270.eds --can local:r
          canopen-control drive --node-id 3 --can local:robby --status"""
 
 _RANGE = re.compile(r"(\d+)(?:-(\d+))?")
+_WHOLE = re.compile(r"-?(0[xX][0-9A-Fa-f]+|[1-9]\d*|0)")
 _NUMBERS = re.compile(r"[\d,\- ]+")
 _LAST_NODE_ID = 127
 _NO_NODE_ID = "255"
@@ -164,6 +165,14 @@ def _add_behaviour(parser: argparse.ArgumentParser) -> None:
         "--store", metavar="FILE", help="file for parameters stored through 0x1010 and LSS; created if missing"
     )
     parser.add_argument(
+        "--object",
+        action="append",
+        default=[],
+        metavar="[N[,N]=]OBJECT=V",
+        help="value of an object in place of that of the EDS, as in 0x1018:03=0x00010002; N= applies to these nodes "
+        "only (repeatable)",
+    )
+    parser.add_argument(
         "--serial",
         type=whole,
         metavar="N",
@@ -192,13 +201,19 @@ def run(args: argparse.Namespace) -> int:
     eds, eds_files = _eds_files(args.eds, node_ids)
     files = {name: None if (text := getattr(args, name)) is None else Path(text) for name in _FILES}
     options = DriveOptions(
-        faults=args.fault, quirks=args.quirk, like=args.like, serial=args.serial, others=eds_files, **files
+        faults=args.fault,
+        quirks=args.quirk,
+        like=args.like,
+        serial=args.serial,
+        others=eds_files,
+        objects=_objects(args.object, node_ids),
+        **files,
     )
     return run_drives(node_ids, eds, args.can, options, _print)
 
 
 def _run_buses(args: argparse.Namespace) -> int:
-    options = [name for name in ("node_id", "can", "eds", "status", "quirk", *_FILES) if getattr(args, name)]
+    options = [name for name in ("node_id", "can", "eds", "status", "quirk", "object", *_FILES) if getattr(args, name)]
     if options:
         raise ConfigError(f"--buses FILE replaces all other options; omit --{options[0].replace('_', '-')}")
     from canopen_control.personality import read_personality
@@ -260,6 +275,23 @@ def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dic
             f"--eds: {problem}; give --eds FILE once for all nodes, and --eds N=FILE for nodes with another file"
         )
     return (common or list(eds_files.values()))[0], eds_files
+
+
+def _objects(texts: Sequence[str], node_ids: Sequence[int]) -> dict[int, dict[tuple[int, int], int]]:
+    """Return the values of --object by node-ID and address; raise ConfigError if a text is invalid."""
+    from canopen_control.profiles import object_of
+
+    objects: dict[int, dict[tuple[int, int], int]] = {}
+    for text in texts:
+        *numbers, name, value = ("", *text.split("="))[-3:]
+        place = object_of(name)
+        if place is None or place[2] is not None or _WHOLE.fullmatch(value) is None or text.count("=") > 2:
+            raise ConfigError(f"--object {text}: write an object and a number, as in 0x1018:04=17 or 3=0x1018:04=17")
+        for node_id in parse_node_ids(numbers[0]) if numbers[0] else node_ids:
+            if node_id not in node_ids:
+                raise ConfigError(f"--object {text}: node {node_id} is not in --node-id; add it there, or correct it")
+            objects.setdefault(node_id, {})[place[0], place[1]] = int(value, 0)
+    return objects
 
 
 def _print(line: str) -> None:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -51,6 +50,7 @@ from canopen_control.master.plan_builder import (
     plan_interpolation,
     plan_offsets,
 )
+from canopen_control.master.plan_identity import check_identity, required_identity, warn_of_another_node
 from canopen_control.master.plan_pdos import (
     is_pdo_record,
     plan_downloaded_pdos,
@@ -59,7 +59,6 @@ from canopen_control.master.plan_pdos import (
     warn_of_unwatched_outputs,
 )
 from canopen_control.od.codec import encode
-from canopen_control.od.eds_sections import saved_node_id
 from canopen_control.od.indices import (
     COB_ID_EMCY,
     COB_ID_SYNC,
@@ -73,9 +72,7 @@ from canopen_control.od.indices import (
     STORE,
     SYNC_OVERFLOW,
 )
-from canopen_control.od.pdos import is_cob_id
 from canopen_control.profiles import Profile, profile_of
-from canopen_control.rpc.messages.robot import NodeIdentity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -84,6 +81,7 @@ if TYPE_CHECKING:
     from canopen_control.master.keys import MasterConfig, NodeConfig, SdoEntry, SupervisionKeys
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.profiles import Signal
+    from canopen_control.rpc.messages.robot import NodeIdentity
 
 
 _INTERFACES = ("position", "velocity", "effort")
@@ -93,7 +91,6 @@ SUPERVISION = frozenset((HEARTBEAT_CONSUMER, HEARTBEAT_PRODUCER, GUARD_TIME, LIF
 FACTORS = tuple((index, sub) for index in (POSITION_ENCODER_RESOLUTION, GEAR_RATIO, FEED_CONSTANT) for sub in (1, 2))
 """Objects that determine the position counts per turn."""
 _MILLISECOND = 1_000_000
-_NODE_ID_NAME = re.compile(r"(?i)(?:can ?)?node[ _-]?id")
 _STOPS = "a lost master stops the motor"
 _NO_HEARTBEAT = "node guarding replaces the heartbeat, which would disable it"
 _NOT_AT_BOOT = (
@@ -173,7 +170,7 @@ def plan_node(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePl
     profile = Profile(node.profile) if node.profile else profile_of(od)
     signals = plan_signals(builder, profile, tuple(_axes(od)))
     heartbeat_ms = _plan_values(builder, master)
-    _warn_of_another_node(builder)
+    warn_of_another_node(builder)
     guard = _guard(node.supervision) if node.supervision.guarded and not heartbeat_ms else None
     timeout_ms = _master_timeout_ms(builder, master, guarded=guard is not None)
     if not timeout_ms:
@@ -182,7 +179,7 @@ def plan_node(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePl
         node.name,
         node.node_id,
         source,
-        _identity(node, od),
+        required_identity(node, od),
         builder.ordered_writes(),
         _of_axes(builder.layouts["rpdo"], motors),
         _of_axes(builder.layouts["tpdo"], motors),
@@ -225,7 +222,7 @@ def _plan_communication(builder: PlanBuilder, master: MasterConfig) -> None:
     add_feed_forward(builder, tuple(_axes(od)))
     for kind in ("rpdo", "tpdo"):
         plan_pdos(builder, kind)
-    _check_identity(builder)
+    check_identity(builder)
 
 
 def _plan_values(builder: PlanBuilder, master: MasterConfig) -> int:
@@ -290,77 +287,6 @@ def _warn_of_two_motors(builder: PlanBuilder) -> None:
         "dcf",
         f"{names} of {builder.file} have a subindex for each of two motors, behind one controlword (as ZLTECH's "
         f"ZLAC8015D){remedy}",
-    )
-
-
-def _check_identity(builder: PlanBuilder) -> None:
-    """Warn if the vendor id or product code in bus.yml differs from the EDS, which is then for another device."""
-    expected, device = builder.node.identity, builder.od.device
-    for key, value, actual in (
-        ("vendor_id", expected.vendor_id, device.vendor_number),
-        ("product_code", expected.product_code, device.product_number),
-    ):
-        if value and actual and value != actual:
-            text = f"0x{value:X} is required, but {builder.file} is for 0x{actual:X}; correct one of them"
-            builder.warn(key, text)
-
-
-def _warn_of_another_node(builder: PlanBuilder) -> None:
-    """Warn about a DCF that was saved for another node, if COB-IDs or the node-ID of that node are written."""
-    saved, node_id = saved_node_id(builder.od), builder.node.node_id
-    if not saved or saved == node_id or builder.node.boot.configuration_file:
-        return
-    foreign = [
-        _shown(write)
-        for write in builder.writes
-        if write.reason == builder.download_reason and _is_of_node(write, saved)
-    ]
-    if foreign:
-        builder.warn(
-            "dcf",
-            f"{builder.file} was saved for node {saved}, and node {node_id} gets values of that node: "
-            f"{', '.join(dict.fromkeys(foreign))}; use a DCF that was saved for this node, or the EDS of the device",
-        )
-
-
-def _is_of_node(write: PlannedWrite, node_id: int) -> bool:
-    """Whether a write gives a PDO a COB-ID of a node, or an object its node-ID (0x2000 in maxon's DCFs)."""
-    value = int.from_bytes(write.data, "little")
-    if is_cob_id(*write.address):
-        return not value & INVALID_BIT and value & 0x7F == node_id
-    return value == node_id and _NODE_ID_NAME.fullmatch(write.name) is not None
-
-
-def _shown(write: PlannedWrite) -> str:
-    value = int.from_bytes(write.data, "little")
-    if write.pdo is None:
-        return f"{write.name} (0x{write.index:04X}) = {value}"
-    return f"{write.pdo[0].upper()} {write.pdo[1]} 0x{value & 0x7FF:03X}"
-
-
-def _identity(node: NodeConfig, od: ObjectDictionary) -> NodeIdentity:
-    """Return the identity for the comparison during boot; the number 0 disables a comparison.
-
-    Vendor id and product code are from bus.yml, else from the EDS; revision and serial number only from bus.yml. EDS
-    values count only if the EDS has the entry of 0x1018: only the vendor id is mandatory there (CiA 301, 7.5.2.21),
-    some devices lack even that, and values of [DeviceInfo] cannot be read from a device.
-    """
-
-    def default(index: int, subindex: int, device: int | None, number: int | None = None) -> int:
-        entry = od.get(index, subindex)
-        if number is not None:
-            return number
-        if entry is None:
-            return 0
-        return entry.default if isinstance(entry.default, int) else device or 0
-
-    return NodeIdentity(
-        device_type=default(0x1000, 0, None),
-        vendor_id=default(0x1018, 1, od.device.vendor_number, node.identity.vendor_id),
-        product_code=default(0x1018, 2, od.device.product_number, node.identity.product_code),
-        revision_number=node.identity.revision_number or 0,
-        serial_number=node.identity.serial_number or 0,
-        eds_revision=0 if node.identity.revision_number is not None else default(0x1018, 3, od.device.revision_number),
     )
 
 

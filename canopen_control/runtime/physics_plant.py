@@ -19,6 +19,7 @@ from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.driverless_system import WorldSensors
 from canopen_control.host.files import state_dir, telling, write_whole
 from canopen_control.runtime.robot_files import MAIN_BUS
+from canopen_control.runtime.setup import required_objects
 from canopen_control.urdf.robot_model import WheelGeometry
 
 if TYPE_CHECKING:
@@ -202,7 +203,13 @@ def buses_of(setup: RobotSetup, plant: Path) -> list[str]:
         eds = {
             str(node.node_id): str(setup.buses[name].eds_paths[node.name]) for node in setup.buses[name].nodes.values()
         }
-        lines.append(f"      {name}: {{channel: {json.dumps(channel)}, nodes: {json.dumps(eds)}}}")
+        required = {
+            str(node.node_id): {f"0x{index:04X}:{subindex:02X}": value for (index, subindex), value in objects.items()}
+            for node in setup.buses[name].nodes.values()
+            if (objects := required_objects(setup.buses[name], node.name))
+        }
+        more = f", objects: {json.dumps(required)}" if required else ""
+        lines.append(f"      {name}: {{channel: {json.dumps(channel)}, nodes: {json.dumps(eds)}{more}}}")
     return lines
 
 

@@ -19,6 +19,7 @@ from canopen_control.hardware.axis_parameters import add_plugin_interfaces
 from canopen_control.hardware.plugins import PluginKind, kind_of
 from canopen_control.master.config import read_bus
 from canopen_control.master.event_log import Level
+from canopen_control.od.indices import IDENTITY, PROGRAM_ID
 from canopen_control.runtime.default_description import (
     controllers_of,
     default_warnings,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.config import BusConfig
     from canopen_control.master.plan import NodePlan
+    from canopen_control.od.model import Address
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.urdf.description import UrdfDescription
 
@@ -56,6 +58,27 @@ def unit_quirks(bus: BusConfig, name: str) -> list[str]:
     scales = [units.of_axis(axis) for axis in range(len(axes))]
     ratios = [abs(scale["pos_to_dev"] / scale["vel_to_dev"]) for scale in scales]
     return [f"own_velocity_unit={ratio:.9g}@{axis}" for axis, ratio in enumerate(ratios) if ratio != 1.0]
+
+
+def required_objects(bus: BusConfig, name: str) -> dict[Address, int]:
+    """Return the identity and firmware version that bus.yml requires of a node, where its EDS has other values.
+
+    A virtual drive that stands for the node has them instead of those of the EDS. The serial number is always among
+    them, because a virtual drive ignores the one of its EDS.
+    """
+    keys, od = bus.nodes[name].identity, bus.dictionaries[name]
+    required = {
+        (IDENTITY, 1): keys.vendor_id,
+        (IDENTITY, 2): keys.product_code,
+        (IDENTITY, 3): keys.revision_number,
+        (IDENTITY, 4): keys.serial_number,
+        (PROGRAM_ID, 1): keys.software_version,
+    }
+    return {
+        address: number
+        for address, number in required.items()
+        if number and (number != od.number(*address) or address == (IDENTITY, 4))
+    }
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from canopen_control.host.files import state_dir
 from canopen_control.host.spawn import end_children, spawn
 from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.physics_plant import write_buses
-from canopen_control.runtime.setup import unit_quirks
+from canopen_control.runtime.setup import required_objects, unit_quirks
 from canopen_control.virtual.plant import WORLD_NOTE
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from canopen_control.host.timer import Timer
     from canopen_control.master.config import BusConfig
     from canopen_control.master.remote_node import RemoteNode
+    from canopen_control.od.model import Address
     from canopen_control.runtime.realtime import RealTime
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.virtual.node_host import NodeHost
@@ -343,6 +344,7 @@ class Supervisor:
                 channel,
                 *self._like,
                 *(f"--quirk={quirk}" for quirk in unit_quirks(bus, node.name)),
+                *(f"--object={words}" for words in _words(required_objects(bus, node.name))),
             ]
             self._start_drives(arguments, f"{_DRIVE}{node.name}", (node.name,))
 
@@ -357,6 +359,8 @@ class Supervisor:
             arguments = ["canopen_control", "drive", "--node-id", ids, "--can", channel, "--plant", str(plant)]
             for bus, node in nodes:
                 arguments += ["--eds", f"{node.node_id}={bus.eds_paths[node.name].resolve()}"]
+                objects = _words(required_objects(bus, node.name))
+                arguments += [f"--object={node.node_id}={words}" for words in objects]
         quirks = {tuple(unit_quirks(bus, node.name)) for bus, node in nodes}
         if len(quirks) == 1:  # the process applies its quirks to all of its drives
             arguments += [f"--quirk={quirk}" for quirk in quirks.pop()]
@@ -387,7 +391,8 @@ class Supervisor:
 
         for node in bus.nodes.values():
             port = open_port(channel, label=f"drive {node.node_id}")
-            device = make_device(bus.eds_paths[node.name], node.node_id, quirks=unit_quirks(bus, node.name), like=like)
+            quirks, objects = unit_quirks(bus, node.name), required_objects(bus, node.name)
+            device = make_device(bus.eds_paths[node.name], node.node_id, quirks=quirks, like=like, objects=objects)
             self._hosts.append((NodeHost(self._reactor, port, [device]), port))
 
     def _start_module(
@@ -508,6 +513,11 @@ class Restarts:
         self._times.append(now)
         recent = sum(now - time_ns < WINDOW_NS for time_ns in self._times)
         return f"it is restarted ({recent} of {MAX_RESTARTS} times a minute)"
+
+
+def _words(objects: Mapping[Address, int]) -> list[str]:
+    """Return values of objects in the form of `drive --object`."""
+    return [f"0x{index:04X}:{subindex:02X}=0x{value:X}" for (index, subindex), value in objects.items()]
 
 
 def _absolute(like: str) -> str:

@@ -25,21 +25,21 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.observer import RobotObserver
-from canopen_control.runtime.setup import unit_quirks
+from canopen_control.runtime.setup import required_objects, unit_quirks
 from canopen_control.simulation.simulated_floor import SimulatedFloor, open_floor
 from canopen_control.simulation.simulated_wire import SimulatedWire
 from canopen_control.simulation.virtual_time import Actor, Timing, VirtualTime
 from canopen_control.virtual.control import NodeMethods
-from canopen_control.virtual.device import make_device
+from canopen_control.virtual.device import NO_OBJECTS, make_device
 from canopen_control.virtual.node_host import NodeHost
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from canopen_control.bus.port import Port
     from canopen_control.controllers.trajectory.goal import TrajectoryGoal
     from canopen_control.master.event_log import Event
-    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.od.model import Address, ObjectDictionary
     from canopen_control.personality import Personality
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.virtual.scenario import ScenarioEvent
@@ -140,7 +140,7 @@ def _dictionary(path: str, _changed: int) -> ObjectDictionary:
 class SimulatedDrive:
     """Virtual drive as a simulated process; `device` is None without supply.
 
-    `quirks` and the personality `like` take effect at power-on.
+    `quirks`, the personality `like` and the values `objects` in place of those of the EDS take effect at power-on.
     """
 
     def __init__(self, robot: RobotUnderTest, wire: SimulatedWire, node_id: int, eds: Path) -> None:
@@ -150,6 +150,7 @@ class SimulatedDrive:
         self.actor: Actor | None = None
         self.quirks: Sequence[str] = ()
         self.like: Personality | None = None
+        self.objects: Mapping[Address, int] = NO_OBJECTS
         self._robot, self._eds, self._times = robot, eds, 0
         self._host: NodeHost | None = None
         self._port: Port | None = None
@@ -161,8 +162,9 @@ class SimulatedDrive:
             return
         floor = self._robot.floor
         plant = None if floor is None else floor.plants_of(self.node_id)
+        od = dictionary_of(self._eds)
         self.device = make_device(
-            dictionary_of(self._eds), self.node_id, plant=plant, quirks=self.quirks, like=self.like
+            od, self.node_id, plant=plant, quirks=self.quirks, like=self.like, objects=self.objects
         )
         self._times += 1
         self.actor = actor = self._robot.actor(self.label, self._robot.timings.drive, self._times)
@@ -233,6 +235,7 @@ class RobotUnderTest:
                 eds = bus.eds_paths[node.name]
                 drive = self.drives[node.node_id] = SimulatedDrive(self, self.wires[name], node.node_id, eds)
                 drive.quirks = unit_quirks(bus, node.name)
+                drive.objects = required_objects(bus, node.name)
         self.host: Actor
         self.core: RobotCore
         self._times = 0

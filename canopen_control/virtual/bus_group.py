@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -25,6 +25,7 @@ from canopen_control.bus.channel import open_port
 from canopen_control.errors import ConfigError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.host.reactor import Reactor
+from canopen_control.profiles import object_of
 from canopen_control.virtual.device import make_devices
 from canopen_control.virtual.launch import NodeIdCheck, reopen
 from canopen_control.virtual.plant import WORLD_NOTE
@@ -56,10 +57,14 @@ class GroupError(ConfigError):
 
 @dataclass(frozen=True)
 class BusFile:
-    """Section of the file for one bus: its channel, and the EDS files of its nodes by node-ID."""
+    """Section of the file for one bus: its channel, and the EDS files of its nodes by node-ID.
+
+    `objects` are values such as ``"0x1018:04": 17`` that replace those of the EDS, by node-ID.
+    """
 
     channel: str
     nodes: dict[str, str]
+    objects: dict[str, dict[str, int]] = field(default_factory=dict)
     here: Node = position()
 
 
@@ -100,6 +105,9 @@ def _check(file: BusGroup, _problems: Problems) -> None:
         for text in bus.nodes:
             if not text.isdigit() or not 1 <= int(text) <= MAX_NODE_ID:
                 bus.here.error(f"{text!r} is not a node-ID: 1 to {MAX_NODE_ID}")
+        for node, values in bus.objects.items():
+            if node not in bus.nodes or not all(map(object_of, values)):
+                bus.here.error(f"objects of {node!r}: give a node-ID of `nodes`, and objects such as 0x1018:04")
 
 
 def run_group(path: Path, report: Callable[[str], None], like: Personality | None = None) -> int:
@@ -140,9 +148,12 @@ def _nodes(
     like: Personality | None,
 ) -> BusNodes:
     eds_files = {int(node): path.parent / eds for node, eds in bus.nodes.items()}
-    devices = make_devices(
-        list(eds_files), next(iter(eds_files.values())), report, eds_files=eds_files, world=world, like=like
-    )
+    objects = {
+        int(node): {(found[0], found[1]): value for text, value in values.items() if (found := object_of(text))}
+        for node, values in bus.objects.items()
+    }
+    eds = next(iter(eds_files.values()))
+    devices = make_devices(list(eds_files), eds, report, eds_files=eds_files, world=world, like=like, objects=objects)
     return BusNodes(port, devices.nodes, partial(reopen, bus.channel, label), world=world)
 
 

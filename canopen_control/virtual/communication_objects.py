@@ -153,7 +153,12 @@ class ProgramArea:
 
     @property
     def identification(self) -> int:
-        """CRC-32 at the end of the program, or 0 without a complete program."""
+        """CRC-32 at the end of the program, or 0 without a complete program.
+
+        The program from the factory is identified by the value of the dictionary, if it has one.
+        """
+        if self.image is FACTORY_PROGRAM and (known := self._store.number(PROGRAM_ID, self.number)):
+            return known
         return int.from_bytes(self.image[-_CRC_BYTES:], "little") if self.is_whole else 0
 
     @property

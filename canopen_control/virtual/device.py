@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.cia402 import objects as o
@@ -21,6 +21,7 @@ from canopen_control.frame import MAX_NODE_ID
 from canopen_control.host.sockets import lock
 from canopen_control.od.codec import decode, encode
 from canopen_control.od.eds import read_eds
+from canopen_control.od.model import DataType, Entry
 from canopen_control.virtual.device_model import (
     GENERIC,
     DeviceModel,
@@ -241,6 +242,10 @@ def device_model_of(od: ObjectDictionary) -> DeviceModel:
     return TMCM1270 if is_tmcm1270(od) else vendor_model(od) or GENERIC
 
 
+NO_OBJECTS: Final[Mapping[Address, int]] = MappingProxyType({})
+"""No values in place of those of the EDS."""
+
+
 def make_device(
     source: str | Path | ObjectDictionary,
     node_id: int,
@@ -251,16 +256,19 @@ def make_device(
     model: DeviceModel | None = None,
     quirks: Sequence[str] = (),
     like: Personality | None = None,
+    objects: Mapping[Address, int] = NO_OBJECTS,
 ) -> VirtualNode:
     """Create the virtual device of an EDS (a path or a dictionary).
 
     `plant` creates the plant of an axis. `faults` (``name`` or ``name@seconds``) are switched on at power-on or later,
     `quirks` (``name``, ``name=value`` or ``name=value@axis``) at power-on, together with those of the personality
-    `like`. Raise EdsError for a file that cannot be used, and ConfigError for an invalid or impossible fault
-    or quirk, or a personality whose objects the dictionary lacks.
+    `like`. `objects` are values in place of those of the EDS, such as the identity that a robot expects; the model of
+    the device stays that of the EDS. Raise EdsError for a file that cannot be used, and ConfigError for an invalid or
+    impossible fault or quirk, a value that does not fit, or a personality whose objects the dictionary lacks.
     """
     od = read_eds(source, node_id).od if isinstance(source, str | Path) else source.for_node(node_id)
-    node = VirtualNode(od, node_id, serial=serial, model=model or device_model_of(od), plant=plant)
+    model = model or device_model_of(od)
+    node = VirtualNode(_with_objects(od, objects), node_id, serial=serial, model=model, plant=plant)
     switches = FaultSwitches(node)
     for fault in faults:
         switches.schedule(fault)
@@ -270,6 +278,25 @@ def make_device(
     if quirks:
         switches_of(node).start_with(quirks)
     return node
+
+
+def _with_objects(od: ObjectDictionary, objects: Mapping[Address, int]) -> ObjectDictionary:
+    """Return `od` with other values; objects that the file lacks are added, as read-only numbers of 32 bits."""
+    if not objects:
+        return od
+    changed = replace(od, entries=od.entries.copy(), objects=od.objects.copy())
+    for (index, subindex), value in objects.items():
+        entry = changed.get(index, subindex) or Entry(index, subindex, "", DataType.UNSIGNED32, "ro")
+        if not entry.data_type.is_integer or not entry.data_type.minimum <= value <= entry.data_type.maximum:
+            raise ConfigError(
+                f"node {od.node_id}: 0x{index:04X}:{subindex:02X} = {value} does not fit {entry.data_type.name}; "
+                "give a number of this type"
+            )
+        changed.add(replace(entry, parameter_value=value, parameter_relative=False))
+        count = changed.get(index) or Entry(index, 0, "", DataType.UNSIGNED8, "ro", default=0)
+        if isinstance(count.value, int) and count.value < subindex <= 0xFE:
+            changed.add(replace(count, default=subindex, parameter_value=None))
+    return changed
 
 
 def take_personality(node: VirtualNode, like: Personality) -> None:
@@ -309,13 +336,14 @@ def make_devices(
     plant: Path | None = None,
     eds_files: Mapping[int, Path] | None = None,
     world: World | None = None,
+    objects: Mapping[int, Mapping[Address, int]] | None = None,
 ) -> Devices:
     """Create all devices of a process; an error in a file is raised before any device runs.
 
     Raise EdsError and ConfigError. `report` gets warnings and the assumptions of the world. `serial` is the serial
-    number of the first node, see `launch.DriveOptions`; `eds_files` maps node-IDs to EDS files, where they
-    differ from `eds`; `world` is an existing world. A node whose node-ID was changed by LSS, in an earlier process with
-    the same store, starts with the changed node-ID.
+    number of the first node, see `launch.DriveOptions`; `eds_files` maps node-IDs to EDS files, where they differ from
+    `eds`, and `objects` to values that replace those of the EDS; `world` is an existing world. A node whose node-ID was
+    changed by LSS, in an earlier process with the same store, starts with the changed node-ID.
     """
     files = {node_id: eds if eds_files is None else eds_files.get(node_id, eds) for node_id in node_ids}
     ods = {file: read_eds(file, node_ids[0]).od for file in files.values()}
@@ -336,6 +364,7 @@ def make_devices(
             _serial(node_id) if serial is None else serial + number,
             world,
             file,
+            NO_OBJECTS if objects is None else objects.get(node_id, NO_OBJECTS),
         )
         for number, node_id in enumerate(node_ids)
     ]
@@ -366,11 +395,12 @@ def _node(
     serial: int,
     world: World,
     file: ParameterFile | None,
+    objects: Mapping[Address, int],
 ) -> VirtualNode:
     active = node_id if file is None else file.node_id(node_id)
     faults, quirks, like = behaviour
     plant = partial(world.plant, node_id)
-    node = make_device(od, active, faults, serial=serial, plant=plant, quirks=quirks, like=like)
+    node = make_device(od, active, faults, serial=serial, plant=plant, quirks=quirks, like=like, objects=objects)
     if file is not None:
         file.attach(node, node_id)
     if isinstance(world, ShaftWorld) and isinstance(node.function, ShaftFollower) and world.has_shaft(node_id):

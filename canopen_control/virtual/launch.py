@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.bus.port import Port
+    from canopen_control.od.model import Address
 
 
 # Check on the bus whether node-IDs are free, before virtual drives use them.
@@ -71,7 +72,7 @@ class DriveOptions:
 
     Faults are ``name`` or ``name@seconds``, quirks ``name=value@axis``. `like` is a personality, given by name or as a
     file. `serial` is 0x1018:04 of the first node, None for the node-ID. `others` maps node-IDs to the EDS
-    files of nodes that do not have the common EDS.
+    files of nodes that do not have the common EDS, `objects` to values of objects that replace those of the EDS.
     """
 
     faults: Sequence[str] = ()
@@ -82,6 +83,7 @@ class DriveOptions:
     scenario: Path | None = None
     plant: Path | None = None
     others: Mapping[int, Path] = field(default_factory=dict)
+    objects: Mapping[int, Mapping[Address, int]] = field(default_factory=dict)
 
 
 def run_drives(
@@ -113,6 +115,7 @@ def run_drives(
                 scenario=options.scenario,
                 plant=options.plant,
                 eds_files=options.others,
+                objects=options.objects,
             )
             check.finish()
             # nodes whose node-ID LSS has changed, from the store

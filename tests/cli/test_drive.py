@@ -14,7 +14,7 @@ from support.onbus import TMCM as EDS
 from support.onbus import OnBus
 
 from canopen_control.bus.channel import open_port
-from canopen_control.cli.drive import _eds_files, parse_node_ids, run
+from canopen_control.cli.drive import _eds_files, _objects, parse_node_ids, run
 from canopen_control.cli.main import main
 from canopen_control.cli.support.parsers import parser_of
 from canopen_control.errors import ConfigError
@@ -219,3 +219,19 @@ def test_nodes_of_one_process_may_have_an_eds_each(inputs, others):
 def test_an_eds_that_fits_no_node_or_too_many_is_reported(inputs, words):
     with pytest.raises(ConfigError, match=re.escape(words)):
         _eds_files(inputs, [2, 3])
+
+
+def test_values_in_place_of_those_of_the_eds_are_for_all_nodes_or_for_some():
+    texts = ["0x1018:03=5", "3=0x1018:04=0x4D", "2,3=6060=-1"]
+    assert _objects(texts, [2, 3]) == {
+        2: {(0x1018, 3): 5, (0x6060, 0): -1},
+        3: {(0x1018, 3): 5, (0x1018, 4): 77, (0x6060, 0): -1},
+    }
+
+
+@pytest.mark.parametrize(
+    "text", ["0x1018:04", "0x1018:04=x", "serial=3", "3=0x1018:04=5=6", "4=0x1018:04=5", "6000:1.3=1"]
+)
+def test_other_values_are_refused(text):
+    with pytest.raises(ConfigError, match=f"--object {text}: .*(write an object and a number|not in --node-id)"):
+        _objects([text], [2, 3])

@@ -322,25 +322,6 @@ def test_a_bit_rate_in_bits_per_second_is_taken_and_noted(tmp_path, rate):
     )
 
 
-@pytest.mark.parametrize(
-    ("keys", "vendor", "product", "warned"),
-    [
-        ("", 0x286, 0x4F6, ()),
-        ("vendor_id: 0x286, product_code: 0x4F6", 0x286, 0x4F6, ()),
-        ("vendor_id: 0, product_code: 0", 0, 0, ()),
-        ("vendor_id: 0x287", 0x287, 0x4F6, ("vendor_id",)),
-        ("product_code: 1", 0x286, 1, ("product_code",)),
-    ],
-)
-def test_vendor_and_product_are_those_of_bus_yml_before_the_edss(tmp_path, keys, vendor, product, warned):
-    bus = with_node(tmp_path, keys)
-    identity = bus.plans["right_drive"].identity
-    assert (identity.vendor_id, identity.product_code) == (vendor, product)
-    reported = [note for note in bus.notes if "is required, but" in note]
-    assert len(reported) == len(warned)
-    assert all(key in text for key, text in zip(warned, reported, strict=True))
-
-
 @pytest.mark.parametrize("kind", ["rpdo", "tpdo"])
 def test_a_pdo_that_the_device_does_not_have_is_off_already(tmp_path, kind):
     bus = with_node(tmp_path, f"{kind}: {{5: {{enabled: false}}}}")

@@ -197,3 +197,10 @@ def test_a_robot_on_one_local_bus_can_and_none_on_the_memory_of_a_process():
     check_physics(setup_of("robby", "local:physics-can"))
     with pytest.raises(RobotConfigError, match="do not run in a process of their own"):
         check_physics(setup_of("robby", "memory:physics-can"))
+
+
+def test_the_identity_that_bus_yml_requires_is_in_the_buses_file(tmp_path):
+    changes = {"right_drive:\n": "right_drive:\n    serial_number: 77\n"}
+    setup = setup_of(str(copy_robby(tmp_path, bus=changes)), "local:a")
+    (bus,) = read_group(write_buses(tmp_path, [(setup, tmp_path / PLANT_FILE)])).robots["robby"].buses.values()
+    assert bus.objects == {"2": {"0x1018:04": 77}}

@@ -4,7 +4,7 @@ from support.robots import copy_robby, split_robby
 
 from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.runtime.robot_files import find_robot
-from canopen_control.runtime.setup import read_robot, unit_quirks
+from canopen_control.runtime.setup import read_robot, required_objects, unit_quirks
 
 ROBBY = find_robot("robby")
 
@@ -160,3 +160,18 @@ UNITS = "scale_pos_to_dev: {0}, scale_pos_from_dev: {1}, scale_vel_to_dev: {2}, 
 def test_a_virtual_drive_has_the_velocity_unit_of_bus_yml(tmp_path, position, velocity, quirks):
     scales = UNITS.format(position, 1 / position, velocity, 1 / velocity)
     assert unit_quirks(with_node(tmp_path, scales), "right_drive") == quirks
+
+
+@pytest.mark.parametrize(
+    ("keys", "objects"),
+    [
+        ("", {}),
+        ("vendor_id: 0x286, product_code: 0x4F6", {}),
+        ("vendor_id: 0, product_code: 0, revision_number: 0, serial_number: 0", {}),
+        ("vendor_id: 0x287, product_code: 1", {(0x1018, 1): 0x287, (0x1018, 2): 1}),
+        ("revision_number: 5, serial_number: 77", {(0x1018, 3): 5, (0x1018, 4): 77}),
+        ("software_version: 0x10002", {(0x1F56, 1): 0x10002}),
+    ],
+)
+def test_a_virtual_drive_has_the_identity_that_bus_yml_requires(tmp_path, keys, objects):
+    assert required_objects(with_node(tmp_path, keys), "right_drive") == objects

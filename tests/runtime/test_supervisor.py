@@ -6,10 +6,12 @@ import signal
 import subprocess
 import sys
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from support.host import eventually
+from support.robots import copy_robby
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError
@@ -235,6 +237,29 @@ def test_drives_are_started_with_their_personality(supervisor, monkeypatch, tmp_
 def test_drives_inside_this_process_have_their_personality(supervisor):
     supervisor.start_drives(read_robot(find_robot("robby"), can=["memory:like"]), like="copley")
     assert [host.nodes[0].quirks.active for host, _ in supervisor._hosts] == [["mapping_count_first"]] * 2
+
+
+@pytest.fixture
+def numbered(tmp_path):
+    """A robot whose right drive has a revision and a serial number in bus.yml, on a channel."""
+    keys = "    revision_number: 5\n    serial_number: 77\n"
+    folder = copy_robby(tmp_path, bus={"right_drive:\n": f"right_drive:\n{keys}"})
+    return lambda channel: read_robot(find_robot(str(folder)), can=[channel])
+
+
+@pytest.mark.parametrize(("plant", "node"), [(None, ""), ("plant.yml", "2=")])
+def test_drives_are_started_with_the_identity_that_bus_yml_requires(supervisor, monkeypatch, numbered, plant, node):
+    started = []
+    monkeypatch.setattr(supervisor, "_start_drives", lambda words, *_more: started.extend(words))
+    supervisor.start_drives(numbered("local:nobody"), plant and Path(plant))
+    required = [f"--object={node}0x1018:03=0x5", f"--object={node}0x1018:04=0x4D"]
+    assert [word for word in started if word.startswith("--object")] == required
+
+
+def test_drives_inside_this_process_have_the_identity_that_bus_yml_requires(supervisor, numbered):
+    supervisor.start_drives(numbered("memory:required"))
+    identities = [[host.nodes[0].store.number(0x1018, part) for part in (3, 4)] for host, _ in supervisor._hosts]
+    assert [5, 77] in identities
 
 
 def test_the_drives_of_a_world_are_one_process_and_what_it_guessed_is_reported(supervisor, monkeypatch, tmp_path):

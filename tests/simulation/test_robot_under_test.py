@@ -2,7 +2,7 @@ import re
 
 import pytest
 from support import makers
-from support.robots import split_robby
+from support.robots import copy_robby, split_robby
 from support.simulated import Played, S, setup_of
 
 from canopen_control.errors import RobotConfigError
@@ -128,3 +128,21 @@ def test_a_node_id_on_two_buses_is_refused_because_drives_are_named_by_it(tmp_pa
     setup = read_robot(find_robot(str(config)))
     with pytest.raises(RobotConfigError, match="right_drive on bus right and a node on bus can are both node 3"):
         RobotUnderTest(setup)
+
+
+def test_drives_have_the_identity_that_bus_yml_requires(tmp_path):
+    """They had that of the EDS, so that the boot ended with error D, M, N, O or G of CiA 302-2."""
+    numbers = {"vendor_id": 0x287, "product_code": 1, "revision_number": 5, "serial_number": 77, "software_version": 3}
+    keys = "".join(f"    {key}: {number}\n" for key, number in numbers.items())
+    played = Played(str(copy_robby(tmp_path, bus={"right_drive:\n": f"right_drive:\n{keys}"})))
+    assert played.run(1.0).robot.running
+    drive = played.robot.drives[2]
+    assert [drive.device.store.number(0x1018, part) for part in (1, 2, 3, 4)] == [0x287, 1, 5, 77]
+    assert played.robot.drives[3].device.store.number(0x1018, 4) == 3
+    drive.power_off()
+    played.run(1.0)
+    drive.objects = {**drive.objects, (0x1018, 4): 78}
+    drive.power_on()
+    played.run(3.0)
+    assert [event.text for event in played.events if "serial number 0x1018:04" in event.text]
+    played.robot.close()

@@ -27,6 +27,8 @@ def written(tmp_path, text=GROUP):
         ("world: hall.yml", "", "several robots need the file with their start poses"),
         ("group-b", "group-a", "a bus needs nodes, and a channel"),
         ('{"2": EDS}', '{"200": EDS}', "'200' is not a node-ID: 1 to 127"),
+        ('"3": EDS}', '"3": EDS}, objects: {"4": {"0x1018:04": 5}}', "objects of '4': give a node-ID of `nodes`"),
+        ('"3": EDS}', '"3": EDS}, objects: {"3": {serial: 5}}', "objects of '3': .*such as 0x1018:04"),
         ("mujoco", "gazebo", "engine"),
         ("plant: b.yml, ", "", "plant"),
     ],
@@ -52,7 +54,7 @@ class Shared(IndependentPlants):
 
 
 def test_all_buses_are_served_on_their_sides_of_one_world(tmp_path, monkeypatch):
-    shared, lines, created = Shared(), [], []
+    shared, lines, created, serials = Shared(), [], [], []
     engine = types.SimpleNamespace(
         make_shared=lambda plants, where: created.append((list(plants), where.name)) or shared
     )
@@ -65,12 +67,15 @@ def test_all_buses_are_served_on_their_sides_of_one_world(tmp_path, monkeypatch)
 
         def _look(self):
             """Again and again: a stop that came while the buses are opened would be forgotten."""
+            serials[:] = [node.store.number(0x1018, 4) for bus in self._buses for node in bus.nodes]
             if sum("ready on" in line for line in lines) == 2:
                 self._reactor.stop()
             self._reactor.call_later(20_000_000, self._look)
 
     monkeypatch.setattr(bus_group, "DriveProcess", Ending)
-    assert run_group(written(tmp_path), lines.append) == 0
+    text = GROUP.replace('"3": EDS}', '"3": EDS}, objects: {"3": {"0x1018:04": 77}}')
+    assert run_group(written(tmp_path, text), lines.append) == 0
+    assert serials == [2, 77, 2]
     assert created == [(["a", "b"], "hall.yml")]
     assert shared.sides == [("a", ""), ("b", "")]
     assert shared.closed

@@ -161,3 +161,10 @@ def test_data_without_a_clear_are_refused_with_their_first_frame(bench):
     cleared(bench)
     (answer,) = [frame for frame in bench.put(0x605, b"\x21\x50\x1f\x01\x00\x04\x00\x00") if frame.can_id == 0x585]
     assert answer.data[0] == 0x60
+
+
+def test_the_factory_program_has_the_version_of_the_dictionary_until_another_is_loaded():
+    bench = Bench(make_device(program_od(), 5, objects={(0x1F56, 1): 0x10002}))
+    assert bench.read(0x1F56, 1) == bytes.fromhex("02000100")
+    assert bench.read(0x1F56, 1) == bytes.fromhex("02000100")
+    assert cleared(bench).read(0x1F56, 1) == bytes(4)

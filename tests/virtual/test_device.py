@@ -273,3 +273,29 @@ def test_what_a_lely_master_writes_at_boot_is_taken_with_bit_30_cleared():
     bench.put(0x303, bytes.fromhex("F2090000"))
     bench.sync()
     assert bench.number(0x60FF) == 2546
+
+
+def test_values_of_a_robot_replace_those_of_the_file_and_the_device_model_stays():
+    objects = {(0x1018, 2): 1, (0x1018, 4): 77, (0x1F56, 1): 0x10002}
+    node = make_device(TMCM, 3, objects=objects)
+    assert {address: node.store.number(*address) for address in objects} == objects
+    assert node.model is TMCM1270
+    assert node.store.number(0x1F56) == 1
+    assert not node.od[0x1F56, 1].writable
+    node.store.defaults()
+    assert node.store.number(0x1018, 4) == 77
+    assert make_device(TMCM, 3).store.number(0x1018, 4) == 3
+
+
+def test_a_number_that_the_file_lacks_is_counted_by_subindex_0():
+    od = servo_od()
+    od.add(entry(0x1018, 0, T.UNSIGNED8, 1))
+    od.entries.pop((0x1018, 4), None)
+    node = make_device(od, 5, objects={(0x1018, 4): 77})
+    assert (node.store.number(0x1018), node.store.number(0x1018, 4)) == (4, 77)
+    assert (0x1018, 4) not in od
+
+
+def test_a_value_that_does_not_fit_is_refused():
+    with pytest.raises(ConfigError, match="node 3: 0x6060:00 = 200 does not fit INTEGER8; give a number of this type"):
+        make_device(TMCM, 3, objects={(0x6060, 0): 200})
