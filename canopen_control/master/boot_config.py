@@ -174,7 +174,7 @@ def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
         raise boot_error(
             plan,
             "J",
-            f"{_what(write)} is {value}, but {planned} in {plan.source}, and bus.yml has a scale for one of them only: "
+            f"{write.label} is {value}, but {planned} in {plan.source}, and bus.yml has a scale for one of them only: "
             f"add `{line}` under `sdo:` to keep {value}, or the same with {planned} to write {planned}",
         )
 
@@ -295,7 +295,7 @@ def _present(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> G
     try:
         return (yield from transfers.read_optional(*write.address))
     except SdoTimeout as error:
-        raise boot_error(plan, "J", f"reading {_what(write)}: {reason_of(error)}") from error
+        raise boot_error(plan, "J", f"reading {write.label}: {reason_of(error)}") from error
 
 
 def _write(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, bool]:
@@ -305,14 +305,14 @@ def _write(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Gen
     except (SdoAbort, SdoTimeout) as error:
         if isinstance(error, SdoAbort) and write.optional:
             why = f" ({write.reason})" if write.reason else ""
-            transfers.warnings.append(f"it refuses {_what(write)}{why}: {reason_of(error)}")
+            transfers.warnings.append(f"it refuses {write.label}{why}: {reason_of(error)}")
             return False
         hint = (
             "; to boot without it set `allow_unsupervised: true` and `heartbeat_consumer: false`"
             if _is_supervision(write)
             else ""
         )
-        raise boot_error(plan, "J", f"writing {_what(write)}: {reason_of(error)}{hint}") from error
+        raise boot_error(plan, "J", f"writing {write.label}: {reason_of(error)}{hint}") from error
     return True
 
 
@@ -325,14 +325,10 @@ def _report_difference(plan: NodePlan, write: PlannedWrite, after: bytes, transf
 
     Raise BootError J instead for 0x6007 and for communication objects other than EMCY.
     """
-    text = f"{_what(write)} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
+    text = f"{write.label} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
     if (write.index < _FIRST_OWN and write.index != COB_ID_EMCY) or axis_of(write.index)[0] == ABORT_CONNECTION_OPTION:
         raise boot_error(plan, "J", text)
     why = "; the node limits or rounds it"
     if write.index in _INTERPOLATION:
         why = "; the node rounds it: positions are not interpolated over the SYNC period; change sync_period"
     transfers.warnings.append(text + why)
-
-
-def _what(write: PlannedWrite) -> str:
-    return f"{write.name} 0x{write.index:04X}:{write.subindex:02X}"

@@ -290,7 +290,7 @@ def _write_all(
         except SdoAbort as error:
             last = final.get(write.address)
             if last is None or not matches(last, current.get(write.address)):
-                return write, f"it refuses {write.name} 0x{write.index:04X}:{write.subindex:02X}: {reason_of(error)}"
+                return write, f"it refuses {write.label}: {reason_of(error)}"
     return None
 
 

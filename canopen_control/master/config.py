@@ -32,11 +32,11 @@ from canopen_control.master.keys import (
     NodeConfig,
 )
 from canopen_control.master.node_config import node_config, node_id_below, tolerated, with_defaults
-from canopen_control.master.plan import NodePlan, plan_node
+from canopen_control.master.plan import UNWATCHED, NodePlan, plan_node
 from canopen_control.master.plan_builder import PlanBuilder
 from canopen_control.od.dcf import concise_of, decode_concise
 from canopen_control.od.eds import SUFFIXES, read_eds
-from canopen_control.od.indices import ERROR_BEHAVIOUR
+from canopen_control.od.indices import ERROR_BEHAVIOUR, GUARD_TIME, LIFE_FACTOR
 from canopen_control.od.model import BIT_RATES
 from canopen_control.yamlfile.convert import convert, keys_of
 from canopen_control.yamlfile.node import Node
@@ -507,6 +507,12 @@ class _Reader:
         elif not config.supervision.allow_unsupervised:
             off = plan.unsupervised.startswith("heartbeat_consumer ")
             key, accepts = ("heartbeat_consumer", f"write true, or {accepts}") if off else ("dcf", accepts)
+            if (
+                plan.unsupervised == UNWATCHED
+                and builder.can_write(GUARD_TIME, 0)
+                and builder.can_write(LIFE_FACTOR, 0)
+            ):
+                accepts = f"replace heartbeat_producer by `guard_time: 100` and `life_time_factor: 5`, or {accepts}"
             complain(key, f"nothing would stop this drive when the master is lost: {plan.unsupervised}; {accepts}")
         return plan
 

@@ -50,7 +50,12 @@ from canopen_control.master.plan_builder import (
     plan_interpolation,
     plan_offsets,
 )
-from canopen_control.master.plan_identity import check_identity, required_identity, warn_of_another_node
+from canopen_control.master.plan_identity import (
+    check_identity,
+    required_identity,
+    warn_of_another_node,
+    warn_of_bit_rate,
+)
 from canopen_control.master.plan_pdos import (
     is_pdo_record,
     plan_downloaded_pdos,
@@ -90,6 +95,7 @@ FAULT_REACTION = 1  # value of 0x6007: malfunction, with the fault reaction of 0
 SUPERVISION = frozenset((HEARTBEAT_CONSUMER, HEARTBEAT_PRODUCER, GUARD_TIME, LIFE_FACTOR, ERROR_BEHAVIOUR))
 FACTORS = tuple((index, sub) for index in (POSITION_ENCODER_RESOLUTION, GEAR_RATIO, FEED_CONSTANT) for sub in (1, 2))
 """Objects that determine the position counts per turn."""
+UNWATCHED = "it has neither a writable heartbeat consumer (0x1016) nor node guarding"
 _MILLISECOND = 1_000_000
 _STOPS = "a lost master stops the motor"
 _NO_HEARTBEAT = "node guarding replaces the heartbeat, which would disable it"
@@ -171,6 +177,7 @@ def plan_node(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePl
     signals = plan_signals(builder, profile, tuple(_axes(od)))
     heartbeat_ms = _plan_values(builder, master)
     warn_of_another_node(builder)
+    warn_of_bit_rate(builder, master.baudrate)
     guard = _guard(node.supervision) if node.supervision.guarded and not heartbeat_ms else None
     timeout_ms = _master_timeout_ms(builder, master, guarded=guard is not None)
     if not timeout_ms:
@@ -369,9 +376,7 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
         for subindex in subindices:
             builder.write_downloaded(HEARTBEAT_CONSUMER, subindex)
         if keys.heartbeat_consumer:
-            builder.complain(
-                "heartbeat_consumer", f"0x1016:01 is not in {builder.file}, so the node cannot monitor the master"
-            )
+            _report_no_consumer(builder)
         return
     # CiA 301, 7.5.2.19: the heartbeat time is UNSIGNED16, in ms
     timeout = min(round(master.heartbeat_ms * keys.multiplier), 0xFFFF)
@@ -406,6 +411,18 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
     reason = "" if keys.heartbeat_consumer else "the node detects the loss of the master"
     builder.write(HEARTBEAT_CONSUMER, chosen, consumer_entry(master.node_id, timeout), "heartbeat_consumer", reason)
     builder.note_overruled(HEARTBEAT_CONSUMER, chosen, "heartbeat_consumer")
+
+
+def _report_no_consumer(builder: PlanBuilder) -> None:
+    """Report `heartbeat_consumer: true` of a node without 0x1016; it is no error if nothing depends on it.
+
+    For axes that nothing stops, the missing supervision is the error, which has the remedy.
+    """
+    text = f"0x1016:01 is not in {builder.file}, so the node cannot monitor the master"
+    if builder.node.supervision.allow_unsupervised or builder.node.supervision.guarded:
+        builder.warn("heartbeat_consumer", f"{text}; write false")
+    elif not tuple(_axes(builder.od)):
+        builder.complain("heartbeat_consumer", f"{text}; write false")
 
 
 def _plan_producer(builder: PlanBuilder) -> int:
@@ -510,7 +527,7 @@ def _why_unsupervised(builder: PlanBuilder, master: MasterConfig, *, monitors: b
             return f"the sdo: list sets 0x1016:01 to 0x{listed:08X}, which does not monitor node {master.node_id}"
         if builder.node.supervision.heartbeat_consumer is False and builder.can_write(HEARTBEAT_CONSUMER, 1):
             return "heartbeat_consumer is false, so that it does not monitor the master"
-        return "it has neither a writable heartbeat consumer (0x1016) nor node guarding"
+        return UNWATCHED
     for offset in axes:
         index = ABORT_CONNECTION_OPTION + offset
         if (index, 0) in builder.od:

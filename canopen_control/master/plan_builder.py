@@ -246,6 +246,10 @@ _WHOLE = re.compile(r"\s*[-+]?[0-9]{1,20}\s*", re.ASCII)
 _HEX = re.compile(r"\s*[-+]?0[xX][0-9A-Fa-f]{1,16}\s*", re.ASCII)
 
 
+UNKNOWN: Final = "not in the EDS"
+"""Name of a planned write to an object that is not in the EDS."""
+
+
 @dataclass(frozen=True, slots=True)
 class PlannedWrite:
     """SDO download of a plan; `reason` is "" if bus.yml requests it; the node may refuse an `optional` write.
@@ -270,6 +274,12 @@ class PlannedWrite:
     def address(self) -> tuple[int, int]:
         """Address of the object, as (index, subindex)."""
         return self.index, self.subindex
+
+    @property
+    def label(self) -> str:
+        """Name and address, for messages."""
+        place = f"0x{self.index:04X}:{self.subindex:02X}"
+        return f"object {place} ({UNKNOWN})" if self.name == UNKNOWN else f"{self.name} {place}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -491,7 +501,7 @@ class PlanBuilder:
     ) -> None:
         entry = self.od.get(index, subindex)
         compare = index not in _PROCEDURES and (entry is None or entry.readable)
-        name = "not in the EDS" if entry is None else entry.name
+        name = UNKNOWN if entry is None else entry.name
         data_type = None if entry is None else entry.data_type
         fixed = pdo is not None and self.is_fixed_cob_id(index, subindex, int.from_bytes(data, "little"))
         planned = PlannedWrite(index, subindex, data, name, reason, optional, pdo, compare, data_type, fixed)

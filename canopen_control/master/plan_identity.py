@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
 
 
+_SAVED: Final = (".dcf", ".xdc")  # files of one device, with its bit rate; in other files it is often a left-over
 _NODE_ID_NAME: Final = re.compile(r"(?i)(?:can ?)?node[ _-]?id")
 
 
@@ -58,6 +59,21 @@ def warn_of_another_node(builder: PlanBuilder) -> None:
             f"{builder.file} was saved for node {saved}, and node {node_id} gets values of that node: "
             f"{', '.join(dict.fromkeys(foreign))}; use a DCF that was saved for this node, or the EDS of the device",
         )
+
+
+def warn_of_bit_rate(builder: PlanBuilder, kbits: int) -> None:
+    """Warn about a device that cannot have the bit rate of the bus, or a DCF that was saved at another one.
+
+    Such a device is silent, and disturbs the others.
+    """
+    rates, saved = builder.od.device.bit_rates, builder.od.bitrate
+    if rates and kbits * 1000 not in rates:
+        listed = ", ".join(str(rate // 1000) for rate in sorted(rates))
+        text = f"{builder.file} lists {listed} kbit/s for this device, and the bus has {kbits}"
+        builder.warn("dcf", f"{text}; set baudrate of the master to one of them")
+    elif saved and saved != kbits * 1000 and builder.file.lower().endswith(_SAVED):
+        text = f"{builder.file} was saved at {saved / 1000:g} kbit/s, and the bus has {kbits}"
+        builder.warn("dcf", f"{text}; set the device to {kbits} kbit/s, or baudrate of the master to {saved / 1000:g}")
 
 
 def _is_of_node(write: PlannedWrite, node_id: int) -> bool:

@@ -408,3 +408,27 @@ def test_a_dcf_that_was_saved_for_another_node_is_reported(tmp_path, saved, keys
     for text in reported:
         assert text in result[0]
     assert not result or "saved for node 7, and node 3 gets values of that node" in result[0]
+
+
+REPLACE = "replace heartbeat_producer by `guard_time: 100` and `life_time_factor: 5`, or accept that"
+
+
+@pytest.mark.parametrize(
+    ("keys", "dcf", "errors", "warned"),
+    [
+        ("", "nohb.eds", "nor node guarding; accept that", 0),
+        ("heartbeat_producer: 100", "guardhb.eds", f"nor node guarding; {REPLACE}", 0),
+        ("guard_time: 100\nlife_time_factor: 5", "guardhb.eds", "", 1),
+        ("allow_unsupervised: true", "nohb.eds", "", 1),
+        ("", "plain.eds", "the node cannot monitor the master; write false", 0),
+        ("allow_unsupervised: true", "plain.eds", "", 1),
+    ],
+)
+def test_a_missing_heartbeat_consumer_is_one_error_with_its_remedy(tmp_path, keys, dcf, errors, warned):
+    text = (EDITS / "nohb.eds").read_text()
+    (tmp_path / "plain.eds").write_text(text.replace("[6040]", "[5040]").replace("[6041]", "[5041]"))
+    path = "plain.eds" if dcf == "plain.eds" else EDITS / dcf
+    _, notes, found = read_plan(tmp_path, f"heartbeat_consumer: true\n{keys}", path)
+    assert len(found) == bool(errors)
+    assert errors in "".join(found)
+    assert sum("the node cannot monitor the master; write false" in note for note in dict.fromkeys(notes)) == warned

@@ -4,12 +4,14 @@ import re
 import shutil
 
 import pytest
+from support.busfile import with_node
 from support.simulated import setup_of
 
 from canopen_control.data_files import data_path
 from canopen_control.master.config import inspect_bus
 from canopen_control.master.keys import NodeConfig
 from canopen_control.master.plan_builder import PlanBuilder
+from canopen_control.od.dcf import encode_concise
 from canopen_control.od.eds import read_eds
 from canopen_control.simulation.robot_under_test import RobotUnderTest
 from canopen_control.yamlfile.convert import convert
@@ -328,3 +330,12 @@ def test_a_whole_number_is_an_integer_in_any_notation(tmp_path, value):
 def test_a_number_that_the_object_cannot_hold_has_its_right_notation(tmp_path, value, words):
     (error,) = bus_with_sdo(tmp_path, value)[1].errors
     assert words in error.message
+
+
+def test_an_object_of_a_concise_dcf_that_the_eds_lacks_is_named_as_an_object(tmp_path):
+    """The boot error said "writing not in the EDS 0x6099:09"."""
+    (tmp_path / "node.bin").write_bytes(encode_concise(((0x6099, 9, b"\5\0\0\0"), (0x6083, 0, b"\5\0\0\0"))))
+    plan = with_node(tmp_path, "configuration_file: node.bin").plans["right_drive"]
+    writes = {write.address: write for write in plan.writes}
+    assert writes[0x6099, 9].label == "object 0x6099:09 (not in the EDS)"
+    assert writes[0x6083, 0].label == "Profile acceleration 0x6083:00"

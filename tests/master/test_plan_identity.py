@@ -1,5 +1,8 @@
 import pytest
-from support.busfile import with_node
+from support.busfile import NESTED, with_node, write
+
+from canopen_control.data_files import data_path
+from canopen_control.master.config import read_bus
 
 
 @pytest.mark.parametrize(
@@ -28,3 +31,26 @@ def test_an_object_of_the_identity_that_the_eds_lacks_is_reported(tmp_path):
     assert (
         "software_version: is compared with 0x1F56:01, which is not in TMCM-1270.eds; remove software_version" in note
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "section", "baudrate", "warned"),
+    [
+        ("saved.dcf", "Baudrate=250", 500, "saved.dcf was saved at 250 kbit/s, and the bus has 500; set the device to"),
+        ("saved.dcf", "Baudrate=500", 500, ""),
+        ("saved.dcf", "Baudrate=0", 500, ""),
+        ("saved.eds", "Baudrate=250", 500, ""),
+        ("saved.dcf", "Baudrate=250", 1000, "lists 20, 50, 125, 250, 500, 800 kbit/s for this device, and the bus has"),
+    ],
+)
+def test_a_bit_rate_that_the_device_does_not_have_is_reported(tmp_path, name, section, baudrate, warned):
+    text = data_path("eds", "TMCM-1270.eds").read_text()
+    if baudrate == 1000:
+        assert "BaudRate_1000=1" in text
+        text = text.replace("BaudRate_1000=1", "BaudRate_1000=0")
+    (tmp_path / name).write_text(f"{text}\n[DeviceComissioning]\nNodeID=2\n{section}\n")
+    bus = NESTED.replace("TMCM-1270.eds", name).replace("node_id: 1\n", f"node_id: 1\n      baudrate: {baudrate}\n")
+    assert f"baudrate: {baudrate}" in bus
+    notes = [note for note in read_bus(write(tmp_path, bus)).notes if "kbit/s" in note]
+    assert len(notes) == bool(warned)
+    assert warned in "".join(notes)
