@@ -136,7 +136,7 @@ def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us
         index = INTERPOLATION_TIME_PERIOD + offset
         if (index, 1) not in builder.od:
             continue
-        if builder.is_requested(index):
+        if builder.is_requested(index) and not _is_unset(builder, index):
             _compare(builder, index, sync_period_us)
         else:
             _add_interpolation(builder, index, sync_period_us)
@@ -175,6 +175,12 @@ def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:
                 f"0x1006, the SYNC period in us, remains {period or 0}; drives that report a SYNC alarm in IP "
                 f"(Delta ASDA-A2) need `{line}` under `sdo:`",
             )
+
+
+def _is_unset(builder: PlanBuilder, index: int) -> bool:
+    """Whether only a file writes 0x60C2, and 0 to it: a saved DCF has every object with its default (maxon EPOS4)."""
+    listed = any(entry.index == index for entry in builder.node.boot.sdo)
+    return not listed and builder.downloaded_value(index, 1) == 0
 
 
 def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
 
 
-_SAVED: Final = (".dcf", ".xdc")  # files of one device, with its bit rate; in other files it is often a left-over
+SAVED: Final = (".dcf", ".xdc")
+"""Suffixes of files of one device, with its bit rate; in other files the bit rate is often a left-over."""
 _NODE_ID_NAME: Final = re.compile(r"(?i)(?:can ?)?node[ _-]?id")
 
 
@@ -71,7 +72,7 @@ def warn_of_bit_rate(builder: PlanBuilder, kbits: int) -> None:
         listed = ", ".join(str(rate // 1000) for rate in sorted(rates))
         text = f"{builder.file} lists {listed} kbit/s for this device, and the bus has {kbits}"
         builder.warn("dcf", f"{text}; set baudrate of the master to one of them")
-    elif saved and saved != kbits * 1000 and builder.file.lower().endswith(_SAVED):
+    elif saved and saved != kbits * 1000 and builder.file.lower().endswith(SAVED):
         text = f"{builder.file} was saved at {saved / 1000:g} kbit/s, and the bus has {kbits}"
         builder.warn("dcf", f"{text}; set the device to {kbits} kbit/s, or baudrate of the master to {saved / 1000:g}")
 

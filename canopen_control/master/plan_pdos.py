@@ -459,9 +459,8 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
         return
     objects = _mapped(builder, kind, number, pdo)
     if not objects and pdo.mapping is None:
-        builder.warn(
-            key, f"{kind.upper()} {number} has no mapping in bus.yml and none in {builder.file}; it is disabled"
-        )
+        text = f"{kind.upper()} {number} has no mapping in bus.yml and none in {builder.file}; it is disabled"
+        (builder.remark if reason else builder.warn)(key, text)
         return
     _plan_live(builder, planned, objects, stored_mapping=pdo.mapping is None)
     if not reason:

@@ -15,6 +15,8 @@ from canopen_control.cia402.modes import TARGET_OBJECTS
 from canopen_control.cia402.objects import SUPPORTED_DRIVE_MODES, axis_index
 from canopen_control.errors import RobotConfigError
 from canopen_control.master.known_drives import known_drive
+from canopen_control.master.plan_identity import SAVED
+from canopen_control.od.model import BIT_RATES
 from canopen_control.profiles import Profile, profile_of, profile_signals
 from canopen_control.scaffold.bases import BASES, BaseKind
 from canopen_control.scaffold.drive_choice import POSITION, axes_of, choose_drive, supervision_of
@@ -304,7 +306,10 @@ def _wrong_base(name: str, axes: int) -> list[str]:
 
 
 def _baudrate(devices: Sequence[Device]) -> int:
-    """Return the highest bit rate in kbit/s common to all EDS files that list any; 1000 if there is none."""
+    """Return the bit rate in kbit/s of all DCFs, else the highest one common to all files that list any, else 1000."""
+    saved = {(device.od.bitrate or 0) // 1000 for device in devices if device.eds.suffix.lower() in SAVED} - {0}
+    if len(saved) == 1 and saved <= set(BIT_RATES):
+        return saved.pop()
     bit_rates = [device.od.device.bit_rates for device in devices if device.od.device.bit_rates]
     common = frozenset.intersection(*bit_rates) if bit_rates else frozenset[int]()
     return max(common) // 1000 if common else 1000

@@ -37,16 +37,29 @@ def read_of_plan_interpolation(folder, period, asked):
     return values, [str(warning) for warning in problems.warnings if "60C2" in str(warning)]
 
 
-def test_another_time_in_a_dcf_is_reported_at_the_file(tmp_path):
+def read_dcf(tmp_path, period):
+    """Return the plan of a drive whose DCF has a value for 0x60C2:01, and the warnings about it."""
     eds = data_path("eds", "generic_cia402.eds").read_text()
-    dcf = re.sub(r"(?m)^(\[60C2sub1\](?:\n[^\[\n]+)*)", r"\1\nParameterValue=10", eds)
+    dcf = re.sub(r"(?m)^(\[60C2sub1\](?:\n[^\[\n]+)*)", rf"\1\nParameterValue={period}", eds)
     (tmp_path / "drive.dcf").write_text(dcf)
     path = tmp_path / "bus.yml"
     path.write_text(
         "master: {node_id: 1, sync_period: 20000}\nnodes:\n  lift:\n    node_id: 2\n    dcf: drive.dcf\n    sdo:\n"
         "      - {index: 0x6081, sub_index: 0, value: 5}\n"
     )
-    (reported,) = [str(warning) for warning in inspect_bus(path)[1].warnings if "60C2" in str(warning)]
+    config, problems = inspect_bus(path)
+    return config.plans["lift"], [str(warning) for warning in problems.warnings if "60C2" in str(warning)]
+
+
+def test_the_default_0_of_a_saved_dcf_gives_way_to_the_sync_period(tmp_path):
+    plan, reported = read_dcf(tmp_path, 0)
+    assert reported == []
+    writes = [(write.subindex, write.data.hex()) for write in plan.writes if write.index == 0x60C2]
+    assert writes == [(1, "00"), (1, "14"), (2, "fd")]
+
+
+def test_another_time_in_a_dcf_is_reported_at_the_file(tmp_path):
+    _, (reported,) = read_dcf(tmp_path, 10)
     assert "bus.yml:5:" in reported
     assert "0x60C2 is 10 * 10^-3 s" in reported
 

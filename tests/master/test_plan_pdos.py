@@ -362,3 +362,17 @@ def test_a_setting_of_a_tpdo_that_the_device_lacks_is_named_by_its_key(tmp_path,
     with pytest.raises(BusConfigError, match=rf"two\.eds has no such setting of this TPDO \(0x1800:0{subindex}\); "
                                              f"remove {key}"):  # fmt: skip
         read_bus(bus(tmp_path, keys, "two.eds"))
+
+
+@pytest.mark.parametrize("keys", ["", "tpdo: {1: {enabled: true}}"])
+def test_a_pdo_without_a_mapping_is_a_warning_only_if_bus_yml_lists_it(tmp_path, keys):
+    """The sample files of CiA 401 and 406 have valid PDOs without a mapping."""
+    text = data_path("eds", "generic_cia402.eds").read_text()
+    (tmp_path / "empty.eds").write_text(
+        re.sub(r"(\[1[6A]0\dsub0\](?:\n[^\[\n]+)*?\nDefaultValue=)\w+", r"\g<1>0", text)
+    )
+    path = tmp_path / "bus.yml"
+    path.write_text(f"master: {{node_id: 1}}\nnodes:\n  a:\n    node_id: 2\n    dcf: empty.eds\n    {keys}\n")
+    config, problems = inspect_bus(path)
+    assert any("TPDO 1 has no mapping" in note for note in config.notes)
+    assert any("TPDO 1 has no mapping" in str(warning) for warning in problems.warnings) == bool(keys)

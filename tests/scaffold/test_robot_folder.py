@@ -382,3 +382,10 @@ def test_many_drives_on_a_slow_bus_get_a_sync_period_that_it_carries(tmp_path):
     assert written.robot.baudrate == 50
     assert written.robot.sync_us > 20_000
     assert check_robot(find_robot(str(written.folder)), CheckOptions()).passes(strict=True)
+
+
+@pytest.mark.parametrize(("rate", "written"), [(250, 250), (0, 1000), (333, 1000)])
+def test_the_bit_rate_of_a_dcf_is_that_of_the_bus(tmp_path, rate, written):
+    text = data_path("eds", "generic_cia402.eds").read_text()
+    (tmp_path / "saved.dcf").write_text(f"{text}\n[DeviceComissioning]\nNodeID=2\nBaudrate={rate}\n")
+    assert new_robot(tmp_path, tmp_path / "saved.dcf", node_ids=(2,)).robot.baudrate == written
