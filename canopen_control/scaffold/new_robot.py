@@ -17,6 +17,7 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.master.known_drives import known_drive
 from canopen_control.master.plan_identity import SAVED
 from canopen_control.od.model import BIT_RATES
+from canopen_control.od.pdos import pdos_of
 from canopen_control.profiles import Profile, profile_of, profile_signals
 from canopen_control.scaffold.bases import BASES, BaseKind
 from canopen_control.scaffold.drive_choice import POSITION, axes_of, choose_drive, supervision_of
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_LAST_SUBINDEX: Final = 254
 _LONGEST: Final = 32  # characters of a robot's name, which is also in the name of a socket
 _KINDS: Final = {
     Profile.NONE: "device",
@@ -222,7 +224,7 @@ def plan_robot(
 def _device_node(device: Device) -> NewNode:
     """Return the new node of a device other than a drive."""
     profile = profile_of(device.od)
-    signals = tuple(profile_signals(device.od, profile).values())
+    signals = _present(device.od, tuple(profile_signals(device.od, profile).values()))
     name = f"{_KINDS[profile]}_{device.node_id}"
     sent = PdoRequirement(is_rpdo=True, needed=tuple(signal.address for signal in signals if signal.output))
     rpdos, tpdos = complete_pdos(device.od, sent), tuple[PdoUse, ...]()
@@ -235,6 +237,18 @@ def _device_node(device: Device) -> NewNode:
     return NewNode(
         name, device, supervision, signals=signals, profile=profile, rpdos=rpdos, tpdos=tpdos, left_out=without
     )
+
+
+def _present(od: ObjectDictionary, signals: tuple[Signal, ...]) -> tuple[Signal, ...]:
+    """Return the signals without those that a modular device probably lacks.
+
+    The file of a bus coupler has all subindices 1 to 254 of an object, for any modules; its default PDOs have those
+    that are present, and the boot would end with an error for others in a mapping.
+    """
+    modular = {signal.index for signal in signals if od.subindices(signal.index)[-1] == _LAST_SUBINDEX}
+    mapped = {(item.index, item.subindex) for pdo in pdos_of(od) if pdo.enabled for item in pdo.mapped}
+    kept = tuple(signal for signal in signals if signal.index not in modular or signal.address in mapped)
+    return kept or signals
 
 
 def _drive_node(

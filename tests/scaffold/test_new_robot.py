@@ -118,3 +118,16 @@ def test_a_drive_of_a_manufacturer_has_its_objects_and_its_modes():
     assert vfd.od[0x6502, 0].default == 1 << 1  # VL
     (joint,) = plan_robot("r", [vfd]).joints
     assert joint.axis.mode is OperationMode.VL
+
+
+@pytest.mark.parametrize(("count", "more"), [(253, True), (254, False)])
+def test_a_bus_coupler_has_the_signals_of_its_default_pdos(count, more):
+    """Its file has all 254 subindices, and mapping those that no module has ends the boot with an error."""
+    path = data_path("eds", "generic_cia401.eds")
+    od = read_eds(path, 9).od
+    before = plan_robot("cell", [Device(9, path, od)]).nodes[0].signals
+    for subindex in range(1, count + 1):
+        od.add(dataclasses.replace(od[0x6000, 1], subindex=subindex, name=f"Inputs {subindex}"))
+    signals = plan_robot("cell", [Device(9, path, od)]).nodes[0].signals
+    assert (len(signals) > len(before)) == more
+    assert more or set(signals) == set(before)
