@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def _without_feedback(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find drives whose actual position and actual velocity are in no TPDO."""
+    """Find drives that RPDOs can move, and whose actual position and actual velocity are in no TPDO."""
     bus = robot.bus
     if bus is None:
         return
@@ -42,6 +42,10 @@ def _without_feedback(robot: CheckedRobot) -> Iterator[Finding]:
             continue
         for offset in plan.axes:
             carried = {mapped.index for layout in plan.tpdos for mapped in layout.objects}
+            targets = {(index + offset, subindex) for index, subindex in TARGET_OBJECTS.values()}
+            own = any(node.motion.own_target(kind) for kind in ("position", "velocity", "effort"))
+            if not own and targets.isdisjoint(plan.carried(plan.rpdos)):
+                continue  # it cannot be enabled, which is reported
             if carried.isdisjoint({objects.POSITION_ACTUAL + offset, objects.VELOCITY_ACTUAL + offset}):
                 text = (
                     f"{name}: no TPDO carries 0x{objects.POSITION_ACTUAL + offset:04X} or "

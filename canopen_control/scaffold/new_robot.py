@@ -245,7 +245,8 @@ def _present(od: ObjectDictionary, signals: tuple[Signal, ...]) -> tuple[Signal,
     The file of a bus coupler has all subindices 1 to 254 of an object, for any modules; its default PDOs have those
     that are present, and the boot would end with an error for others in a mapping.
     """
-    modular = {signal.index for signal in signals if od.subindices(signal.index)[-1] == _LAST_SUBINDEX}
+    indices = {signal.index for signal in signals}
+    modular = {index for index in indices if od.subindices(index)[-1] == _LAST_SUBINDEX}
     mapped = {(item.index, item.subindex) for pdo in pdos_of(od) if pdo.enabled for item in pdo.mapped}
     kept = tuple(signal for signal in signals if signal.index not in modular or signal.address in mapped)
     return kept or signals

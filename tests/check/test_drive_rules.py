@@ -84,3 +84,16 @@ def test_a_target_that_the_eds_lacks_and_no_rpdo_maps_is_named_with_the_eds(tmp_
     bus.write_text(bus.read_text().replace("velocity_mode: 9", "velocity_mode: 2"))
     text = next(finding for finding in findings(path) if "no RPDO carries 0x6042:00, the target of mode VL" in finding)
     assert "device.eds has no such object, so use a velocity_mode whose target it has" in text
+
+
+@pytest.mark.parametrize(("target", "moved"), [(", {index: 0x60FF}", True), ("", False)])
+def test_a_drive_without_a_target_is_not_moved_without_feedback(tmp_path, target, moved):
+    """Faulhaber MCDC: the first RPDO has only the controlword."""
+    (tmp_path / "bus.yml").write_text(
+        "master: {node_id: 1, sync_period: 10000}\nnodes:\n  wheel:\n    node_id: 2\n    dcf: generic_cia402.eds\n"
+        f"    rpdo: {{1: {{enabled: true, mapping: [{{index: 0x6040}}{target}]}}}}\n"
+        "    tpdo: {1: {enabled: true, transmission: 1, mapping: [{index: 0x6041}]}}\n"
+    )
+    result = findings(tmp_path)
+    assert any("it is moved without feedback" in text for text in result) is moved
+    assert any("no RPDO carries a target" in text for text in result) is not moved
