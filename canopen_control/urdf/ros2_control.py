@@ -133,7 +133,7 @@ def _transmission_interfaces(
 
 KINDS: Final = ("system", "actuator", "sensor")
 _CHILDREN: Final = ("hardware", "properties", "joint", "sensor", "gpio", "transmission")
-_NODE_ID: Final = re.compile(r"\s*([0-9]{1,9}|0[xX][0-9A-Fa-f]{1,8})\s*", re.ASCII)
+_NODE_ID: Final = re.compile(r"[0-9]{1,9}|0[xX][0-9A-Fa-f]{1,8}", re.ASCII)
 _PART_CHILDREN: Final = ("command_interface", "state_interface", "param", "limits")
 
 
@@ -221,8 +221,8 @@ def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint])
 def _plain_node_id(parameters: dict[str, str]) -> dict[str, str]:
     """Return the parameters of a joint with its `node_id` as a plain number: `02` is 2, as for ros2_canopen."""
     text = parameters.get("node_id", "")
-    if match := _NODE_ID.fullmatch(text):
-        return parameters | {"node_id": str(int(match[1], 10 if match[1].isdigit() else 16))}
+    if _NODE_ID.fullmatch(text):
+        return parameters | {"node_id": str(int(text, 10 if text.isdigit() else 16))}
     return parameters
 
 
