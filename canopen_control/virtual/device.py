@@ -287,11 +287,13 @@ def _with_objects(od: ObjectDictionary, objects: Mapping[Address, int]) -> Objec
     changed = replace(od, entries=od.entries.copy(), objects=od.objects.copy())
     for (index, subindex), value in objects.items():
         entry = changed.get(index, subindex) or Entry(index, subindex, "", DataType.UNSIGNED32, "ro")
-        if not entry.data_type.is_integer or not entry.data_type.minimum <= value <= entry.data_type.maximum:
-            raise ConfigError(
-                f"node {od.node_id}: 0x{index:04X}:{subindex:02X} = {value} does not fit {entry.data_type.name}; "
-                "give a number of this type"
-            )
+        low, high, place = entry.data_type.minimum, entry.data_type.maximum, f"0x{index:04X}:{subindex:02X}"
+        if not entry.data_type.is_integer:
+            text = f"{place} is a {entry.data_type.name}, and only integers can be given; choose another object"
+            raise ConfigError(f"node {od.node_id}: {text}")
+        if not low <= value <= high:
+            text = f"{place} = {value} does not fit {entry.data_type.name}; give {low} to {high}"
+            raise ConfigError(f"node {od.node_id}: {text}")
         changed.add(replace(entry, parameter_value=value, parameter_relative=False))
         count = changed.get(index) or Entry(index, 0, "", DataType.UNSIGNED8, "ro", default=0)
         if isinstance(count.value, int) and count.value < subindex <= 0xFE:

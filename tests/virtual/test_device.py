@@ -297,5 +297,7 @@ def test_a_number_that_the_file_lacks_is_counted_by_subindex_0():
 
 
 def test_a_value_that_does_not_fit_is_refused():
-    with pytest.raises(ConfigError, match="node 3: 0x6060:00 = 200 does not fit INTEGER8; give a number of this type"):
+    with pytest.raises(ConfigError, match="node 3: 0x6060:00 = 200 does not fit INTEGER8; give -128 to 127"):
         make_device(TMCM, 3, objects={(0x6060, 0): 200})
+    with pytest.raises(ConfigError, match="node 3: 0x1008:00 is a VISIBLE_STRING, and only integers can be given"):
+        make_device(TMCM, 3, objects={(0x1008, 0): 2})
