@@ -124,14 +124,14 @@ self.reactor.call_later(300_000_000, begin)
         "old_command_counts",
         "a command from before a disable counts after the enable",
         Change(
-            "controllers.switcher",
+            "controllers.update_loop",
             "UpdateLoop._power_changed",
             "self._forget(entry, now, group.interfaces if len(entry.groups) > 1 else None, "
             "self._enable_status.reason(off))",
             "pass",
         ),
         (_scenario("robby", "robby_stale"),),
-        "controllers/test_switcher",
+        "controllers/test_update_loop",
     ),
     Mutant(
         "command_while_off",
@@ -410,13 +410,13 @@ if not (index % 2 and self.command_timeout.live):
         "first_end_takes_the_second",
         "the end of the first client takes the command of the second one away",
         Change(
-            "controllers.switcher",
+            "controllers.update_loop",
             "UpdateLoop.client_disconnected",
             "controller.command_timeout.holder is holder",
             "controller.command_timeout.live",
         ),
         (_scenario("robby", "robby_clients"),),
-        "controllers/test_switcher",
+        "controllers/test_update_loop",
     ),
     Mutant(
         "recorder_does_not_count",

@@ -24,6 +24,7 @@ from canopen_control.controllers.base import (
     sample_type_of,
     twist_axes_of,
 )
+from canopen_control.controllers.chains import joints_of
 from canopen_control.controllers.command_timeout import MOVING, CommandSender
 from canopen_control.controllers.declared import checked, declared_by, given_in
 from canopen_control.controllers.params import Params
@@ -36,8 +37,9 @@ from canopen_control.controllers.request_protocols import (
     TakesNamedValues,
     takes_commands,
 )
-from canopen_control.controllers.switcher import Switched, Switcher, UpdateLoop, joints_of
+from canopen_control.controllers.switcher import Switched, Switcher
 from canopen_control.controllers.types import make_controller
+from canopen_control.controllers.update_loop import UpdateLoop
 from canopen_control.errors import CanopenError, ControlError, NotYetEnabled, UnknownName, nearest
 from canopen_control.rpc.messages.samples import kind_of
 from canopen_control.rpc.messages.state import ControllerReading

@@ -2,7 +2,7 @@ import pytest
 from support.robots import copy_robby
 from support.simulated import BASE, FORWARD, MS, Judged, S, setup_of
 
-from canopen_control.controllers.switcher import UpdateLoop
+from canopen_control.controllers.update_loop import UpdateLoop
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot

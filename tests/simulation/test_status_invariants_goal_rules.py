@@ -3,13 +3,13 @@ from support.observers import Watch
 from support.simulated import BASE, FORWARD, Judged
 
 from canopen_control.controllers.command_timeout import GoalState
-from canopen_control.controllers.switcher import UpdateLoop
 from canopen_control.controllers.trajectory.controller import (
     JointTrajectoryController,
     ToleranceMonitor,
     ToleranceResult,
 )
 from canopen_control.controllers.trajectory.goal import ResultCode
+from canopen_control.controllers.update_loop import UpdateLoop
 from canopen_control.errors import ControlError
 from canopen_control.hardware.system import CanopenSystem
 from canopen_control.simulation.status_invariants import GoalInvariants, StatusInvariants

@@ -3,7 +3,7 @@ from support.generic import write_generic
 from support.mutants import MUTANTS
 from support.simulated import BASE, FORWARD, MS, Judged, S, setup_of
 
-from canopen_control.controllers.switcher import UpdateLoop
+from canopen_control.controllers.update_loop import UpdateLoop
 from canopen_control.hardware.axis import AxisObjectLimits as AxisLimitsOfMaster
 from canopen_control.hardware.joint_targets import JointTargets
 from canopen_control.runtime.robot_files import find_robot

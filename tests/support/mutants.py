@@ -6,7 +6,7 @@ from canopen_control.cia301.heartbeat import HeartbeatEventKind
 from canopen_control.controllers.command_timeout import CommandTimeout
 from canopen_control.controllers.joint_state import JointStateBroadcaster
 from canopen_control.controllers.manager import ControllerManager
-from canopen_control.controllers.switcher import UpdateLoop
+from canopen_control.controllers.update_loop import UpdateLoop
 from canopen_control.hardware.interfaces import OK
 from canopen_control.hardware.joint import JointDrive
 from canopen_control.hardware.mode_targets import VelocityTarget
