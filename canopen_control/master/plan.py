@@ -46,9 +46,6 @@ from canopen_control.master.plan_builder import (
     PlanBuilder,
     PlannedPdo,
     PlannedWrite,
-    add_feed_forward,
-    plan_interpolation,
-    plan_offsets,
 )
 from canopen_control.master.plan_identity import (
     check_identity,
@@ -56,13 +53,9 @@ from canopen_control.master.plan_identity import (
     warn_of_another_node,
     warn_of_bit_rate,
 )
-from canopen_control.master.plan_pdos import (
-    is_pdo_record,
-    plan_downloaded_pdos,
-    plan_pdos,
-    plan_signals,
-    warn_of_unwatched_outputs,
-)
+from canopen_control.master.plan_motion import add_feed_forward, plan_interpolation, plan_offsets
+from canopen_control.master.plan_pdos import is_pdo_record, plan_downloaded_pdos, plan_pdos
+from canopen_control.master.plan_signals import plan_signals, warn_of_unwatched_outputs
 from canopen_control.od.codec import encode
 from canopen_control.od.indices import (
     COB_ID_EMCY,
