@@ -204,13 +204,13 @@ self.reactor.call_later(300_000_000, begin)
         "latch_lost_at_restart",
         "the STOP latch is lost at a restart",
         Change(
-            "runtime.enable_status",
+            "runtime.stop_latch",
             "StopLatch.keep",
             'self.by = str(json.loads(path.read_text())["by"])',
             "path.unlink()",
         ),
         (_scenario("robby", "robby_latch"),),
-        "runtime/test_enable_status",
+        "runtime/test_stop_latch",
     ),
     Mutant(
         "latch_leaves_with_client",

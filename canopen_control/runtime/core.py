@@ -29,10 +29,7 @@ from canopen_control.runtime.axis_request import (
     without_target,
 )
 from canopen_control.runtime.enable_status import (
-    MOVING_ACTIONS,
     DriveEnableStatus,
-    MandatoryNodes,
-    StopLatch,
     claimed_off,
     cost_of_skipping,
     disable_unready,
@@ -44,12 +41,14 @@ from canopen_control.runtime.enable_status import (
     why_not_started,
 )
 from canopen_control.runtime.ground_truth import TruePoseTracker
+from canopen_control.runtime.mandatory_nodes import MandatoryNodes
 from canopen_control.runtime.node_readings import EventReadings, NodeReadings
 from canopen_control.runtime.pacer import Pacer
 from canopen_control.runtime.robot_bus import RobotBus
 from canopen_control.runtime.robot_clock import WallClock, step_words
 from canopen_control.runtime.robot_cycle import CycledRobot, RobotCycle
 from canopen_control.runtime.startup_controllers import prepare_controllers, require_active, switch_controllers
+from canopen_control.runtime.stop_latch import MOVING_ACTIONS, StopLatch
 from canopen_control.urdf.robot_model import WheelGeometry
 
 if TYPE_CHECKING:

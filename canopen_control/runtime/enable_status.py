@@ -1,4 +1,4 @@
-"""Conditions for motion of a robot: enabled drives, mandatory nodes and the STOP latch.
+"""Status texts of a robot about its drives: which are enabled, which are not, and the command that is necessary.
 
 A robot whose controllers claim disabled drives is not running but disabled; the status then names the necessary
 command. Nodes have their names from bus.yml.
@@ -6,38 +6,28 @@ command. Nodes have their names from bus.yml.
 
 from __future__ import annotations
 
-import json
-import os
 import re
-import time
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.objects import CONTROLWORD, TARGET_POSITION, TARGET_VELOCITY, axis_of
+from canopen_control.cia402.objects import TARGET_POSITION, TARGET_VELOCITY
 from canopen_control.cia402.state import POWERED_STATES
 from canopen_control.controllers.base import EnableStatus
-from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
-from canopen_control.hardware.axis_statechart import Action
+from canopen_control.errors import NotEnabled, NotYetEnabled
 from canopen_control.hardware.interfaces import TARGET
 from canopen_control.hardware.system import ENABLE_AFTER_LOSS, FAULT_RESET_IF_NEEDED
-from canopen_control.master.event_log import Event, Level
-from canopen_control.runtime.observer import RobotObserver
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-    from pathlib import Path
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    from canopen_control.controllers.base import Controller
     from canopen_control.hardware.interfaces import CommandInterface
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.master.remote_node import RemoteNode
-    from canopen_control.runtime.assembly import Assembly
     from canopen_control.runtime.robot_bus import RobotBus
 
     Interfaces = tuple[CommandInterface, ...]
 
 
 _ALL: Final = "all"
-MOVING_ACTIONS: Final = (Action.ENABLE, Action.HOME)
 
 
 def is_off(joint: JointDrive) -> bool:
@@ -281,197 +271,3 @@ def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
     """Return a text with the number of set-points that each moving axis has missed since it was enabled, or ""."""
     missed = [f"{joint.joint} {joint.tracking.skipped}" for joint in joints if joint.tracking.skipped]
     return f"; set-points that moving axes missed since they were enabled: {', '.join(missed)}" if missed else ""
-
-
-# Nodes without axes whose loss must stop the robot, such as an I/O module that bus.yml calls required or mandatory.
-#
-# The loss of a drive stops the drive's stop group (`hardware.system`). The loss of another node stops axes only if
-# bus.yml declares the node necessary (`required: true` or `mandatory: true`); then all axes are stopped, and no axis
-# can be enabled before the node has returned. The loss of any other node is only reported. The return of a node
-# enables nothing: enabling needs a user's command.
-
-
-class MandatoryNodes(RobotObserver):
-    """Monitor that stops all axes when a mandatory node without a joint is lost; also applies the STOP `latch`.
-
-    `forget(now, why)` clears the commands of all controllers. The monitor adds itself to the robot's `observers` if
-    there are such nodes.
-    """
-
-    def __init__(
-        self,
-        assembly: Assembly,
-        latch: StopLatch,
-        forget: Callable[[int, str], None],
-        report: Callable[[Event], None],
-        observers: list[RobotObserver],
-    ) -> None:
-        self._assembly, self._latch, self._forget, self._report = assembly, latch, forget, report
-        moving = {joint.node.name for joint in assembly.joints.values()}
-        self._nodes = [node for name, node in assembly.nodes.items() if name not in moving and node.config.boot.insists]
-        self._ready = dict.fromkeys(self._nodes, False)
-        if self._nodes:
-            observers.append(self)
-
-    @property
-    def hint(self) -> str | None:
-        """Reason why no axis may move (STOP latch or missing mandatory nodes), or None if motion is allowed."""
-        missing = self._missing()
-        if missing and self._latch.hint is None:
-            return f"nothing moves while bus.yml requires {missing}: {return_hint(self._absent)}"
-        return self._latch.hint
-
-    def check_action(self, action: Action) -> None:
-        """Raise ControlError for enabling or homing while a mandatory node is missing or STOP is latched."""
-        self._latch.check_action(action)
-        if action in MOVING_ACTIONS:
-            self._require(f"axis {action.value}")
-
-    def check_controllers(self, controllers: Iterable[Controller]) -> None:
-        """Raise ControlError for controllers with command interfaces while a node is missing or STOP is latched."""
-        names = list(controllers)
-        self._latch.check_controllers(names)
-        for name in names:
-            if name.command_interface_names():
-                self._require(f"activating {name.name}")
-
-    def after_cycle(self, now: int) -> None:
-        for node in self._nodes:
-            if node.ready is not self._ready[node]:
-                self._ready[node] = node.ready
-                if not node.ready:
-                    self._stop(node, now)
-
-    def _require(self, doing: str) -> None:
-        if missing := self._missing():
-            raise ControlError(f"{doing} is refused: bus.yml requires {missing}; {return_hint(self._absent)}")
-
-    @property
-    def _absent(self) -> list[RemoteNode]:
-        return [node for node in self._nodes if not node.ready]
-
-    def _missing(self) -> str:
-        """Return the missing mandatory nodes with the reasons, or "" if all are ready."""
-        return ", ".join(f"{node.label} ({node.reason or 'it has not booted yet'})" for node in self._absent)
-
-    def _stop(self, node: RemoteNode, now: int) -> None:
-        moving = [joint for joint in self._assembly.joints.values() if joint.enable_requested]
-        why = f"{node.label}, which bus.yml requires, was lost"
-        self._forget(now, why)
-        for system in self._assembly.systems:
-            system.stop(now)
-        for joint in moving:
-            joint.stopped_by = f"stopped since {why}"
-        if moving:
-            names = ", ".join(joint.joint for joint in moving)
-            text = f"stopping {names}: {why}; to continue after its return: canopen-control axis enable all"
-            self._report(Event(now, "stop", node.name, text, Level.ERROR))
-
-
-# The STOP latch: after a latched STOP no client can move the robot until a client releases the latch explicitly.
-#
-# A latched STOP is never refused; a repeated STOP stops again and does not change the latch.
-# A release enables nothing, and commands from before the STOP are discarded: to move the robot, a client has to enable
-# the drives and to send new commands. The latch is stored in the state folder of the robot, so that a latched robot
-# restarts latched, even after a crash. This is a function of this program, not a safety function (ISO 13850).
-
-
-RELEASE = "canopen-control stop --release"
-
-
-class StopLatch:
-    """STOP latch; `by` is the client that latched STOP, or None if not latched. `report` receives the events."""
-
-    __slots__ = ("_path", "_report", "by")
-
-    def __init__(self, report: Callable[[Event], None]) -> None:
-        self._report = report
-        self._path: Path | None = None
-        self.by: str | None = None
-
-    def keep(self, path: Path) -> None:
-        """Restore the latch from the file `path`, and save later changes there."""
-        self._path = path
-        try:
-            self.by = str(json.loads(path.read_text())["by"])
-        except (FileNotFoundError, NotADirectoryError):
-            return
-        except (OSError, ValueError, LookupError, TypeError):  # the file exists, so STOP was latched
-            self.by = "an earlier client"
-
-    def report(self, now: int) -> None:
-        """Report, at the start of a run, a STOP that is still latched from an earlier run."""
-        if self.by is not None:
-            text = f"STOP is latched since an earlier run (by {self.by}): nothing moves; release it: {RELEASE}"
-            self._report(Event(now, "stop_latched", "", text, Level.WARNING))
-
-    def _write_file(self, now: int) -> None:
-        """Save the latch state to the file, if any; a failure is reported but does not change the state."""
-        if self._path is None:
-            return
-        try:
-            if self.by is None:
-                self._path.unlink(missing_ok=True)
-                return
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            temporary = self._path.with_suffix(".new")
-            temporary.write_text(json.dumps({"by": self.by, "time": time.time()}) + "\n")
-            os.replace(temporary, self._path)
-        except OSError as error:
-            consequence = (
-                "the next run will still be latched" if self.by is None else "the next run will not be latched"
-            )
-            text = f"the STOP latch cannot be saved in {self._path}: {error.strerror or error}; {consequence}"
-            self._report(Event(now, "latch_not_kept", "", text, Level.ERROR))
-
-    @property
-    def held(self) -> bool:
-        return self.by is not None
-
-    @property
-    def hint(self) -> str | None:
-        """Sentence about the latched STOP, with the release command, or None if not latched."""
-        return None if self.by is None else f"STOP is latched (by {self.by}): {RELEASE}"
-
-    def hold(self, by: str, now: int) -> None:
-        """Latch STOP and report an event; do nothing if STOP is already latched."""
-        if self.by is None:
-            self.by = by
-            text = f"STOP was latched by {by}: nothing moves before it is released"
-            self._report(Event(now, "stop_latched", "", text, Level.WARNING))
-            self._write_file(now)
-
-    def release(self, by: str, now: int) -> None:
-        """Release the latch and report an event; do nothing if STOP is not latched."""
-        if self.by is not None:
-            self.by = None
-            text = f"STOP was released by {by}; the drives stay disabled until you enable them"
-            self._report(Event(now, "stop_released", "", text, Level.WARNING))
-            self._write_file(now)
-
-    def refuse(self, *request: str) -> None:
-        """Raise ControlError while STOP is latched; the message begins with the words in `request`."""
-        if self.by is not None:
-            doing = " ".join(request)
-            raise ControlError(f"{doing} is refused: STOP is latched (by {self.by}); release it first: {RELEASE}")
-
-    def check_action(self, action: Action) -> None:
-        """Raise ControlError for enabling or homing while STOP is latched; all other actions are allowed."""
-        if action in MOVING_ACTIONS:
-            self.refuse("axis", action.value)
-
-    def check_controllers(self, controllers: Iterable[Controller]) -> None:
-        """Raise ControlError for controllers with command interfaces while STOP is latched."""
-        for controller in controllers:
-            if controller.command_interface_names():
-                self.refuse("activating", controller.name)
-
-    def check_write(self, index: int) -> None:
-        """Raise ControlError for an SDO write of a controlword while STOP is latched."""
-        if is_controlword(index):
-            self.refuse(f"writing the controlword (0x{index:04X})")
-
-
-def is_controlword(index: int) -> bool:
-    """Whether `index` is the controlword of any axis of a device (0x6040 plus a multiple of 0x800)."""
-    return axis_of(index)[0] == CONTROLWORD

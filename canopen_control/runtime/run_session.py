@@ -35,12 +35,12 @@ from canopen_control.host.sockets import (
 from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotCore, RobotState
-from canopen_control.runtime.enable_status import RELEASE
 from canopen_control.runtime.ground_truth import PERIOD_NS, TruePoseQuery, odometry_at
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.physics_plant import SensedValues, world_sensors, write_plant
 from canopen_control.runtime.prepared_bridge import BRIDGE, bridge_command
 from canopen_control.runtime.realtime import RealTime, keep_garbage_small
+from canopen_control.runtime.stop_latch import RELEASE
 from canopen_control.runtime.supervisor import Restarts, Supervisor, hosts_virtual_drives
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
 
