@@ -378,7 +378,10 @@ _OF_USAGE = (ConfigError, InterfaceDown, InterfaceNotFound, UnknownName, WrongVa
 
 
 _MIN_RATIO = 0.6  # minimum ratio of difflib for a suggestion
-_OPPOSITES = ({"left", "right"}, {"front", "rear"}, {"front", "back"}, {"upper", "lower"}, {"min", "max"})
+_OPPOSITES = (
+    *({"left", "right"}, {"front", "rear"}, {"front", "back"}, {"upper", "lower"}, {"min", "max"}),
+    *({"enabled", "disabled"}, {"enabled", "disable"}),
+)
 
 
 def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
@@ -404,8 +407,8 @@ def closest(name: str, known: Iterable[str]) -> str:
         if any(pair <= set(words) ^ set(candidate_words) for pair in _OPPOSITES):
             return 0.0
         orders = (name, candidate), (" ".join(sorted(words)), " ".join(sorted(candidate_words)))
-        same = 1.0 if name.lower() == candidate.lower() else 0.0
-        return max(same, *(difflib.SequenceMatcher(None, *order).ratio() for order in orders))
+        lowered = name.lower(), candidate.lower()
+        return max(difflib.SequenceMatcher(None, *order).ratio() for order in (*orders, lowered))
 
     best = max(known, key=ratio, default="")
     return best if best and ratio(best) >= _MIN_RATIO else ""

@@ -100,6 +100,11 @@ def test_the_nearest_name_is_offered_and_otherwise_what_there_is():
     assert errors.nearest("zzz", []) == ""
 
 
+def test_the_nearest_name_has_any_case_and_is_not_the_opposite():
+    assert errors.nearest("SubIndex", ["index", "sub_index", "value"]) == " (did you mean 'sub_index'?)"
+    assert errors.nearest("disabled", ["enabled"]) == "; known: enabled"
+
+
 def test_the_nearest_name_has_the_same_words_in_any_order_and_no_opposite_one():
     wheels = ["left_wheel_joint", "right_wheel_joint"]
     assert errors.nearest("wheel_right_joint", wheels) == " (did you mean 'right_wheel_joint'?)"

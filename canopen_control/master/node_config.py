@@ -227,7 +227,11 @@ def _nest_pdo_keys(node: Node) -> Node:
 _PDO_KEYS: Final = frozenset(keys_of(PdoConfig))
 _MAPPING_KEYS: Final = tuple(keys_of(PdoObjectKeys))
 _SDO_KEYS: Final = tuple(keys_of(SdoEntry))
-_SYNONYMS: Final = frozenset(("type", "data", "object", "objects", "timer", "id", "address", "active", "disabled"))
+_SYNONYMS: Final = frozenset(
+    ("type", "data", "object", "objects", "timer", "id", "address", "mode", "active", "disabled", "disable", "state")
+)
+_REMARKS: Final = frozenset(("name", "comment", "note", "unit", "default_value", "length", "size"))
+"""Keys that have no effect, whatever their value is."""
 
 
 def _plain_lists(node: Node) -> Node:
@@ -240,11 +244,9 @@ def _plain_lists(node: Node) -> Node:
     pairs = {name: (keys[name], value) for name, value in node.items()}
     if (section := node.get("sdo")) is not None and section.kind in ("sequence", "mapping"):
         entries = section.elements() if section.kind == "sequence" else [section]
-        if section.kind == "mapping":
-            first = section.pairs()[:1]
-            is_short = bool(first) and object_of(first[0][0].text) is not None
-            if not is_short:
-                section.error("expected a list, got a mapping; begin each object with a dash: `- {index: ...}`")
+        if section.kind == "mapping" and not _short_writes(section):
+            section.error("expected a list, got a mapping; begin each object with a dash: `- {index: ...}`")
+            entries = entries if section.get("index") is not None else []
         written = [write for entry in entries for write in _writes(entry)]
         pairs["sdo"] = pairs["sdo"][0], Node.sequence(_at(section, "sequence"), written)
     for kind in ("rpdo", "tpdo"):
@@ -257,13 +259,26 @@ def _plain_lists(node: Node) -> Node:
 
 def _writes(entry: Node) -> list[Node]:
     """Return the writes of an entry of `sdo`: itself, or one for each of its keys such as `0x6081`."""
-    short = [(key, value) for key, value in entry.pairs() if object_of(key.text) is not None]
+    short = _short_writes(entry)
     if not short:
         is_whole = entry.get("index") is not None and entry.get("value") is not None
         return [_without_foreign(entry, _SDO_KEYS) if is_whole else entry]
     key, value = short[0]
-    key.error(f"write each object as `- {{{_form(key.text)}, value: {value.text or '...'}}}`")
-    return [_entry(key, {"value": value}) for key, value in short]
+    shown = value.text if value.kind == "scalar" else ""
+    key.error(f"write each object as `- {{{_form(key.text)}, value: {shown or '...'}}}`")
+    return [
+        _entry(key, {"value": value if value.kind == "scalar" else _number(key, 0)})  # or it would be a second error
+        for key, value in short
+    ]
+
+
+def _short_writes(entry: Node) -> list[tuple[Node, Node]]:
+    """Return the keys of an entry that name an object, such as `0x6081`, with their values."""
+    return [(key, value) for key, value in entry.pairs() if object_of(key.text) is not None]
+
+
+def _number(place: Node, number: int) -> Node:
+    return Node.scalar(_at(place, "scalar"), hex(number), number, quoted=False)
 
 
 def _form(text: str) -> str:
@@ -274,20 +289,20 @@ def _form(text: str) -> str:
 def _entry(place: Node, more: dict[str, Node]) -> Node:
     """Return the entry of a list for the object that a text such as `0x6081:01` names."""
     index, subindex, _ = object_of(place.text) or (0, 0, None)
-    numbers = {"index": index, "sub_index": subindex}
-    values = {
-        key: Node.scalar(_at(place, "scalar"), hex(number), number, quoted=False) for key, number in numbers.items()
-    }
+    values = {"index": _number(place, index), "sub_index": _number(place, subindex)}
     keys = {key: Node.scalar(_at(place, "scalar"), key, key, quoted=False) for key in (*values, *more)}
     return Node.mapping(_at(place, "mapping"), {key: (keys[key], value) for key, value in (values | more).items()})
 
 
 def _by_number(section: Node) -> list[tuple[Node, Node]]:
-    """Report PDOs that are written as a list, and return them numbered."""
+    """Report PDOs that are written as a list, and return those with known keys, numbered."""
     section.error("expected the PDOs by number, got a list; write `1:`, `2:` ... instead of the dashes")
-    numbers = [str(number) for number in range(1, len(section.elements()) + 1)]
-    keys = [Node.scalar(_at(section, "scalar"), number, int(number), quoted=False) for number in numbers]
-    return list(zip(keys, section.elements(), strict=True))
+    numbered = []
+    for number, pdo in enumerate(section.elements(), 1):
+        known = {key.text: (key, value) for key, value in pdo.pairs() if key.text in _PDO_KEYS}
+        name = Node.scalar(_at(section, "scalar"), str(number), number, quoted=False)
+        numbered.append((name, Node.mapping(_at(pdo, "mapping"), known)))
+    return numbered
 
 
 def _plain_pdo(pdo: Node) -> Node:
@@ -295,34 +310,43 @@ def _plain_pdo(pdo: Node) -> Node:
     mapping = pdo.get("mapping")
     if mapping is None or mapping.kind != "sequence":
         return pdo
-    objects = []
-    for entry in mapping.elements():
-        if entry.kind == "scalar" and object_of(entry.text) is not None:
-            entry.error(f"write each object as `- {{{_form(entry.text)}}}`")
-            objects.append(_entry(entry, {}))
-        else:
-            objects.append(_without_foreign(entry, _MAPPING_KEYS))
+    objects = [_plain_object(entry) for entry in mapping.elements()]
     pairs = {key.text: (key, value) for key, value in pdo.pairs()}
     pairs["mapping"] = pairs["mapping"][0], Node.sequence(_at(mapping, "sequence"), objects)
     return Node.mapping(_at(pdo, "mapping"), pairs)
 
 
+def _plain_object(entry: Node) -> Node:
+    """Return an object of a mapping; an object written as `0x6040` or `0x6040: 16` is an error with the right form."""
+    short = [entry] if entry.kind == "scalar" else [key for key, _ in entry.pairs()]
+    if short and object_of(short[0].text) is not None:
+        entry.error(f"write each object as `- {{{_form(short[0].text)}}}`")
+        return _entry(short[0], {})
+    return _without_foreign(entry, _MAPPING_KEYS)
+
+
 def _without_foreign(section: Node, known: Collection[str]) -> Node:
-    """Warn about the keys of a section that resemble no known key, and return the section without them."""
+    """Warn about the keys of a section that cannot stand for a known key, and return the section without them."""
     if section.kind != "mapping":
         return section
     pairs = {key.text: (key, value) for key, value in section.pairs()}
-    for name, (key, _) in list(pairs.items()):
-        if name not in known and not _resembles(name, known):
+    for name, (key, value) in list(pairs.items()):
+        if name not in known and not _may_be_meant(name, value, known):
             key.warning(f"unknown key {name!r} has no effect, neither here nor in ros2_canopen; remove it")
             del pairs[name]
     return Node.mapping(_at(section, "mapping"), pairs)
 
 
-def _resembles(name: str, known: Collection[str]) -> bool:
-    """Whether a key may stand for a known one, so that it cannot be left out."""
+def _may_be_meant(name: str, value: Node, known: Collection[str]) -> bool:
+    """Whether a key may stand for a known one, so that it must not be left out.
+
+    Its name resembles that of the known key, or its value is a number, a truth value, a list or a mapping.
+    """
+    name = name.lower()
     shortened = any(len(name) > 2 and key.startswith(name) for key in known)
-    return shortened or name in _SYNONYMS or bool(difflib.get_close_matches(name.lower(), known, 1, 0.6))
+    if shortened or name in _SYNONYMS or difflib.get_close_matches(name, known, 1, 0.6):
+        return True
+    return name not in _REMARKS and value.value is not None and not isinstance(value.value, str)
 
 
 _DRIVERS: Final = tuple(name.lower() for name in (*DRIVE_DRIVERS, "402", "Proxy", "BasicDevice", "MasterDriver"))

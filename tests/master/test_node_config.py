@@ -280,6 +280,13 @@ def test_offsets_that_do_not_cancel_are_doubted(tmp_path, offsets, rest):
         ("sdo: {index: 0x6081, value: 5}", "begin each object with a dash: `- {index: ...}`"),
         ("rpdo: {1: {mapping: [0x6040]}}", "write each object as `- {index: 0x6040, sub_index: 0}`"),
         ("tpdo: [{mapping: [{index: 0x6041}]}]", "write `1:`, `2:` ... instead of the dashes"),
+        ("tpdo: [{1: {mapping: [{index: 0x6041}]}}]", "write `1:`, `2:` ... instead of the dashes"),
+        ("tpdo: [1, 2]", "write `1:`, `2:` ... instead of the dashes"),
+        ("rpdo: {1: {mapping: [{0x6040: 16}]}}", "write each object as `- {index: 0x6040, sub_index: 0}`"),
+        ("sdo: [{0x6081: {value: 1000}}]", "write each object as `- {index: 0x6081, sub_index: 0, value: ...}`"),
+        ("sdo: {comment: x, 0x6081: 5}", "write each object as `- {index: 0x6081, sub_index: 0, value: 5}`"),
+        ("sdo: {a: 5}", "begin each object with a dash: `- {index: ...}`"),
+        ("sdo: {}", "begin each object with a dash: `- {index: ...}`"),
     ],
 )
 def test_an_object_or_pdo_in_another_form_is_one_error_with_the_right_form(tmp_path, keys, form):
@@ -310,6 +317,13 @@ def test_a_key_without_meaning_in_a_list_has_no_effect(tmp_path, keys):
         "rpdo: {1: {mapping: [{index: 0x6040, sub: 1}]}}",
         "rpdo: {1: {type: 1}}",
         "rpdo: {1: {transmission_type: 1}}",
+        "sdo: [{index: 0x6081, value: 1000, SubIndex: 0}]",
+        "sdo: [{index: 0x6081, value: 1000, si: 0}]",
+        "rpdo: {1: {mode: sync}}",
+        "rpdo: {1: {period: 10}}",
+        "rpdo: {1: {valid: false}}",
+        "rpdo: {1: {disable: true}}",
+        "rpdo: {1: {entries: [0x6040]}}",
     ],
 )
 def test_a_key_in_a_list_that_may_stand_for_another_is_an_error(tmp_path, keys):
