@@ -287,7 +287,11 @@ def _objects(texts: Sequence[str], node_ids: Sequence[int]) -> dict[int, dict[tu
         place = object_of(name)
         if place is None or place[2] is not None or _WHOLE.fullmatch(value) is None or text.count("=") > 2:
             raise ConfigError(f"--object {text}: write an object and a number, as in 0x1018:04=17 or 3=0x1018:04=17")
-        for node_id in parse_node_ids(numbers[0]) if numbers[0] else node_ids:
+        try:
+            chosen = parse_node_ids(numbers[0]) if numbers[0] else node_ids
+        except ConfigError:
+            raise ConfigError(f"--object {text}: {numbers[0]!r} is not a node-ID; write 3, or 2,3, or 1-64") from None
+        for node_id in chosen:
             if node_id not in node_ids:
                 raise ConfigError(f"--object {text}: node {node_id} is not in --node-id; add it there, or correct it")
             objects.setdefault(node_id, {})[place[0], place[1]] = int(value, 0)

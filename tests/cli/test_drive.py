@@ -235,3 +235,8 @@ def test_values_in_place_of_those_of_the_eds_are_for_all_nodes_or_for_some():
 def test_other_values_are_refused(text):
     with pytest.raises(ConfigError, match=f"--object {text}: .*(write an object and a number|not in --node-id)"):
         _objects([text], [2, 3])
+
+
+def test_a_wrong_node_id_of_an_object_names_its_option():
+    with pytest.raises(ConfigError, match=r"^--object x=0x1018:04=5: 'x' is not a node-ID"):
+        _objects(["x=0x1018:04=5"], [2, 3])
