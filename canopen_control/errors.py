@@ -117,7 +117,7 @@ class ConfigError(CanopenError):
 
 
 class NoRobotError(ConfigError):
-    """Error of a verb for running robots while none runs."""
+    """Error of a verb that needs a running robot, while none is running."""
 
 
 class EdsError(ConfigError):

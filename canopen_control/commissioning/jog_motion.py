@@ -90,7 +90,7 @@ class JogMotion:
     """Jog by held keys, for `seconds`, or to a position; `value` is in rad/s, in rad from the start, or per mille.
 
     `command` is the value to send; for a position it is None until the start position is known. The travel of a drive
-    without a position is reckoned from its velocity, measured or commanded; a torque needs one of both measured.
+    without a position is computed from its velocity, measured or commanded; a torque needs one of both measured.
     """
 
     def __init__(self, kind: JogKind, value: float, limits: JogLimits, *, seconds: float | None, now: int) -> None:
@@ -107,7 +107,7 @@ class JogMotion:
         self._seconds = seconds
         self._farthest = self._fastest = math.nan
         self._velocity = 0.0
-        self._reckoned = 0.0  # travel of a drive without a position
+        self._computed_travel = 0.0  # travel of a drive without a position
         self._now = self._before = self._seen_at = now
 
     @property
@@ -206,7 +206,7 @@ class JogMotion:
         if velocity is not None and math.isfinite(velocity):
             self._fastest = max(abs(velocity), 0.0 if math.isnan(self._fastest) else self._fastest)
         if position is None or not math.isfinite(position):
-            self._reckon(velocity)
+            self._compute_travel(velocity)
             return
         self._seen_at = self._before = self._now
         if self._start is None:
@@ -226,14 +226,14 @@ class JogMotion:
     def _direction(self) -> int:
         return self._sign if self._keys.velocities.moving else 0
 
-    def _reckon(self, velocity: float | None) -> None:
-        """Reckon the travel without a position, and end a torque without any feedback."""
+    def _compute_travel(self, velocity: float | None) -> None:
+        """Compute the travel of a drive without a position, and end a torque without any feedback."""
         seconds, self._before = (self._now - self._before) * 1e-9, self._now
         if velocity is not None and math.isfinite(velocity):
             self._seen_at = self._now
-            self._reckoned += velocity * seconds
+            self._computed_travel += velocity * seconds
         elif self.kind is JogKind.VELOCITY:
-            self._reckoned += (self.command or 0.0) * seconds
+            self._computed_travel += (self.command or 0.0) * seconds
         elif self.kind is JogKind.TORQUE and self._now - self._seen_at > BLIND_S * 1e9:
             self.end(JogEnd.BLIND)
         if self.kind is not JogKind.POSITION:
@@ -245,7 +245,7 @@ class JogMotion:
 
     def _blocked(self, sign: int) -> bool:
         """Whether the travel in this direction is exhausted."""
-        travelled = self._reckoned if math.isnan(self.travelled) else self.travelled
+        travelled = self._computed_travel if math.isnan(self.travelled) else self.travelled
         return sign * travelled >= self.limits.travel
 
     def _check_travel(self, velocity: float | None) -> None:

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 #
 # Sans-IO; times are monotonic nanoseconds. The run ends by itself if the remaining travel is not longer than the
 # stopping distance, above the speed limit, above the current limit for `PEAK_S`, with samples without feedback for
-# `BLIND_S`, or when the drive is no longer enabled; the command is 0 then. Without a position the travel is reckoned
+# `BLIND_S`, or when the drive is no longer enabled; the command is 0 then. Without a position the travel is computed
 # from the velocity. A torque accelerates a free shaft without limit. Therefore an additional torque of `STEERED` times
 # the peak pushes the shaft, alternately in both directions, which the identification of friction needs, and back as
 # soon as half of the travel or of the speed limit is reached.

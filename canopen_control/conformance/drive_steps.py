@@ -249,14 +249,14 @@ def motion_of(node: CheckedNode) -> CheckMotion:
 
 _WATCHERS = (124, 123)  # node-IDs of this program as the producer of a heartbeat; not that of `other_node_id`
 _BEAT_NS, _BEATS_MS = 100_000_000, 1000
-_UNSUPERVISED = "the drive does not monitor this program (0x1016), and moves on if this program is killed"
+_UNSUPERVISED = "the drive does not monitor this program (0x1016), so it continues to move if this program is killed"
 
 
 @contextmanager
 def supervised(node: CheckedNode) -> Iterator[None]:
     """Context in which the drive monitors a heartbeat of this program, so that it stops if the program is killed.
 
-    0x6007 = 0, no reaction, is changed to 1, the fault reaction.
+    A value of 0 in 0x6007 (no reaction) is changed to 1 (fault reaction). The previous values are restored at the end.
     """
     watcher = next(node_id for node_id in _WATCHERS if node_id != node.node_id)
     timers: list[Timer] = []

@@ -209,8 +209,8 @@ class JointTargets:
     def hold(self) -> None:
         """Set all targets to standstill at the current position.
 
-        An enabled axis keeps its target position while it is near: a target that followed an axis that yields to its
-        load, for example when its brake is released, would let it sink further and further.
+        An enabled axis keeps its target position while it is near. It may yield to its load, for example when its brake
+        is released; if the target followed, the axis would sink further and further.
         """
         raw = self._axis.raw_position
         if raw == self._held or self._keeps_target(raw):

@@ -1,7 +1,8 @@
-"""Events of a node apart from its boot: EMCY messages, missing process data, a second node with the same node-ID.
+"""Events of a node apart from its boot: EMCY messages, missing or malformed frames, and wrong boot-ups.
 
-Every text names the node, and the consequence or the remedy. The active errors of EMCY messages are recorded even if
-a message is not reported; a flood of messages is reported as one summary.
+TPDOs that are overdue or have another length, heartbeats of another length, a second node with the same node-ID and a
+node that repeats its boot-up are reported. Every text begins with the node-ID and the name. The active errors of EMCY
+messages are recorded even if a message is not reported; a flood of messages is reported as one summary.
 """
 
 from __future__ import annotations

@@ -312,7 +312,8 @@ def _with_numbers(entry: SdoEntry, od: ObjectDictionary) -> SdoEntry:
 def _encodable(value: object, data_type: DataType) -> Value:
     """Convert hexadecimal text for an OCTET_STRING or DOMAIN to bytes; return other values unchanged.
 
-    Raise ValueError if the text is invalid, or if a number has another notation than its type.
+    Raise ValueError for an invalid text, an integer in quoted hexadecimal digits, and an unsigned number that is too
+    large for a signed type.
     """
     if isinstance(value, str) and data_type in _BYTES:
         try:
@@ -323,7 +324,6 @@ def _encodable(value: object, data_type: DataType) -> Value:
         raise ValueError(f"{value!r} is text; remove the quotes")
     if isinstance(value, int) and data_type.signed and data_type.maximum < value <= 2 * data_type.maximum + 1:
         negative = value - 2 * (data_type.maximum + 1)
-        raise ValueError(
-            f"{value} is more than {data_type.maximum} of {data_type.name}; write {negative}, if that is meant"
-        )
+        limit = f"{data_type.maximum}, the maximum of {data_type.name}"
+        raise ValueError(f"{value} is more than {limit}; write {negative} if that is meant")
     return value  # type: ignore[return-value]  # encode checks the type of the value

@@ -1,4 +1,4 @@
-"""Identity that the boot requires of a node, and warnings about files that are for another device or node."""
+"""Identity that the boot requires of a node, and warnings about files that are for another device, node or bit rate."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def warn_of_another_node(builder: PlanBuilder) -> None:
 def warn_of_bit_rate(builder: PlanBuilder, kbits: int) -> None:
     """Warn about a device that cannot have the bit rate of the bus, or a DCF that was saved at another one.
 
-    Such a device is silent, and disturbs the others.
+    Such a device does not answer, and its error frames disturb the other devices.
     """
     rates, saved = builder.od.device.bit_rates, builder.od.bitrate
     if rates and kbits * 1000 not in rates:

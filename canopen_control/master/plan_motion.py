@@ -8,7 +8,10 @@ position. An offset that cannot be mapped is reported and not used.
 Interpolation time period (0x60C2): the SYNC period exactly, in 1 to 255 units of a power of ten. Rules (CiA 402-2): a
 drive in CSP moves from one set-point to the next within this time. If it is shorter than the SYNC period, the drive
 stops between set-points; if it is longer, each motion is interrupted. Another time in bus.yml is written, with a
-warning. A period that the object cannot express, or that the drive refuses, is reported.
+warning. A period that the object cannot express, or that the drive refuses, is reported. So is a communication cycle
+period (0x1006) other than the SYNC period.
+
+Offsets (0x60B0, 0x60B1, 0x60B2): 0 unless `sdo` sets them, because an offset moves the axis without a command.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Signals of a device, by its profile and by `signals` in bus.yml, and the objects that the boot writes for them.
 
 Outputs become safe when the master is lost: the error modes (0x6206 and similar) are set so that the outputs change
-to their error values (0x6207), which are written too. Analogue inputs are enabled for transmission: they cause events
-only if 0x6423 is set. Values of the `sdo:` list or a file take precedence. Initial input values and the scaling
-objects of the device are read.
+to their error values (0x6207), which are written too. Outputs that keep their values are reported. Analogue inputs
+are enabled for transmission: they cause events only if 0x6423 is set. Values of the `sdo:` list or a file take
+precedence. Initial input values and the scaling objects of the device are read.
 """
 
 from __future__ import annotations

@@ -76,11 +76,11 @@ class RemoteNode:
     """Configured node, with its SDO client, boot, supervision and PDOs."""
 
     holds_load = False
-    """Whether the load of an axis of the node would fall without power."""
+    """Whether an axis of the node holds a load that would fall without power."""
     disobeys = False
     """Whether `stop_as_last_resort` was called since the last boot."""
     disabled: bool | None = None
-    """Whether the node has confirmed to `disable` that no axis has power; None if not asked, or never heard of."""
+    """Whether the node confirmed after `disable` that no axis has power; None before, and without any answer."""
     _ending = False
 
     def __init__(
@@ -175,20 +175,20 @@ class RemoteNode:
 
     @property
     def can_be_disabled(self) -> bool:
-        """Whether an axis of the node, which is not ready, may have power, and SDO may reach it."""
+        """Whether the node is not ready, one of its axes may have power, and it can be reached by SDO."""
         heard = self.nmt_state is not None or (bool(self.boot_step) and not (self.last_seen is None and self.error))
         stopped = NmtState.STOPPED in (self.nmt_state, self.expected_state)  # CiA 301, 7.3.2.2.5: no SDO
         return bool(self.plan.axes) and not self.ready and heard and not stopped
 
     @property
     def is_disabling(self) -> bool:
-        """Whether the node has not yet answered to `disable`."""
+        """Whether `disable` has not ended yet."""
         return self._ending and self._task is not None
 
     def disable(self, now: int) -> None:
         """End the boot and disable the axes by SDO, because the run ends; a second call does nothing.
 
-        `disabled` is the result. The node is not booted any more.
+        `disabled` is the result. The node is not booted again.
         """
         if self._ending:
             return

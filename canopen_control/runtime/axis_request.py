@@ -133,8 +133,8 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
     return tuple(complete), "; ".join(notes)
 
 
-def stop_rising(joints: Iterable[JointDrive], now: int) -> list[JointDrive]:
-    """Stop those of the joints that are being enabled, and their groups; return these joints."""
+def stop_enabling(joints: Iterable[JointDrive], now: int) -> list[JointDrive]:
+    """Stop the joints that are being enabled but are not enabled yet, with their groups; return these joints."""
     rising = [joint for joint in joints if joint.enable_requested and not joint.machine.enabled]
     for joint in rising:
         joint.group.stop(now)
@@ -173,7 +173,7 @@ class PendingAxisRequest:
             named = [joint for joint in late if joint.machine.fault] or refused or late
             reasons = "; ".join(self._reason(joint) for joint in named)
             if self._action is Action.ENABLE:
-                stop_rising(late, now)  # a drive must not be enabled after the answer that it is not
+                stop_enabling(late, now)  # a drive must not be enabled after the answer that it is not
             self._done(reasons)
             return True
         return False
@@ -190,7 +190,7 @@ class PendingAxisRequest:
         if self._holder is not holder or holder is None:
             return []
         if self._action is Action.ENABLE:
-            return [joint.joint for joint in stop_rising(self._joints, now)]
+            return [joint.joint for joint in stop_enabling(self._joints, now)]
         homing = [joint for joint in self._joints if self._action is Action.HOME and joint.homing is not None]
         for joint in homing:
             joint.stop(now)

@@ -1,7 +1,7 @@
-"""Status texts of a robot about its drives: which are enabled, which are not, and the command that is necessary.
+"""Enable status of a robot's drives, in texts: which are enabled, which are not, and the command that is necessary.
 
 A robot whose controllers claim disabled drives is not running but disabled; the status then names the necessary
-command. Nodes have their names from bus.yml.
+command. Nodes have their names from bus.yml. At the end of a run, axes of nodes that were not booted are disabled.
 """
 
 from __future__ import annotations

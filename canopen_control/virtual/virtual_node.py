@@ -265,7 +265,7 @@ def _with_device_type(od: ObjectDictionary) -> ObjectDictionary:
 def _with_signed_types(od: ObjectDictionary) -> ObjectDictionary:
     """Return `od` with signed types for a drive's objects that are signed in CiA 402 and unsigned in the file.
 
-    One file of CiA 402 drives in four has such a type, such as UNSIGNED32 for 0x60FF; the drives use signed numbers.
+    One EDS of a CiA 402 drive in four has such a type, such as UNSIGNED32 for 0x60FF; the drives use signed numbers.
     """
     if (o.CONTROLWORD, 0) not in od:
         return od

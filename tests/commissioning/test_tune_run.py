@@ -118,7 +118,7 @@ def test_samples_without_feedback_end_it_soon_but_not_at_once():
     assert (run.command, run.ended.failed) == (0.0, True)
 
 
-def test_the_travel_of_a_drive_without_a_position_is_reckoned_from_its_velocity():
+def test_the_travel_of_a_drive_without_a_position_is_computed_from_its_velocity():
     run = motion_of_tune_motion(excitation=StepExcitation(3.0, 60.0))
     for ms in range(0, 5000, 100):
         run.tick(ms * S // 1000)

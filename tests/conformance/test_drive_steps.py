@@ -108,7 +108,7 @@ def test_the_monitoring_of_a_motion_ends_with_it_and_a_drive_without_it_is_noted
     node.device.store.guard([0x1016], _refuse)
     with moving(node, OperationMode.PV):
         assert node.number(0x1016, 1) == 0
-    assert any("moves on if this program is killed" in note for note in node.notes)
+    assert any("continues to move if this program is killed" in note for note in node.notes)
 
 
 def _refuse(_entry, _value):

@@ -125,7 +125,7 @@ def test_a_whole_number_is_an_integer_in_any_notation(tmp_path, value):
     ("value", "words"),
     [
         ('"0x3"', "'0x3' is text; remove the quotes"),
-        ("0xFFFF", "65535 is more than 32767 of INTEGER16; write -1, if that is meant"),
+        ("0xFFFF", "65535 is more than 32767, the maximum of INTEGER16; write -1 if that is meant"),
         ("0x10000", "65536 is not a valid INTEGER16"),
         ("3.5", "expected a whole number"),
     ],
