@@ -84,7 +84,7 @@ class BackgroundRobot:
     def shutdown(self) -> None:
         """Ramp the drives to a standstill and disable them, leave the buses and join the thread.
 
-        A first Ctrl-C meanwhile is raised only afterwards: the end of the process would interrupt the ramp.
+        A first Ctrl-C during this is raised at its end, because the end of the process would interrupt the ramp.
         """
         self._ended = True  # before the session is read: see `_run`
         thread, session = self._thread, self._session

@@ -3,7 +3,7 @@
 No exception of a node, a controller or a client ends the cycle (`RobotCycle`). Nothing moves before a controller is
 active. A user, a signal, and the end of the requested duration end the robot by the same stop: targets go to zero, the
 drives ramp down by themselves and are disabled, and only then are the buses closed. After the loss of a bus its drives
-stop by their heartbeat consumers, those of other buses by the same stop.
+stop by their heartbeat consumers; the drives of the other buses ramp down as at any other end.
 """
 
 from __future__ import annotations
