@@ -16,9 +16,9 @@ from canopen_control.master.network import Network
 from canopen_control.master.remote_node import RemoteNode
 from canopen_control.runtime import node_readings, status
 from canopen_control.runtime.core import RobotCore, RobotState
-from canopen_control.runtime.stop_latch import StopLatch
 from canopen_control.runtime.node_readings import NodeReadings
 from canopen_control.runtime.pacer import Pacer
+from canopen_control.runtime.stop_latch import StopLatch
 from canopen_control.virtual.power_machine import DriveLimits
 
 
