@@ -130,11 +130,12 @@ def test_a_robot_that_never_runs_is_exit_1_and_a_sentence(capsys, tmp_path):
 
 
 def test_seeds_of_a_robot_that_never_runs_are_one_sentence(capsys, tmp_path):
-    folder = copy_robby(tmp_path, bus={"node_id: 3": "node_id: 3\n    product_code: 7"})
+    refused = "node_id: 3\n    sdo: [{index: 0x605A, sub_index: 0, value: 99}]"  # no option of the quick stop
+    folder = copy_robby(tmp_path, bus={"node_id: 3": refused})
     code, out, err = simulate(capsys, str(folder), "--seeds", "3", "--for", "2s")
     assert (code, out) == (1, "")
-    assert err.count("robby did not reach the state RUNNING within 5.1 s: node 3 (left_drive): boot error M") == 1
-    assert "product code" in err
+    assert err.count("robby did not reach the state RUNNING within 5.1 s: node 3 (left_drive): boot error J") == 1
+    assert "0x605A:00" in err
 
 
 def test_all_drives_behave_as_those_of_a_manufacturer(capsys):
