@@ -121,6 +121,8 @@ class RemoteNode:
         self.log = NodeLog(config, owner.report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
         self.label = self.log.label
         """Node-ID and name, as in every message."""
+        self.is_managed = config.boot.enabled
+        """Whether this master boots the node; with `boot: false` only after a user has started it."""
         self._owner = owner
         self._guarding_boot = False
         self.sdo_reads = self.sdo_writes = self.sdo_failed = 0
@@ -149,6 +151,7 @@ class RemoteNode:
         """Start a boot of the node, and abort a boot in progress; `reset` is passed to `boot`."""
         if self._ending:
             return
+        self.is_managed = True
         self._abandon()
         self._owner.guard(self, False, now)
         self._owner.watch_heartbeat(self.node_id, 0)
@@ -175,10 +178,13 @@ class RemoteNode:
 
     @property
     def can_be_disabled(self) -> bool:
-        """Whether the node is not ready, one of its axes may have power, and it can be reached by SDO."""
+        """Whether the node is not ready, one of its axes may have power, and it can be reached by SDO.
+
+        False with `boot: false`: another master may be in charge of the node, and move it.
+        """
         heard = self.nmt_state is not None or (bool(self.boot_step) and not (self.last_seen is None and self.error))
         stopped = NmtState.STOPPED in (self.nmt_state, self.expected_state)  # CiA 301, 7.3.2.2.5: no SDO
-        return bool(self.plan.axes) and not self.ready and heard and not stopped
+        return self.is_managed and bool(self.plan.axes) and not self.ready and heard and not stopped
 
     @property
     def is_disabling(self) -> bool:
@@ -416,7 +422,7 @@ class RemoteNode:
                 Level.ERROR,
                 kind="restarted",
             )
-        if not self.is_taken_out:
+        if self.is_managed and not self.is_taken_out:
             self.begin_boot(now, reset=False)
 
     def _toggled(self, now: int) -> None:

@@ -441,11 +441,12 @@ class RobotBus:
     def release_nodes(self, doubtful: Container[RemoteNode]) -> None:
         """Reset the communication of the nodes, if permitted, to end their monitoring of the master's heartbeat.
 
-        The `doubtful` nodes keep it: a drive that may still have power stops by itself when the heartbeat ends.
+        The `doubtful` nodes keep it: a drive that may still have power stops by itself when the heartbeat ends. A node
+        with `boot: false` may belong to another master.
         """
         for node in self.network.nodes.values():
             # CiA 301, 7.3.2.2.1: a reset communication restores 0x1000 to 0x1FFF, and so the heartbeat consumer
-            if node.config.boot.reset_communication and node not in doubtful:
+            if node.is_managed and node.config.boot.reset_communication and node not in doubtful:
                 self.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
         self.send_waiting()
 

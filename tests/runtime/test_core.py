@@ -13,6 +13,7 @@ from support.watching import Witness, watch
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError
@@ -758,3 +759,29 @@ def test_the_drives_of_the_other_bus_are_ramped_down_if_one_of_two_buses_is_lost
         core.close()
         for part in (*hosts, left_port, right_port, reactor):
             part.close()
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_a_node_with_boot_false_is_left_to_the_master_of_another_robot(benches, tmp_path, restarts):
+    bench = benches("theirs", config=write_generic(tmp_path, modes="velocity_mode: 3"), drives=(2, 3))
+    bench.start()
+    (tmp_path / "ours").mkdir()
+    config = write_generic(tmp_path / "ours", joints=("one",), modes="velocity_mode: 3\nboot: false")
+    core = RobotCore(read_robot(find_robot(str(config)), can=["memory:theirs"]), bench.reactor)
+    since = len(bench.bus.history)
+    core.start()
+    bench.run(1000)
+    if restarts:
+        bench.robot.nodes["drive_one"].command(NmtCommand.RESET_NODE, bench.reactor.now(), boot=True)
+        bench.run(3000)
+    assert core.nodes["drive_one"].nmt_state is NmtState.OPERATIONAL
+    assert bench.joint(2).node.ready
+    powered = bench.drives[2].get(0x6041) & 0x04
+    assert bool(powered) is not restarts
+    core.shutdown("SIGINT")
+    bench.until(lambda: core.state is RobotState.STOPPED)
+    bench.run(500)
+    assert bench.drives[2].get(0x6041) & 0x04 == powered
+    ours = [frame for label, frame in bench.bus.history[since:] if label == "master" and frame.can_id == 0]
+    assert [frame.data for frame in ours] == ([b"\x81\x02", b"\x01\x02"] if restarts else [])
+    core.close()
