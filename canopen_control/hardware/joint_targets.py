@@ -78,6 +78,7 @@ class JointTargets:
         self.has_outputs = self._outputs is not None
         self._command: CommandInterface | None = None
         self._held: int | None = None  # raw position at which all targets are held; None: not held
+        self._halted = False  # whether they are held since a halt
 
     @property
     def handshakes(self) -> bool:
@@ -210,7 +211,8 @@ class JointTargets:
         """Set all targets to standstill at the current position.
 
         An enabled axis keeps its target position while it is near. It may yield to its load, for example when its brake
-        is released; if the target followed, the axis would sink further and further.
+        is released; if the target followed, the axis would sink further and further. At the end of a halt the target is
+        the actual position, where the drive's own ramp has ended.
         """
         raw = self._axis.raw_position
         if raw == self._held or self._keeps_target(raw):
@@ -220,13 +222,15 @@ class JointTargets:
                 self.current.hold()
             self.feed_forward.zero()
             self._machine.mode_bits = 0 if self.current is None else self.current.held_bits
-        self._held = raw
+        self._held, self._halted = raw, self._machine.halted
         self._axis.hold(raw)
 
     def _keeps_target(self, raw: int) -> bool:
         """Whether an enabled drive holds its target position, and the axis is near it."""
         held, machine = self._held, self._machine
         if held is None or not machine.enabled or not isinstance(self.current, HOLDING):
+            return False
+        if self._halted and not machine.halted:
             return False
         return machine.mode == self.mode and abs(wrap_int32(raw - held)) <= _SAG * abs(self._axis.scale.pos_to_dev)
 

@@ -265,3 +265,18 @@ def test_an_enabled_axis_that_yields_to_its_load_keeps_its_target_position(tmp_p
     robby.run(100)
     assert (robby.drives[2].get(0x607A) - held) / K == pytest.approx(0.1, abs=0.02)
     robby.close()
+
+
+def test_an_axis_that_a_halt_has_stopped_does_not_move_back_to_where_the_halt_began(servo):
+    robby = servo("position", modes="position_mode: 8")
+    joint, mover = robby.joint(2), robby.drives[2].drives[0].mover
+    mover.plant = LagPlant(mover.plant.position, time_constant=0.05)
+    for cycle in range(200):
+        command(robby, "position", 0.003 * cycle, 10)
+    assert robby.axis(Action.HALT) is None
+    robby.run(1000)
+    here = joint.axis.raw_position
+    assert 0.002 < (here - joint.targets.current.output.value) / K < 0.01, "the way of the drive's ramp (0x605D)"
+    joint.machine.halt(False)
+    joint.targets.hold()  # as while it waits for its group
+    assert joint.targets.current.output.value == here
