@@ -172,8 +172,10 @@ class PendingAxisRequest:
         if self._cycles > 1 and (refused or now > self._deadline) and not self._explaining(now):
             named = [joint for joint in late if joint.machine.fault] or refused or late
             reasons = "; ".join(self._reason(joint) for joint in named)
-            if self._action is Action.ENABLE:
-                stop_enabling(late, now)  # a drive must not be enabled after the answer that it is not
+            if self._action is Action.ENABLE:  # no drive must be enabled after the answer that the request has failed
+                rising = dict.fromkeys(joint.node.name for joint in stop_enabling(late, now) if joint not in named)
+                if rising:
+                    reasons += f"; so {', '.join(rising)}, not enabled yet, will not be enabled either"
             self._done(reasons)
             return True
         return False

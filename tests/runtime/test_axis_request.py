@@ -116,9 +116,13 @@ def test_a_touch_probe_is_read_where_there_is_one(robby, tmp_path):
 
 
 @pytest.fixture
-def slow(tmp_path):
-    """Return a robot of two drives, one of which does not leave SWITCHED_ON, and has 30 s for that."""
-    config = write_generic(tmp_path, modes="velocity_mode: 3", extra="transition_timeouts_ms: {4: 30000}")
+def slow(request, tmp_path):
+    """Return a robot of two drives, one of which does not leave SWITCHED_ON, and has 30 s for that.
+
+    The parameter is whether each drive has a stop group of its own.
+    """
+    groups, extra = getattr(request, "param", False), "transition_timeouts_ms: {4: 30000}"
+    config = write_generic(tmp_path, modes="velocity_mode: 3", extra=extra, groups=groups)
     bench = Bench("slow", config=config, drives=(2, 3), controllers=["velocity"])
     bench.start()
     assert ask(bench, Action.DISABLE) == [None]
@@ -159,3 +163,18 @@ def test_no_drive_is_enabled_after_its_request_has_ended(slow, lost):
     slow.release()
     slow.run(5000)
     assert [drive.get(0x6041) & 0x6F for drive in slow.drives.values()] == [0x40, 0x40]
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize("slow", [True], indirect=True)
+def test_the_answer_names_the_drives_that_are_not_enabled_because_another_one_has_a_fault(slow):
+    answers = []
+    slow.robot.axis(Action.ENABLE, "all", answers.append)
+    slow.run(500)
+    slow.drives[3].drives[0].power.fault(0x2310, slow.reactor.now())
+    slow.until(lambda: answers)
+    assert answers[0].startswith("node 3 (drive_two): enable not reached, the drive is FAULT")
+    assert answers[0].endswith("; so drive_one, not enabled yet, will not be enabled either")
+    slow.release()
+    slow.run(1000)
+    assert slow.drives[2].get(0x6041) & 0x6F == 0x40
