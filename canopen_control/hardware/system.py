@@ -329,7 +329,8 @@ class CanopenSystem(ComponentLifecycle):
             self._report(Event(now, kind, node.name, f"{node.label}: {text}", Level.WARNING))
 
     def _stop_group(self, cause: JointDrive, now: int, event: JointEvent) -> None:
-        resumable = event.kind == "node_lost" and cause.node.config.motion.recovery == "enable"
+        node, lost = cause.node, event.kind == "node_lost"
+        resumable = lost and node.config.motion.recovery == "enable" and not node.is_taken_out
         waiting = [joint for joint in cause.group.joints if joint.resume]
         moving = cause.group.stop(now)
         if not cause.node.ready or not cause.machine.enabled:

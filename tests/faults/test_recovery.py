@@ -6,6 +6,7 @@ from support.generic import write_generic
 from support.observers import Observer
 from support.robots import copy_robby
 
+from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.errors import NotEnabled
 from canopen_control.hardware.axis_statechart import Action
 
@@ -39,6 +40,26 @@ def test_a_users_stop_in_between_ends_the_matter(recovering):
     recovering.axis(Action.FAULT_RESET)
     recovering.expect_stays_down(2000)
     assert not recovering.found("recovered")
+
+
+def test_a_node_that_nmt_stop_has_taken_out_of_use_is_not_enabled_again(bench, tmp_path):
+    config = write_generic(tmp_path, modes="velocity_mode: 3", extra="recovery: enable")
+    made = bench(config=config, drives=(2, 3), controllers=["velocity"])
+    made.start()
+    made.drives[2].store.set(0x6007, 0, 2)  # disable voltage: it does not return in a fault
+    node = made.robot.nodes["drive_one"]
+    node.stop_as_last_resort(made.reactor.now())
+    made.run(2000)
+    assert made.texts("stop")[0].endswith(
+        "nmt start drive_one, then canopen-control axis fault-reset all if a drive "
+        "is in fault, then canopen-control axis enable all"
+    )
+    node.command(NmtCommand.START, made.reactor.now())
+    made.until(lambda: node.ready, ms=4000)
+    made.run(2000)
+    assert not made.joint(2).machine.fault
+    assert not made.texts("recovered")
+    assert not made.joint(2).enabled
 
 
 def test_a_fault_is_never_recovered_from_by_itself(recovering):
