@@ -116,7 +116,8 @@ class AxisStatus:
     def force_stop(self, phase: AxisPhase, now: int) -> str:
         """Write the controlword of an overdue stop by SDO, or send NMT stop as the last resort; return what is done.
 
-        A drive under local control (statusword bit 9 is 0) need not obey, so it gets no NMT stop.
+        A drive under local control (statusword bit 9 is 0) need not obey, so it gets no NMT stop, and neither does a node
+        while another of its axes is enabled.
         A drive may have switched its RPDOs off (bit 31 of 0x1400:01) while it shows OPERATION_ENABLED, and then
         receives no controlword and no target (ros2_canopen of Nature Robots, RPDO watchdog of 2026).
         """
@@ -124,6 +125,9 @@ class AxisStatus:
         if word is not None:
             self.send(word)
         elif phase is AxisPhase.STOP_FAILED and self._machine.remote and not self._node.holds_load:
+            if self._node.moves_axes:
+                other = "NMT stop would stop the enabled axes of the node too, and is left to you"
+                return f"{OVERDUE_TEXTS[phase]}; {other}: canopen-control nmt stop {self._node.name}"
             # CiA 402-2, 0x6007: the drive reacts to NMT STOPPED as to the loss of its master
             self._node.stop_as_last_resort(now)
             return f"{OVERDUE_TEXTS[phase]}; NMT stop was sent, to which the drive reacts as its 0x6007 says"

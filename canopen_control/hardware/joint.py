@@ -241,6 +241,7 @@ class JointDrive(JointStatus):
         self._settle_ns = node.config.motion.enable_settle_ms * 1_000_000
         self._settled_at = 0  # a newly enabled drive may lose set-points before this time
         self._status = AxisStatus(self.axis, self.machine, holds_load=self.statechart.holds_load)
+        node.uses.append(self.statechart)
         self._limits, self._controlword, self._mode = self.axis.limits, self.axis.controlword, self.axis.mode
         self._evaluations = -1
         self._feedback_status: FeedbackStatus = _LOST

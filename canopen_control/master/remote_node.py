@@ -72,6 +72,15 @@ class NodeOwner(Protocol):
         """Handle an SDO download that the node has accepted."""
 
 
+class AxisUse(Protocol):
+    """Whether an axis is enabled or being enabled (`enable_requested`), or performs a controlled stop (`falling`)."""
+
+    @property
+    def enable_requested(self) -> bool: ...
+    @property
+    def falling(self) -> bool: ...
+
+
 class RemoteNode:
     """Configured node, with its SDO client, boot, supervision and PDOs."""
 
@@ -123,6 +132,7 @@ class RemoteNode:
         """Node-ID and name, as in every message."""
         self.is_managed = config.boot.enabled
         """Whether this master boots the node; with `boot: false` only after a user has started it."""
+        self.uses: list[AxisUse] = []  # of the axes that joints have, added by these joints
         self._owner = owner
         self._guarding_boot = False
         self.sdo_reads = self.sdo_writes = self.sdo_failed = 0
@@ -238,6 +248,11 @@ class RemoteNode:
         # CiA 301, 7.2.8.3.2.1: life guarding counts from the first remote frame on
         if command not in RESETS:  # without remote frames the node would consider the master lost
             self._owner.guard(self, True, now)
+
+    @property
+    def moves_axes(self) -> bool:
+        """Whether an axis of the node is enabled or performs a controlled stop, which NMT stop would end abruptly."""
+        return any(use.enable_requested or use.falling for use in self.uses)
 
     def stop_as_last_resort(self, now: int) -> None:
         """Send NMT stop to a drive that obeys no controlword; the node is out of use until `nmt start`.

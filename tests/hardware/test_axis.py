@@ -27,7 +27,7 @@ MS = 1_000_000
 class Node:
     """Takes SDO requests and lets the test answer them."""
 
-    ready, node_id, name, holds_load = True, 2, "pan_drive", False
+    ready, node_id, name, holds_load, moves_axes = True, 2, "pan_drive", False, False
 
     def __init__(self):
         self.reads, self.writes, self.stopped_at = [], [], None

@@ -1,13 +1,15 @@
 """The hardware component: claims of interfaces, and the effect of a failed joint on the others."""
 
+import contextlib
 from types import SimpleNamespace
 
 import pytest
 from support.generic import write_generic, write_two_axes
 from support.robots import LEFT, RIGHT, Bench, copy_robby
 
+from canopen_control.cia301.nmt import NmtState
 from canopen_control.cia402.state import State
-from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface
+from canopen_control.errors import ControlError, DriveError, NotEnabled, RobotConfigError, UnknownInterface
 from canopen_control.hardware.axis_statechart import Action, AxisPhase
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
 from canopen_control.hardware.system import Recovery
@@ -239,6 +241,30 @@ def test_one_axis_of_a_device_is_disabled_and_the_other_continues(tmp_path):
     assert (answers, one.enabled, two.enabled) == ([None], True, False)
     with pytest.raises(ControlError, match="drive_one has no joint 'three'; available: one, two"):
         bench.robot.axis(Action.DISABLE, "drive_one", answers.append, joint="three")
+    bench.close()
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize("other", ["follows", "is disabled"])
+def test_nmt_stop_of_an_axis_that_obeys_nothing_spares_the_other_axis_of_the_device(tmp_path, other):
+    bench = Bench("lastresort", config=write_two_axes(tmp_path), drives=(2,), controllers=["velocity"])
+    bench.start()
+    device, node = bench.drives[2], bench.robot.nodes["drive_one"]
+    device.drives[1].power.obey = lambda _command, _now: None
+    name = {"joint": "two"} if other == "follows" else {}
+    bench.robot.axis(Action.DISABLE, "drive_one", lambda _error: None, **name)
+    for _ in range(150):
+        with contextlib.suppress(NotEnabled):
+            bench.robot.command("velocity", [1.0, 1.0], "test")
+        bench.run(100)
+    text = bench.texts("stop_overdue")[-1]
+    if other == "follows":
+        assert device.get(0x606C) == pytest.approx(10430, rel=0.01)
+        assert node.nmt_state is NmtState.OPERATIONAL
+        assert text.endswith(": canopen-control nmt stop drive_one")
+    else:
+        assert node.nmt_state is NmtState.STOPPED
+        assert "NMT stop was sent" in text
     bench.close()
 
 
