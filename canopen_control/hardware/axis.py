@@ -130,7 +130,9 @@ class AxisStatus:
                 return f"{OVERDUE_TEXTS[phase]}; {other}: canopen-control nmt stop {self._node.name}"
             # CiA 402-2, 0x6007: the drive reacts to NMT STOPPED as to the loss of its master
             self._node.stop_as_last_resort(now)
-            return f"{OVERDUE_TEXTS[phase]}; NMT stop was sent, to which the drive reacts as its 0x6007 says"
+            known = self._axis.has(objects.ABORT_CONNECTION_OPTION)
+            reaction = "the drive reacts as its 0x6007 says" if known else "no object of the drive defines its reaction"
+            return f"{OVERDUE_TEXTS[phase]}; NMT stop was sent, to which {reaction}"
         return OVERDUE_TEXTS[phase]
 
     def send(self, word: int) -> None:

@@ -46,7 +46,7 @@ class Node:
         self.reads.pop(0)[2](SimpleNamespace(error=error, data=data))
 
 
-def make_axis(*, mode=True, display=True):
+def make_axis(*, mode=True, display=True, reacts=True):
     pdo = SimpleNamespace(stamp=0, overdue=False, values=(0x27, 9))
 
     def entry(position):
@@ -55,6 +55,7 @@ def make_axis(*, mode=True, display=True):
     return SimpleNamespace(
         node=Node(),
         index=lambda index: index,
+        has=lambda _index: reacts,
         statusword=entry(0),
         display=entry(1) if display else None,
         mode=object() if mode else None,
@@ -178,6 +179,15 @@ def test_nmt_stop_is_the_last_resort_for_a_drive_without_a_load_that_is_under_th
         assert axis.node.stopped_at is None
     assert ("NMT stop was sent" in status.force_stop(AxisPhase.STOP_FAILED, 2 * MS)) is sent
     assert axis.node.stopped_at == (2 * MS if sent else None)
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize(
+    ("reacts", "end"), [(True, "as its 0x6007 says"), (False, "no object of the drive defines its reaction")]
+)
+def test_the_report_of_nmt_stop_names_the_object_with_the_reaction_only_if_the_drive_has_it(reacts, end):
+    status = AxisStatus(make_axis(reacts=reacts), SimpleNamespace(mode=9, remote=True))
+    assert status.force_stop(AxisPhase.STOP_FAILED, MS).endswith(end)
 
 
 @pytest.mark.sources
