@@ -193,7 +193,9 @@ class RemoteNode:
         False with `boot: false`: another master may be in charge of the node, and move it.
         """
         heard = self.nmt_state is not None or (bool(self.boot_step) and not (self.last_seen is None and self.error))
-        stopped = NmtState.STOPPED in (self.nmt_state, self.expected_state)  # CiA 301, 7.3.2.2.5: no SDO
+        # CiA 301, 7.3.2.2.5: no SDO in STOPPED, which a node leaves by its boot-up, for example after a power cycle
+        commanded = self.expected_state is NmtState.STOPPED and self.nmt_state is not NmtState.PRE_OPERATIONAL
+        stopped = commanded or self.nmt_state is NmtState.STOPPED
         return self.is_managed and bool(self.plan.axes) and not self.ready and heard and not stopped
 
     @property

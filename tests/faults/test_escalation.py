@@ -111,6 +111,20 @@ def test_the_last_sentence_names_the_drive_that_obeyed_no_stop_command(turning):
     assert nmt[-2:] == [b"\x02\x03", b"\x82\x02"], "it keeps its monitoring of the master; the other is released"
 
 
+def test_a_drive_whose_supply_was_switched_off_after_nmt_stop_is_asked_whether_it_has_power(turning):
+    bench = turning()
+    bench.joint(LEFT).node.stop_as_last_resort(bench.reactor.now())
+    bench.run(500)
+    bench.power_off(LEFT)
+    bench.power_on(LEFT)
+    bench.run(1000)
+    assert not bench.joint(LEFT).node.ready
+    bench.robot.shutdown("a test")
+    bench.until(lambda: bench.texts("stopped"))
+    assert bench.texts("stopped") == ["robby has stopped, its drives are disabled"]
+    assert bench.robot.failure is None
+
+
 def test_the_last_sentence_names_the_drive_without_feedback(turning):
     bench = turning()
     bench.switch("silent")
