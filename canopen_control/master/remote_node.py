@@ -159,6 +159,7 @@ class RemoteNode:
 
     def begin_boot(self, now: int, *, reset: bool = True) -> None:
         """Start a boot of the node, and abort a boot in progress; `reset` is passed to `boot`."""
+        self._retry_at = None
         if self._ending:
             return
         self.is_managed = True
@@ -172,7 +173,6 @@ class RemoteNode:
         else:
             self._send_controlwords()
         self.state, self.ready = NodeState.BOOTING, False
-        self._retry_at = None
         self.expected_state = None
         self._task = BootTask(
             self.plan,

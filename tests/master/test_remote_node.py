@@ -4,9 +4,10 @@ import pytest
 from support.makers import folder
 from support.robots import LEFT, RIGHT, Bench
 
+from canopen_control.cia301.guarding import GuardingEvent, GuardingEventKind
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.frame import CanFrame
-from canopen_control.master.remote_node import NodeState
+from canopen_control.master.remote_node import RETRY_NS, NodeState
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.testing.tested_robot import TestedRobot
@@ -170,3 +171,16 @@ def test_a_node_that_a_tpdo_shows_operational_is_shown_so_before_its_next_heartb
     assert {node.nmt_state for node in robot.simulated.core.nodes.values()} == {NmtState.OPERATIONAL}
     assert robot.breaches == []
     robot.close()
+
+
+def test_a_node_that_is_lost_while_it_is_disabled_is_not_booted_again_and_needs_no_tick(robby):
+    node, now = left(robby), robby.reactor.now()
+    node.begin_boot(now)
+    node.disable(now)
+    node.on_guarding(GuardingEvent(GuardingEventKind.MISSED, LEFT), now)
+    assert not node.is_disabling
+    assert node.disabled is False
+    node.tick(now + 5 * RETRY_NS)
+    assert node.state is NodeState.WAITING
+    deadline = node.next_deadline()
+    assert deadline is None or deadline > now + 5 * RETRY_NS, "a deadline in the past would be ticked for ever"
