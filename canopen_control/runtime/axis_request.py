@@ -134,11 +134,12 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
 
 
 def stop_enabling(joints: Iterable[JointDrive], now: int) -> list[JointDrive]:
-    """Stop the joints that are being enabled but are not enabled yet, with their groups; return these joints."""
+    """Stop the joints that are being enabled but are not enabled yet, with their groups; return all stopped joints."""
     rising = [joint for joint in joints if joint.enable_requested and not joint.machine.enabled]
-    for joint in rising:
-        joint.group.stop(now)
-    return rising
+    stopped = list(dict.fromkeys(member for joint in rising for member in joint.group.stop(now)))
+    for joint in stopped:
+        joint.stopped_by = f"stopped since the enabling of {', '.join(joint.joint for joint in rising)} was given up"
+    return stopped
 
 
 class PendingAxisRequest:
@@ -173,9 +174,9 @@ class PendingAxisRequest:
             named = [joint for joint in late if joint.machine.fault] or refused or late
             reasons = "; ".join(self._reason(joint) for joint in named)
             if self._action is Action.ENABLE:  # no drive must be enabled after the answer that the request has failed
-                rising = dict.fromkeys(joint.node.name for joint in stop_enabling(late, now) if joint not in named)
-                if rising:
-                    reasons += f"; so {', '.join(rising)}, not enabled yet, will not be enabled either"
+                others = dict.fromkeys(joint.node.name for joint in stop_enabling(late, now) if joint not in named)
+                if others:
+                    reasons += f"; therefore also disabled: {', '.join(others)}"
             self._done(reasons)
             return True
         return False

@@ -174,7 +174,32 @@ def test_the_answer_names_the_drives_that_are_not_enabled_because_another_one_ha
     slow.drives[3].drives[0].power.fault(0x2310, slow.reactor.now())
     slow.until(lambda: answers)
     assert answers[0].startswith("node 3 (drive_two): enable not reached, the drive is FAULT")
-    assert answers[0].endswith("; so drive_one, not enabled yet, will not be enabled either")
+    assert answers[0].endswith("; therefore also disabled: drive_one")
     slow.release()
     slow.run(1000)
     assert slow.drives[2].get(0x6041) & 0x6F == 0x40
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize("gone", [True, False])
+def test_the_axes_that_stop_with_an_axis_whose_enabling_is_given_up_are_named(slow, gone):
+    slow.release()
+    assert ask(slow, Action.ENABLE) == [None]
+    assert ask(slow, Action.DISABLE, "drive_one") == [None]
+    power = slow.drives[2].drives[0].power
+    obey = power.obey
+    power.obey = lambda command, now: None if command is Command.ENABLE_OPERATION else obey(command, now)
+    answers, client = [], object()
+    slow.robot.axis(Action.ENABLE, "drive_one", answers.append, holder=client)
+    slow.run(500)
+    assert slow.joint(3).machine.enabled
+    if gone:
+        slow.robot.client_disconnected(client)
+        assert slow.texts("commander_gone")[-1].startswith("the client that enables or homes one, two is gone")
+    else:
+        slow.robot._requests[0]._deadline = slow.reactor.now()
+    slow.until(lambda: answers)
+    assert gone or answers[0].endswith("; therefore also disabled: drive_two")
+    assert slow.joint(3).stopped_by == "stopped since the enabling of one was given up"
+    slow.run(1000)
+    assert [drive.get(0x6041) & 0x6F for drive in slow.drives.values()] == [0x40, 0x40]
