@@ -243,28 +243,46 @@ def disable_axes(plan: NodePlan, *, restarting: bool) -> Generator[Request, Answ
     if restarting:
         yield AwaitBootUp(plan.boot_up_ns)
     transfers = BootTransfers(plan.motors)
-    for offset in plan.axes:
-        yield from _disable_axis(plan, transfers, offset)
-
-
-def _disable_axis(plan: NodePlan, transfers: BootTransfers, offset: int) -> Generator[Request, Answer, None]:
-    """Command an axis to disable until its statusword confirms that it has no power."""
-    statusword: int | None = None
+    axes = [_PoweredAxis(offset) for offset in plan.axes]
     for check in range(_POWER_CHECKS):
-        statusword = yield from _read_optional(plan, "B", transfers, STATUSWORD + offset, 0)
-        if statusword is not None and not statusword & _OPERATION_ENABLED_BIT:
+        for axis in tuple(axes):  # an axis that does not obey must not delay the others
+            if (yield from _is_disabled(plan, transfers, axis, check)):
+                axes.remove(axis)
+        if not axes:
             return
-        if check % _CHECKS_PER_COMMAND == 0:
-            if len(transfers.warnings) >= _REFUSALS:
-                break
-            # CiA 402-2, table 22, transition 12: only disable voltage ends a quick stop in which the axis stays
-            stays = statusword is not None and statusword & _STATE_BITS == _QUICK_STOP_ACTIVE
-            word = _DISABLE_VOLTAGE if stays and check >= _QUICK_STOP_CHECKS else _SHUTDOWN
-            yield from _write_optional(transfers, CONTROLWORD + offset, word.to_bytes(2, "little"))
-        yield AwaitHeartbeat(_POWER_CHECK_NS)
-    state = "unknown" if statusword is None else f"0x{statusword:04X}"
+        if (check + 1) % _CHECKS_PER_COMMAND == 0 and all(axis.refusals >= _REFUSALS for axis in axes):
+            break
+        yield AwaitBootUp(_POWER_CHECK_NS)  # unlike a heartbeat, a boot-up is a reason to check at once
+    stuck = axes[0]
+    state = "unknown" if stuck.statusword is None else f"0x{stuck.statusword:04X}"
     refusal = f"; {transfers.warnings[-1]}" if transfers.warnings else ""
-    raise boot_error(plan, "J", f"it was commanded to disable, and its statusword is {state}{refusal}")
+    name = f"0x{STATUSWORD + stuck.offset:04X}"
+    raise boot_error(plan, "J", f"it was commanded to disable, and its statusword {name} is {state}{refusal}")
+
+
+class _PoweredAxis:
+    """Axis that has not confirmed that it has no power; `refusals` is the number of aborted commands."""
+
+    def __init__(self, offset: int) -> None:
+        self.offset, self.refusals = offset, 0
+        self.statusword: int | None = None
+
+
+def _is_disabled(
+    plan: NodePlan, transfers: BootTransfers, axis: _PoweredAxis, check: int
+) -> Generator[Request, Answer, bool]:
+    """Return whether the statusword of an axis shows no power; if it does not, command it again once a second."""
+    axis.statusword = statusword = yield from _read_optional(plan, "B", transfers, STATUSWORD + axis.offset, 0)
+    if statusword is not None and not statusword & _OPERATION_ENABLED_BIT:
+        return True
+    if check % _CHECKS_PER_COMMAND == 0:
+        # CiA 402-2, table 22, transition 12: only disable voltage ends a quick stop in which the axis stays
+        stays = statusword is not None and statusword & _STATE_BITS == _QUICK_STOP_ACTIVE
+        word = _DISABLE_VOLTAGE if stays and check >= _QUICK_STOP_CHECKS else _SHUTDOWN
+        before = len(transfers.warnings)
+        yield from _write_optional(transfers, CONTROLWORD + axis.offset, word.to_bytes(2, "little"))
+        axis.refusals += len(transfers.warnings) - before
+    return False
 
 
 def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> Generator[Request, Answer, int | None]:

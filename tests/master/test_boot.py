@@ -14,7 +14,7 @@ from canopen_control.frame import CanFrame
 from canopen_control.master.boot import BootTask, boot, disable_axes
 from canopen_control.master.plan import NodePlan
 from canopen_control.master.plan_builder import PlannedPdo, PlannedWrite
-from canopen_control.master.requests import LETTERS, AwaitHeartbeat, Read, WriteObject
+from canopen_control.master.requests import LETTERS, AwaitBootUp, AwaitHeartbeat, Read, WriteObject
 from canopen_control.od.model import DataType
 from canopen_control.rpc.messages.robot import NodeIdentity
 
@@ -439,7 +439,8 @@ class Axis:
             return word.to_bytes(2, "little")
         if isinstance(request, WriteObject):
             self.written.append((request.index, int.from_bytes(request.data, "little")))
-        self.waits += isinstance(request, AwaitHeartbeat)
+        assert not isinstance(request, AwaitHeartbeat), "a heartbeat would end the wait"
+        self.waits += request.timeout_ns if isinstance(request, AwaitBootUp) else 0
         return None
 
 
@@ -456,5 +457,22 @@ def test_an_axis_that_is_enabled_is_disabled_and_watched_until_it_has_no_power()
 def test_an_axis_that_stays_in_its_quick_stop_gets_disable_voltage_after_the_time_for_its_ramp():
     axis = Axis(0x0617).disable()
     assert axis.written[:3] == [(0x6040, 6), (0x6040, 6), (0x6040, 0)]
-    assert "its statusword is 0x0617" in str(axis.error)
-    assert axis.waits == 50, "five seconds"
+    assert "its statusword 0x6041 is 0x0617" in str(axis.error)
+    assert axis.waits == 5_000_000_000
+
+
+def test_an_axis_that_does_not_obey_does_not_keep_the_other_axes_of_its_node_enabled():
+    words, written = {0x6041: 0x0637, 0x6841: 0x0637}, []
+    asked, answer, error = disable_axes(replace(PLAN, axes=(0, 0x800)), restarting=False), None, None
+    try:
+        while True:
+            request = asked.send(answer)
+            answer = words[request.index].to_bytes(2, "little") if isinstance(request, Read) else None
+            if isinstance(request, WriteObject):
+                written.append(request.index)
+                words[0x6841] = 0x0631 if request.index == 0x6840 else words[0x6841]
+    except BootError as end:
+        error = end
+    assert written[:2] == [0x6040, 0x6840]
+    assert written.count(0x6840) == 1
+    assert "its statusword 0x6041 is 0x0637" in str(error)
