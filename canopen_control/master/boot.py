@@ -69,6 +69,7 @@ _OPERATION_ENABLED_BIT = 0x04
 _SHUTDOWN, _DISABLE_VOLTAGE = 0x0006, 0x0000
 _QUICK_STOP_ACTIVE, _STATE_BITS = 0x07, 0x6F  # CiA 402-2, table 30
 _POWER_CHECK_NS = 100 * _MILLISECOND
+_LONGEST_RESTART_NS = 10_000 * _MILLISECOND  # an absent node must not use up the time of the whole stop
 _POWER_CHECKS, _CHECKS_PER_COMMAND, _REFUSALS = 50, 10, 2
 _QUICK_STOP_CHECKS = 20  # of these, for the ramp of a quick stop
 #: target object -> object with the actual value, which RPDOs contain until the first command
@@ -241,7 +242,7 @@ def disable_axes(plan: NodePlan, *, restarting: bool) -> Generator[Request, Answ
     """
     yield NextStep("disable")
     if restarting:
-        yield AwaitBootUp(plan.boot_up_ns)
+        yield AwaitBootUp(min(plan.boot_up_ns, _LONGEST_RESTART_NS))
     transfers = BootTransfers(plan.motors)
     axes = [_PoweredAxis(offset) for offset in plan.axes]
     for check in range(_POWER_CHECKS):
