@@ -64,7 +64,7 @@ def test_code_that_is_not_there_once_is_an_error(function, old):
 
 
 def test_a_module_that_is_there_already_cannot_be_changed():
-    importlib.import_module("canopen_control.controllers.switcher")
+    importlib.import_module("canopen_control.controllers.update_loop")
     with pytest.raises(RuntimeError, match="imported before"):
         code_mutants.apply(BY_NAME["old_command_counts"])
 
