@@ -329,8 +329,8 @@ class CanopenSystem(ComponentLifecycle):
             self._report(Event(now, kind, node.name, f"{node.label}: {text}", Level.WARNING))
 
     def _stop_group(self, cause: JointDrive, now: int, event: JointEvent) -> None:
-        node, lost = cause.node, event.kind == "node_lost"
-        resumable = lost and node.config.motion.recovery == "enable" and not node.is_taken_out
+        resumable = event.kind == "node_lost" and cause.node.config.motion.recovery == "enable"
+        resumable = resumable and not cause.node.is_taken_out  # until a user starts the node, and enables it
         waiting = [joint for joint in cause.group.joints if joint.resume]
         moving = cause.group.stop(now)
         if not cause.node.ready or not cause.machine.enabled:
