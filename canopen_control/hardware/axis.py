@@ -116,10 +116,10 @@ class AxisStatus:
     def force_stop(self, phase: AxisPhase, now: int) -> str:
         """Write the controlword of an overdue stop by SDO, or send NMT stop as the last resort; return what is done.
 
-        A drive under local control (statusword bit 9 is 0) need not obey, so it gets no NMT stop, and neither does a node
-        while another of its axes is enabled.
-        A drive may have switched its RPDOs off (bit 31 of 0x1400:01) while it shows OPERATION_ENABLED, and then
-        receives no controlword and no target (ros2_canopen of Nature Robots, RPDO watchdog of 2026).
+        A drive under local control (statusword bit 9 is 0) need not obey, so it gets no NMT stop, and neither does a
+        node while another of its axes is enabled. A drive may have switched its RPDOs off (bit 31 of 0x1400:01) while
+        it shows OPERATION_ENABLED, and then receives no controlword and no target (ros2_canopen of Nature Robots, RPDO
+        watchdog of 2026).
         """
         word = _FORCED_WORDS.get(phase)
         if word is not None:
