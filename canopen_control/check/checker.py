@@ -20,6 +20,7 @@ from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.master.budget import HIGH, budget_of
 from canopen_control.master.config import inspect_bus
+from canopen_control.master.keys import SHORTEST_SYNC_US
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.default_description import default_warnings, unmoved_drives
@@ -313,7 +314,7 @@ def _with_known_period(config: BusConfig, budget: Budget, control: ControllersFi
         period = f"a cycle of {budget.period_ns / 1e6:g} ms"
         text = f"{period} is too short for its {budget.worst_bits} bits at {kbits} kbit/s"
         fix = f"the shortest possible period is {shortest:.2f} ms; {cure}, raise the bit rate, or map less"
-        if 0 < config.master.sync_period < rules.SHORTEST_SYNC_US:
+        if 0 < config.master.sync_period < SHORTEST_SYNC_US:
             fix = f"sync_period is in us; write {config.master.sync_period}000 for {config.master.sync_period} ms"
         yield Finding(path, line, Severity.ERROR, text, fix)
     elif budget.load > HIGH:

@@ -23,6 +23,7 @@ from canopen_control.errors import CanopenError, ConfigError, closest, nearest
 from canopen_control.hardware.axis_parameters import PLUGINS
 from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.plugins import KNOWN, PluginKind
+from canopen_control.master.keys import SHORTEST_SYNC_US
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.setup import started_controllers
 from canopen_control.runtime.sync_choice import axis_number, node_of
@@ -627,8 +628,6 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
         yield Finding(place.path, place.line, Severity.NOTE, text, fix)
 
 
-SHORTEST_SYNC_US: Final = 250
-"""SYNC period in us in which no two frames fit at 1 Mbit/s; a smaller number was probably meant in ms."""
 UNEVEN: Final = 0.01
 """Deviation from a whole number up to which the SYNCs per controller update are considered whole."""
 

@@ -118,6 +118,8 @@ UNUSED_NODE = {
 }
 
 
+SHORTEST_SYNC_US = 250
+"""SYNC period in us in which no two frames fit at 1 Mbit/s; a smaller number was probably meant in ms."""
 _MICROSECONDS = "; write it in us, such as 20000"
 _MILLISECONDS = "; write it in ms, such as 100"
 _AUTO = "; write auto for the default COB-ID of the node, or the COB-ID as a number, such as 0x182"

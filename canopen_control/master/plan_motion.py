@@ -28,7 +28,7 @@ from canopen_control.cia402.objects import (
     TORQUE_OFFSET,
     VELOCITY_OFFSET,
 )
-from canopen_control.master.keys import PdoConfig, PdoObjectKeys
+from canopen_control.master.keys import SHORTEST_SYNC_US, PdoConfig, PdoObjectKeys
 from canopen_control.master.plan_builder import STORED
 from canopen_control.od.indices import CYCLE_PERIOD, RPDO, RPDO_MAPPING
 
@@ -116,8 +116,11 @@ _IP = 7
 
 
 def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us: int) -> None:
-    """Plan the interpolation time period (0x60C2) of each axis; `axes` are the index offsets of the axes."""
-    if not sync_period_us:
+    """Plan the interpolation time period (0x60C2) of each axis; `axes` are the index offsets of the axes.
+
+    Nothing is planned without SYNC, and for an impossible SYNC period, which is an error of its own.
+    """
+    if sync_period_us < SHORTEST_SYNC_US:
         return
     if axes:
         _compare_cycle_period(builder, sync_period_us)

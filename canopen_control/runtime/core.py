@@ -470,9 +470,8 @@ class RobotCore(CycledRobot):
             return
         if late:
             self.report(Event(now, "stop_timeout", "", "the drives did not confirm the stop in time", Level.ERROR))
-        how, powered = stop_summary(
-            self.joints.values(), self.nodes.values()
-        )  # before the NMT reset clears the statuswords
+        # before the NMT reset clears the statuswords
+        how, powered = stop_summary(self.joints.values(), self.nodes.values())
         if late or powered:
             first = "the drives did not confirm the stop in time; " if late else ""
             self.failure = self.failure or f"{first}{how}; check the drives before you approach the robot"

@@ -163,6 +163,7 @@ def test_a_period_in_ms_is_one_finding(tmp_path):
     (error,) = texts_of(config, Severity.ERROR)
     assert error.endswith("; sync_period is in us; write 20000 for 20 ms")
     assert not [text for text in texts_of(config, Severity.NOTE) if "SYNC rate" in text]
+    assert not [text for text in texts_of(config, Severity.WARNING) if "0x60C2" in text]
 
 
 def test_without_sync_it_is_the_update_rate_that_the_bus_cannot_carry(tmp_path):
