@@ -113,8 +113,8 @@ def test_a_goal_is_accepted_followed_and_succeeds(robot, maker):
 def test_feedback_comes_at_the_controllers_rate_and_only_while_it_is_executed(robot, maker):
     accepted(robot, maker, "fed")
     for index in range(30):
-        robot.samples = {"arm": sample(1_700_000_010.0 + index / 100)}
-        maker.order("graph")  # a moment
+        robot.samples, pushed = {"arm": sample(1_700_000_010.0 + index / 100)}, robot.pushed
+        assert eventually(lambda pushed=pushed: robot.pushed > pushed)
     robot.samples = {"arm": sample(1_700_000_020.0, executing=False)}
     received = [maker.message("fed", lambda message: "feedback" in message), *maker.waiting("fed")]
     stamps = [item["feedback"]["header"]["stamp"] for item in received]
