@@ -2,12 +2,11 @@
 
 import os
 import select
-import signal
 import threading
 import time
 
 import pytest
-from support.lockstep import _REAL_SLEEP, lockstep
+from support.lockstep import _REAL_SLEEP, lockstep, press_ctrl_c
 
 from canopen_control.host.reactor import Reactor
 
@@ -71,7 +70,7 @@ def test_ctrl_c_ends_a_wait_in_the_turn_of_its_thread():
 
     def interrupt():
         time.sleep(0.1)
-        os.kill(os.getpid(), signal.SIGINT)
+        press_ctrl_c()
         _REAL_SLEEP(0.05)  # the thread that was interrupted has time to go on, but not the turn
         order.append("the other thread waits")
         time.sleep(0.1)

@@ -1,10 +1,9 @@
 """Calls that wait on a bare bus, against devices on another thread."""
 
-import os
-import signal
 import threading
 
 import pytest
+from support.lockstep import press_ctrl_c
 from support.onbus import GENERIC, TMCM, OnBus
 
 from canopen_control.bus.memory import MemoryBus
@@ -86,11 +85,7 @@ def test_a_transfer_that_is_broken_off_is_aborted_on_the_wire(drives):
     wire = MemoryBus.get("direct")
     wire.hold(lambda label, frame: frame.can_id == 0x583)  # the answer comes too late
     with DirectBus.open("memory:direct", label="cli", timeout_s=30) as bus:
-
-        def interrupt():
-            os.kill(os.getpid(), signal.SIGINT)
-
-        timer = threading.Timer(0.1, interrupt)
+        timer = threading.Timer(0.1, press_ctrl_c)
         timer.start()
         with pytest.raises(KeyboardInterrupt):
             bus.read(3, 0x1008)

@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import select
+import signal
 import threading
 import time
 from dataclasses import dataclass
@@ -55,6 +57,7 @@ class Lockstep:
         self._threads = {threading.current_thread(): None}
         self._waits: dict[threading.Thread, _Wait] = {}
         self._over = False
+        self.interrupted = False  # by Ctrl-C, which the main thread raises in its next turn
 
     # -- clocks
 
@@ -111,22 +114,31 @@ class Lockstep:
     def _wait_for_turn(self, wait: _Wait, *, pass_on: bool) -> None:
         """Wait for the turn of this thread; Ctrl-C ends the wait, and is raised when the thread has its turn."""
         me = threading.current_thread()
-        interrupted: KeyboardInterrupt | None = None
         with self._changed:
             self._waits[me] = wait
-            if pass_on:
-                self._pass_on()
-            while self._turn is not me and not self._over:
-                try:
+            try:
+                if pass_on:
+                    self._pass_on()
+                while self._turn is not me and not self._over:
                     _REAL_CONDITION_WAIT(self._changed)
-                except KeyboardInterrupt as error:
-                    interrupted = error
-                    self._waits[me] = _Wait(lambda: True)
-            del self._waits[me]
-        if interrupted is not None:
-            raise interrupted
+            finally:
+                del self._waits[me]
+        if self.interrupted and me is threading.main_thread():
+            self.interrupted = False
+            raise KeyboardInterrupt
         if self._over:
             _REAL_SLEEP(_LOOK_S)
+
+    def wake(self) -> None:
+        """Let the threads that wait for their turn look again."""
+        with self._changed:
+            self._changed.notify_all()
+
+    def interrupt(self, *_: object) -> None:
+        """Handle SIGINT, in the main thread: at once if it has the turn, else as soon as it has."""
+        if self._turn is threading.main_thread() or self._over:
+            raise KeyboardInterrupt
+        self.interrupted = True
 
     def _pass_on(self) -> None:
         """Give the turn to who has something to do; without any let time go on, or look for what comes from outside."""
@@ -148,7 +160,10 @@ class Lockstep:
 
     def _goes_on(self, thread: threading.Thread) -> bool:
         wait = self._waits.get(thread)
-        return wait is not None and bool(wait.deadline <= self.now_ns or wait.ready())
+        if wait is None:
+            return False
+        interrupted = self.interrupted and thread is threading.main_thread()
+        return bool(interrupted or wait.deadline <= self.now_ns or wait.ready())
 
 
 class _Poller:
@@ -256,10 +271,28 @@ def lockstep() -> Iterator[Lockstep]:
         patch.setattr(threading.Thread, "start", _start)
         patch.setattr(threading.Thread, "join", _join)
         patch.setattr(Lockstep, "current", steps)
+        handled = threading.current_thread() is threading.main_thread()
+        before = signal.signal(signal.SIGINT, steps.interrupt) if handled else None
         try:
             yield steps
         finally:
             steps.end()
+            if handled:
+                signal.signal(signal.SIGINT, before)
+
+
+def press_ctrl_c() -> None:
+    """Send SIGINT to this process, and wait, in truth, until the main thread has handled it.
+
+    Otherwise time could go on before a busy machine lets the main thread do so. A signal that arrives just before the
+    main thread begins to wait for its turn does not end that wait, so the thread is woken.
+    """
+    steps = Lockstep.current
+    assert steps is not None
+    os.kill(os.getpid(), signal.SIGINT)
+    while not steps.interrupted:
+        steps.wake()
+        _REAL_SLEEP(_LOOK_S)
 
 
 def typed_into(descriptor: int) -> None:
