@@ -282,17 +282,16 @@ def lockstep() -> Iterator[Lockstep]:
 
 
 def press_ctrl_c() -> None:
-    """Send SIGINT to this process, and wait, in truth, until the main thread has handled it.
+    """Send SIGINT to this process; in virtual time, wait in truth until the main thread has handled it.
 
     Otherwise time could go on before a busy machine lets the main thread do so. A signal that arrives just before the
     main thread begins to wait for its turn does not end that wait, so the thread is woken.
     """
-    steps = Lockstep.current
-    assert steps is not None
     os.kill(os.getpid(), signal.SIGINT)
-    while not steps.interrupted:
-        steps.wake()
-        _REAL_SLEEP(_LOOK_S)
+    if (steps := Lockstep.current) is not None:
+        while not steps.interrupted:
+            steps.wake()
+            _REAL_SLEEP(_LOOK_S)
 
 
 def typed_into(descriptor: int) -> None:
