@@ -41,7 +41,6 @@ A = TypeVar("A")
 AxisAction = Literal["enable", "disable", "halt", "quick-stop", "fault-reset", "home", "mode"]
 
 _CALL_S: Final = 20.0
-_LONG_S: Final = 3600.0  # the robot's own limits (homing_timeout_seconds, transition_timeouts_ms) come first
 _BLOCK_BYTES_PER_S: Final = 1_000  # for the slowest acceptable transfer
 _SOURCE: Final = "program"
 
@@ -179,7 +178,7 @@ class Robot:
         `joint` selects an axis of a multi-axis drive, `method` is the homing method, `mode` the mode such as "CSP".
         """
         request = messages.AxisRequest(action=action, node=str(node), joint=joint, method=method, mode=mode)
-        self._ask(request, _LONG_S if action in ("enable", "home") else _CALL_S)
+        self._ask(request, request.timeout_s(_CALL_S))
 
     def switch(self, *, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
         """Activate and deactivate controllers in one step; if refused, all active controllers stay active.

@@ -61,14 +61,17 @@ def _without_feedback(robot: CheckedRobot) -> Iterator[Finding]:
                 yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
 
 
+def _commanded_joints(description: UrdfDescription) -> list[ControlJoint]:
+    return [joint for tag in description.hardware for joint in tag.joints if joint.command_interfaces]
+
+
 def _never_started(robot: CheckedRobot) -> Iterator[Finding]:
     """Find joints with a command interface whose node has `boot: false`, so that the master never starts it."""
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return
-    commanded = [joint for tag in description.hardware for joint in tag.joints if joint.command_interfaces]
     for name, node in bus.nodes.items():
-        joints = [joint.name for joint in commanded if node_of(bus, joint) is node]
+        joints = [joint.name for joint in _commanded_joints(description) if node_of(bus, joint) is node]
         if joints and not node.boot.enabled:
             place = bus.place(name, "boot")
             text = f"{name} has boot: false, so it is never started, and {', '.join(joints)} cannot move"
@@ -149,9 +152,10 @@ def _unjoined(robot: CheckedRobot) -> Iterator[Finding]:
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return
-    joints = [joint for tag in description.hardware for joint in tag.joints if joint.command_interfaces]
     for name, plan in bus.plans.items():
-        axes = {axis_number(joint) for joint in joints if node_of(bus, joint) is bus.nodes[name]}
+        axes = {
+            axis_number(joint) for joint in _commanded_joints(description) if node_of(bus, joint) is bus.nodes[name]
+        }
         if plan.motors is None or not axes:
             continue
         for axis in sorted({*range(len(plan.motors.subindices))} - axes):

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.cia402.state import Command, State
+from canopen_control.od.indices import ERROR_BEHAVIOUR
 from canopen_control.od.model import AXIS_STEP
 from canopen_control.od.model import PROFILE_START as _FIRST
 
@@ -187,6 +188,15 @@ def object_name(index: int) -> str | None:
     base, axis = axis_of(index)
     name = NAMES.get(base)
     return f"{name} (axis {axis})" if name and axis else name
+
+
+def has_loss_reaction(addresses: Container[tuple[int, int]], offset: int = 0) -> bool:
+    """Whether an object of the drive defines the reaction of the axis at `offset` to the loss of the master.
+
+    Both objects are optional (CiA 402-2, 0x6007, and CiA 301, 7.5.2.32: 0x1029:01 of the whole node); without them the
+    reaction is the manufacturer's.
+    """
+    return (ABORT_CONNECTION_OPTION + offset, 0) in addresses or (ERROR_BEHAVIOUR, 1) in addresses
 
 
 def is_drive_profile(device_type: int) -> bool:

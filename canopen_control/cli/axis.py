@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 EXAMPLE = "canopen-control axis enable all"
 ACTIONS = ("enable", "disable", "halt", "quick-stop", "fault-reset", "home", "mode")
 TIMEOUT_S = 20.0
-LONG_S = 3600.0  # the robot's own limits (homing_timeout_seconds, transition_timeouts_ms) come first
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     )
     try:
         with RobotClient.connect(args.name) as robot:
-            answer = robot.ask(request, LONG_S if args.action in ("enable", "home") else TIMEOUT_S)
+            answer = robot.ask(request, request.timeout_s(TIMEOUT_S))
     except KeyboardInterrupt:
         if args.action == "home":
             _end_homing(args)
@@ -67,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _end_homing(args: argparse.Namespace) -> None:
-    """Stop and disable the axes of a homing whose client was interrupted, because the robot would continue it."""
-    with RobotClient.connect(args.name) as robot:  # the first connection still waits for its answer
+    """Wait until the axes of a homing, which the robot ends when its client disconnects, are disabled."""
+    with RobotClient.connect(args.name) as robot:
         robot.ask(AxisRequest(action="disable", node=args.node, joint=args.joint, source="axis"), TIMEOUT_S)
     print("canopen-control: interrupted: the homing has ended, and its drives are disabled", file=sys.stderr)

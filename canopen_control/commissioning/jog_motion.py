@@ -202,8 +202,10 @@ class JogMotion:
             self.end(JogEnd.STATE)
         if current is not None and abs(current) > self.limits.current:
             self.end(JogEnd.CURRENT)
-        self._velocity = velocity if velocity is not None and math.isfinite(velocity) else 0.0
-        if velocity is not None and math.isfinite(velocity):
+        if velocity is not None and not math.isfinite(velocity):
+            velocity = None
+        self._velocity = velocity or 0.0
+        if velocity is not None:
             self._fastest = max(abs(velocity), 0.0 if math.isnan(self._fastest) else self._fastest)
         if position is None or not math.isfinite(position):
             self._compute_travel(velocity)
@@ -229,7 +231,7 @@ class JogMotion:
     def _compute_travel(self, velocity: float | None) -> None:
         """Compute the travel of a drive without a position, and end a torque without any feedback."""
         seconds, self._before = (self._now - self._before) * 1e-9, self._now
-        if velocity is not None and math.isfinite(velocity):
+        if velocity is not None:
             self._seen_at = self._now
             self._computed_travel += velocity * seconds
         elif self.kind is JogKind.VELOCITY:

@@ -143,8 +143,9 @@ class TuneMotion:
             self.end(JogEnd.STATE)
         self._check_current(current)
         before = self._now if self._seen_at is None else self._seen_at
-        knows_velocity = velocity is not None and math.isfinite(velocity)
-        if velocity is not None and knows_velocity:
+        if velocity is not None and not math.isfinite(velocity):
+            velocity = None
+        if velocity is not None:
             self._speed = velocity
             if abs(velocity) > self.limits.speed:
                 self.end(JogEnd.SPEED)
@@ -152,7 +153,7 @@ class TuneMotion:
             if self._start is None:
                 self._start = position
             self._travelled = position - self._start
-        elif knows_velocity:  # the travel of a drive without a position
+        elif velocity is not None:  # the travel of a drive without a position
             travelled = 0.0 if math.isnan(self._travelled) else self._travelled
             self._travelled = travelled + self._speed * (self._now - before) * 1e-9
         elif self._now - before > BLIND_S * 1e9:

@@ -22,6 +22,7 @@ from canopen_control.cia402.objects import (
     SUPPORTED_DRIVE_MODES,
     TARGET_VELOCITY,
 )
+from canopen_control.cia402.state import State, decode_statusword
 from canopen_control.errors import BootError, CanopenError, SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.master.boot_config import (
     STORE_NS,
@@ -67,7 +68,6 @@ LOAD = b"load"
 _COMMUNICATION_PARAMETERS = 2  # subindex of 0x1011 whose restored values are effective after reset communication
 _OPERATION_ENABLED_BIT = 0x04
 _SHUTDOWN, _DISABLE_VOLTAGE = 0x0006, 0x0000
-_QUICK_STOP_ACTIVE, _STATE_BITS = 0x07, 0x6F  # CiA 402-2, table 30
 _POWER_CHECK_NS = 100 * _MILLISECOND
 _LONGEST_RESTART_NS = 10_000 * _MILLISECOND  # an absent node must not use up the time of the whole stop
 _POWER_CHECKS, _CHECKS_PER_COMMAND, _REFUSALS = 50, 10, 2
@@ -278,7 +278,7 @@ def _is_disabled(
         return True
     if check % _CHECKS_PER_COMMAND == 0:
         # CiA 402-2, table 22, transition 12: only disable voltage ends a quick stop in which the axis stays
-        stays = statusword is not None and statusword & _STATE_BITS == _QUICK_STOP_ACTIVE
+        stays = statusword is not None and decode_statusword(statusword) is State.QUICK_STOP_ACTIVE
         word = _DISABLE_VOLTAGE if stays and check >= _QUICK_STOP_CHECKS else _SHUTDOWN
         before = len(transfers.warnings)
         yield from _write_optional(transfers, CONTROLWORD + axis.offset, word.to_bytes(2, "little"))

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cia301.sync import SYNC_COB_ID
-from canopen_control.cia402.objects import ABORT_CONNECTION_OPTION
+from canopen_control.cia402.objects import has_loss_reaction
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError, ConfigError, closest, nearest
 from canopen_control.frame import Service, cob_id
@@ -36,7 +36,7 @@ from canopen_control.master.plan import UNWATCHED, NodePlan, plan_node
 from canopen_control.master.plan_builder import PlanBuilder
 from canopen_control.od.dcf import concise_of, decode_concise
 from canopen_control.od.eds import SUFFIXES, read_eds
-from canopen_control.od.indices import ERROR_BEHAVIOUR, GUARD_TIME, LIFE_FACTOR
+from canopen_control.od.indices import GUARD_TIME, LIFE_FACTOR
 from canopen_control.od.model import BIT_RATES
 from canopen_control.yamlfile.convert import convert, keys_of
 from canopen_control.yamlfile.node import Node
@@ -497,7 +497,8 @@ class _Reader:
         builder = PlanBuilder(config, od, complain, warn, note, self._spare_cob_ids, downloads, remark)
         plan = plan_node(builder, master, eds_path.name)
         if not plan.unsupervised:
-            if not config.supervision.allow_unsupervised and not _has_reaction(plan, od):
+            known = all(has_loss_reaction(od, offset) for offset in plan.axes)
+            if not config.supervision.allow_unsupervised and not known:
                 warn("dcf", _UNKNOWN_REACTION)
             return plan
         accepts = "accept that with `allow_unsupervised: true` or --allow-unsupervised"
@@ -582,17 +583,10 @@ def _own_cob_ids(kind: str, node: Node, numbers: Sequence[int]) -> str:
     return f"; COB-IDs that follow the node-ID: `{kind}: {{{listed}}}` under {node.where.rpartition('.')[2]}"
 
 
-# CiA 402-2, 0x6007, and CiA 301, 7.5.2.32: both optional, so the reaction to a lost master is the manufacturer's
 _UNKNOWN_REACTION: Final = (
     "it monitors the master, but its EDS has neither 0x6007 nor 0x1029:01, so it is unknown whether it stops when the "
     "master is lost; test it: disconnect its CAN cable while it turns slowly"
 )
-
-
-def _has_reaction(plan: NodePlan, od: ObjectDictionary) -> bool:
-    """Whether every axis of a node has an object that defines its reaction to the loss of the master."""
-    by_node = (ERROR_BEHAVIOUR, 1) in od
-    return all(by_node or (ABORT_CONNECTION_OPTION + offset, 0) in od for offset in plan.axes)
 
 
 def _place(node: Node, key: str) -> Node:

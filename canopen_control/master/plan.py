@@ -407,7 +407,7 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _report_no_consumer(builder: PlanBuilder) -> None:
-    """Report `heartbeat_consumer: true` of a node without 0x1016; it is no error if nothing depends on it.
+    """Report `heartbeat_consumer: true` of a node without 0x1016; a warning if nothing depends on it.
 
     For axes that nothing stops, the missing supervision is the error, which has the remedy.
     """

@@ -12,13 +12,23 @@ from canopen_control.od.pdos import is_cob_id
 from canopen_control.rpc.messages.robot import NodeIdentity
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from canopen_control.master.keys import NodeConfig
     from canopen_control.master.plan_builder import PlanBuilder, PlannedWrite
-    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.od.model import Address, ObjectDictionary
 
 
 SAVED: Final = (".dcf", ".xdc")
 """Suffixes of files of one device, with its bit rate; in other files the bit rate is often a left-over."""
+_COMPARED: Final = {
+    "vendor_id": (IDENTITY, 1),
+    "product_code": (IDENTITY, 2),
+    "revision_number": (IDENTITY, 3),
+    "serial_number": (IDENTITY, 4),
+    "software_version": (PROGRAM_ID, 1),
+}
+"""Keys of bus.yml with which the boot compares an object of the device."""
 _NODE_ID_NAME: Final = re.compile(r"(?i)(?:can ?)?node[ _-]?id")
 
 
@@ -27,21 +37,23 @@ def check_identity(builder: PlanBuilder) -> None:
 
     Warn also if the EDS lacks an object with which bus.yml requires a value to be compared.
     """
-    expected, device = builder.node.identity, builder.od.device
-    for key, address, value, actual in (
-        ("vendor_id", (IDENTITY, 1), expected.vendor_id, device.vendor_number),
-        ("product_code", (IDENTITY, 2), expected.product_code, device.product_number),
-        ("revision_number", (IDENTITY, 3), expected.revision_number, None),
-        ("serial_number", (IDENTITY, 4), expected.serial_number, None),
-        ("software_version", (PROGRAM_ID, 1), expected.software_version, None),
-    ):
-        name = f"0x{address[0]:04X}:{address[1]:02X}"
-        if value and actual and value != actual:
+    device = builder.od.device
+    in_file = {"vendor_id": device.vendor_number, "product_code": device.product_number}
+    for key, address, value in compared_values(builder.node):
+        name, actual = f"0x{address[0]:04X}:{address[1]:02X}", in_file.get(key)
+        if actual and value != actual:
             text = f"0x{value:X} is required, but {builder.file} is for 0x{actual:X}; correct one of them"
             builder.warn(key, text)
-        elif value and address not in builder.od:
+        elif address not in builder.od:
             text = f"is compared with {name}, which is not in {builder.file}; remove {key} if the device has no {name}"
             builder.warn(key, text)
+
+
+def compared_values(node: NodeConfig) -> Iterator[tuple[str, Address, int]]:
+    """Yield the keys of bus.yml that require a value of a device, with the object and the value."""
+    for key, address in _COMPARED.items():
+        if value := getattr(node.identity, key):
+            yield key, address, value
 
 
 def warn_of_another_node(builder: PlanBuilder) -> None:

@@ -436,7 +436,7 @@ class EntryReader:
         report = Report(self.report.path)
         number = optional_number(section, "datatype", report)
         if number is not None:
-            self.report.issues += report.issues  # if it is no number, one issue below is enough
+            self.report.issues += report.issues  # the issue below is enough if it is not a number
         ranged = self.ranges.get(number) if number is not None else None
         if ranged is not None:
             return ranged.base, True

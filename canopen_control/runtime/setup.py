@@ -19,7 +19,8 @@ from canopen_control.hardware.axis_parameters import add_plugin_interfaces
 from canopen_control.hardware.plugins import PluginKind, kind_of
 from canopen_control.master.config import read_bus
 from canopen_control.master.event_log import Level
-from canopen_control.od.indices import IDENTITY, PROGRAM_ID
+from canopen_control.master.plan_identity import compared_values
+from canopen_control.od.indices import IDENTITY
 from canopen_control.runtime.default_description import (
     controllers_of,
     default_warnings,
@@ -66,18 +67,11 @@ def required_objects(bus: BusConfig, name: str) -> dict[Address, int]:
     A virtual drive that stands for the node has them instead of those of the EDS. The serial number is always among
     them, because a virtual drive ignores the one of its EDS.
     """
-    keys, od = bus.nodes[name].identity, bus.dictionaries[name]
-    required = {
-        (IDENTITY, 1): keys.vendor_id,
-        (IDENTITY, 2): keys.product_code,
-        (IDENTITY, 3): keys.revision_number,
-        (IDENTITY, 4): keys.serial_number,
-        (PROGRAM_ID, 1): keys.software_version,
-    }
+    od = bus.dictionaries[name]
     return {
         address: number
-        for address, number in required.items()
-        if number and (number != od.number(*address) or address == (IDENTITY, 4))
+        for _, address, number in compared_values(bus.nodes[name])
+        if number != od.number(*address) or address == (IDENTITY, 4)
     }
 
 

@@ -20,7 +20,6 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.od.codec import accepts
 from canopen_control.od.indices import (
-    ERROR_BEHAVIOUR,
     GUARD_TIME,
     HEARTBEAT_CONSUMER,
     HEARTBEAT_PRODUCER,
@@ -206,9 +205,8 @@ def supervision_of(od: ObjectDictionary) -> Supervision:
         accepts(od.get(HEARTBEAT_CONSUMER, subindex), _ENTRY) for subindex in od.subindices(HEARTBEAT_CONSUMER)[1:]
     )
     guarding = accepts(od.get(GUARD_TIME, 0), _PERIOD_MS) and accepts(od.get(LIFE_FACTOR, 0), _LIFE)
-    # CiA 402-2, 0x6007; CiA 301, 7.5.2.32
-    reacts = (objects.ABORT_CONNECTION_OPTION, 0) in od or (ERROR_BEHAVIOUR, 1) in od
-    return Supervision(producer, consumer, not (producer and consumer) and guarding, reacts)
+    guarding = not (producer and consumer) and guarding
+    return Supervision(producer, consumer, guarding, objects.has_loss_reaction(od))
 
 
 _Chosen = list[tuple[str, OperationMode]]

@@ -225,7 +225,6 @@ class DeadMan:
 
 _TIMEOUT_S: Final = 2.0
 _ACTION_TIMEOUT_S: Final = 20.0
-_ENABLE_TIMEOUT_S: Final = 3600.0  # the robot's own limit (transition_timeouts_ms) comes first
 
 
 class RobotConnection:
@@ -278,8 +277,8 @@ class RobotConnection:
         """Send a request on a separate connection and wait; return the reason for a failure, or None on success."""
         try:
             with RobotClient.connect(self.name, _TIMEOUT_S) as client:
-                is_enable = isinstance(request, AxisRequest) and request.action == "enable"
-                client.ask(request, _ENABLE_TIMEOUT_S if is_enable else _ACTION_TIMEOUT_S)
+                usual = _ACTION_TIMEOUT_S
+                client.ask(request, request.timeout_s(usual) if isinstance(request, AxisRequest) else usual)
         except CanopenError as error:
             return str(error)
         return None

@@ -382,6 +382,9 @@ class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):
     text: str = ""
 
 
+_LONGEST_ACTION_S: Final = 3600.0
+
+
 @ROBOT.method("axis", Effect.MOVES)
 class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
     """Execute `action`: enable, disable, halt, quick-stop, fault-reset, home (`method`) or mode (`mode`, such as CSP).
@@ -396,6 +399,13 @@ class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
     method: int | None = None
     mode: str | None = None
     source: str | None = None
+
+    def timeout_s(self, usual: float) -> float:
+        """Return a client's timeout in s: `usual`, or an hour for actions that the robot ends by limits of bus.yml.
+
+        These limits are homing_timeout_seconds and transition_timeouts_ms.
+        """
+        return _LONGEST_ACTION_S if self.action in ("enable", "home") else usual
 
 
 # -- controllers and hardware components
